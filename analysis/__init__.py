@@ -1,0 +1,1 @@
+"""From a session file to knowledge: modes, contact stiffness and damping, theory beside them."""

@@ -1,0 +1,1 @@
+"""Modal identification of ring-downs."""

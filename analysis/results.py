@@ -1,0 +1,114 @@
+"""What an analysis answers: estimates of each impact and of each load, and the calibration behind the loads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.estimate import Estimate
+
+
+@dataclass(frozen=True, slots=True)
+class BoxStatistics:
+    """Box-and-whisker numbers of one quantity at one load (as Fig. 7, 8)."""
+
+    lower_quartile: float
+    median: float
+    upper_quartile: float
+    lower_whisker: float
+    upper_whisker: float
+    outliers: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ImpactResult:
+    """One impact; estimates are None where the data cannot carry one, and ``notes`` says why."""
+
+    name: str
+    load_set: int
+    accepted: bool
+    reject_reason: str
+    load_mn: Estimate | None
+    f1_hz: Estimate | None
+    f2_hz: Estimate | None
+    zeta1: Estimate | None
+    zeta2: Estimate | None
+    contact_stiffness_n_per_m: Estimate | None
+    contact_damping_n_s_per_m: Estimate | None
+    peak_acceleration_m_s2: float
+    peak_contact_force_n: float | None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Spectrum:
+    """Averaged amplitude spectrum of the accepted impacts of a load: (n,) Hz, (n,) m/s2 per Hz."""
+
+    frequency_hz: NDArray[np.float64]
+    amplitude: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class LoadResult:
+    """One load: the accepted impacts combined. f in Hz is abs(s) / 2 pi, zeta is -Re s / abs(s) of the pole s."""
+
+    load_set: int
+    target_load_mn: float
+    load_mn: Estimate | None
+    impacts_used: int
+    f1_hz: Estimate | None
+    f2_hz: Estimate | None
+    zeta1: Estimate | None
+    zeta2: Estimate | None
+    contact_stiffness_n_per_m: Estimate | None
+    contact_damping_n_s_per_m: Estimate | None
+    stiffness_box: BoxStatistics | None
+    damping_box: BoxStatistics | None
+    spectrum: Spectrum | None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationResult:
+    """The gauge: one line through the calibrations in force, and whether before and after agree."""
+
+    sensitivity_mv_per_mn: Estimate
+    offset_mv: Estimate
+    nonlinearity_percent: float
+    drifted: bool
+    drift_p_value: float | None
+    statement: str
+
+
+@dataclass(frozen=True, slots=True)
+class SessionResults:
+    """All that `analyze` answers about a session of the tester."""
+
+    source: str
+    method: str
+    loads: tuple[LoadResult, ...]
+    impacts: tuple[ImpactResult, ...]
+    calibration: CalibrationResult | None
+    springs_n_per_m: tuple[Estimate, Estimate]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """One mode of a recording that is no session of the tester; amplitudes in the recording's unit, a channel each."""
+
+    frequency_hz: Estimate
+    damping_ratio: Estimate
+    amplitude: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingModes:
+    """All that `analyze` answers about any other ring-down."""
+
+    source: str
+    method: str
+    modes: tuple[Mode, ...]
+    notes: tuple[str, ...] = field(default=())

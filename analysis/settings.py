@@ -1,0 +1,52 @@
+"""Section ``analysis`` of config.yaml: the method, and surfaces and materials for the theory beside the measurement."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from rig.settings import NonNegative, Positive, Section
+
+
+class Material(Section):
+    """One body's elasticity and hardness."""
+
+    youngs_modulus_gpa: Positive = 192.92
+    poisson_ratio: Annotated[float, Field(gt=-1, le=0.5)] = 0.29
+    hardness_gpa: Positive = 2.96
+
+
+class SphereContact(Section):
+    """Sphere on flat (Table 2)."""
+
+    geometry: Literal["sphere"] = "sphere"
+    upper: Material = Material()
+    lower: Material = Material()
+    radius_um: Positive = 793.75
+    roughness_rq_um: Positive = 0.471
+
+
+class FlatContact(Section):
+    """Two nominally flat rough surfaces (Table 4, combined)."""
+
+    geometry: Literal["flat"] = "flat"
+    upper: Material = Material()
+    lower: Material = Material()
+    nominal_area_mm2: Positive = 1.824
+    roughness_rq_um: Positive = 0.189
+    asperity_radius_um: Positive = 2.402
+    asperity_density_per_um2: Positive = 0.1256
+
+
+Contact = Annotated[SphereContact | FlatContact, Field(discriminator="geometry")]
+PRESETS = ("paper-flat", "paper-sphere")
+
+
+class AnalysisSettings(Section):
+    """Section ``analysis``."""
+
+    method: Literal["ml", "era"] = "ml"
+    springs: Literal["measured", "declared"] = "measured"
+    spring_asymmetry_percent: NonNegative = 1.0
+    contact: Literal["paper-flat", "paper-sphere"] | Contact = "paper-flat"

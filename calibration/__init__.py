@@ -1,0 +1,1 @@
+"""The strain gauge, calibrated before and after a test."""

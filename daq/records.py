@@ -1,0 +1,122 @@
+"""What a test session consists of: calibrations, shots, and the rig that made them. Arrays and numbers only."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class RigDescription:
+    """The rig as `/rig` of the session file holds it; NaN (or an empty family) where unknown."""
+
+    m1_kg: float = math.nan
+    m2_kg: float = math.nan
+    k1_n_per_m: float = math.nan
+    k2_n_per_m: float = math.nan
+    sample_rate_hz: float = math.nan
+    highpass_hz: float = math.nan
+    highpass_order: int = 0
+    lowpass_hz: float = math.nan
+    lowpass_order: int = 0
+    filter_family: str = "none"
+    full_scale_m_s2: float = math.nan
+    bits: int = 0
+
+    @property
+    def is_tester(self) -> bool:
+        """Whether masses and springs of Eq. 9 are known."""
+        return all(map(math.isfinite, (self.m1_kg, self.m2_kg, self.k1_n_per_m, self.k2_n_per_m)))
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationPoints:
+    """Dead-weight calibration: ``load_mn`` (n,) against ``voltage_mv`` (n,), and when (ISO 8601 UTC)."""
+
+    load_mn: NDArray[np.float64]
+    voltage_mv: NDArray[np.float64]
+    time: str
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """One tap as recorded, accepted or not.
+
+    Attributes
+    ----------
+    number
+        From 0 in time order; the name of its group in the session file, five digits.
+    load_set, target_load_mn
+        Which step of the load plan, and its load.
+    load_before_mn, load_after_mn
+        Load by the calibration in force at the time, just before and after the tap; NaN if unknown.
+    voltage_before_mv, voltage_after_mv
+        The bridge voltages behind them; NaN if unknown.
+    time
+        ISO 8601 UTC of the trigger.
+    sample_rate_hz, pretrigger
+        Sampling rate, and the number of samples before the trigger.
+    acceleration
+        (2, n) accelerations A and B, m/s2.
+    strain_mv
+        (n,) bridge voltage, or None.
+    accepted, reject_reason
+        The verdict; a reason if rejected.
+    extra
+        More that is worth keeping beside (JSON types), such as the numbers behind the verdict.
+    channels
+        For a recording that is no tester's: all its channels, (c, n), with ``channel_names``; else None.
+    """
+
+    number: int
+    load_set: int
+    target_load_mn: float
+    load_before_mn: float
+    load_after_mn: float
+    time: str
+    sample_rate_hz: float
+    pretrigger: int
+    acceleration: NDArray[np.float64]
+    accepted: bool
+    reject_reason: str = ""
+    strain_mv: NDArray[np.float64] | None = None
+    voltage_before_mv: float = math.nan
+    voltage_after_mv: float = math.nan
+    extra: dict[str, Any] = field(default_factory=dict)
+    channels: NDArray[np.float64] | None = None
+    channel_names: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the group in the session file."""
+        return f"{self.number:05d}"
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """A whole test session, as a session file holds it."""
+
+    created: str
+    rig: RigDescription
+    shots: tuple[Shot, ...]
+    pre: CalibrationPoints | None = None
+    post: CalibrationPoints | None = None
+    operator: str = ""
+    specimen: str = ""
+    title: str = ""
+    software: str = ""
+    complete: bool = False
+    config: str = ""
+    source: str = ""
+
+    def load_sets(self) -> list[int]:
+        """Numbers of the load sets in the session, ascending."""
+        return sorted({shot.load_set for shot in self.shots})
+
+    def accepted(self, load_set: int) -> list[Shot]:
+        """Return the accepted shots of one load set, in time order."""
+        return [s for s in self.shots if s.load_set == load_set and s.accepted]

@@ -1,0 +1,41 @@
+"""Section ``daq`` of config.yaml: the trigger and what a good tap is."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from rig.settings import NonNegative, Positive, Section
+
+Fraction = Annotated[float, Field(gt=0, le=1)]
+
+
+class Trigger(Section):
+    """When a record begins and how long it is."""
+
+    threshold_m_s2: Positive = 0.05
+    pretrigger_samples: Annotated[int, Field(ge=16)] = 250
+    record_samples: Annotated[int, Field(ge=256, le=10_000_000)] = 5000
+    timeout_s: Positive = 30.0
+
+
+class Quality(Section):
+    """Limits beyond which a tap is rejected."""
+
+    largest_acceleration_g: Positive = 1.0
+    largest_force_ratio: Positive = 0.8
+    smallest_signal_to_noise: Positive = 20.0
+    largest_noise_m_s2: Positive = 0.02
+    largest_rotation: Fraction = 0.15
+    rotation_window_ms: Positive = 3.0
+    largest_load_change_percent: Positive = 3.0
+    largest_load_change_mn: Positive = 5.0
+    second_blow_ratio: NonNegative = 0.08
+
+
+class DaqSettings(Section):
+    """Section ``daq``."""
+
+    trigger: Trigger = Trigger()
+    quality: Quality = Quality()

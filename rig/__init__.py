@@ -1,0 +1,24 @@
+"""What a tester is: the abstract `Rig`, its parts and readings, the interlock, the drivers."""
+
+from rig.errors import InterlockRefusal, RigError, SessionAborted, StaleReading
+from rig.interface import Accelerometers, Clock, DeadWeights, Impactor, LoadCell, Operator, Rig, Stage
+from rig.readings import Block, GaugeScale, LoadReading, StageReading
+
+__all__ = [
+    "Accelerometers",
+    "Block",
+    "Clock",
+    "DeadWeights",
+    "GaugeScale",
+    "Impactor",
+    "InterlockRefusal",
+    "LoadCell",
+    "LoadReading",
+    "Operator",
+    "Rig",
+    "RigError",
+    "SessionAborted",
+    "Stage",
+    "StageReading",
+    "StaleReading",
+]

@@ -1,0 +1,156 @@
+"""What a tester is: the abstract `Rig` and its parts.
+
+A part is an interface; motor or hand-turned micrometer, solenoid or finger, real or simulated are
+implementations of it. Code above this package cannot tell which one it drives.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any
+
+from rig.readings import Block, LoadReading, StageReading
+
+
+class Clock(ABC):
+    """Time as the rig sees it. A simulated rig passes virtual time."""
+
+    @abstractmethod
+    def now(self) -> float:
+        """Seconds since an arbitrary origin; never runs backwards."""
+
+    @abstractmethod
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+
+    @abstractmethod
+    def utc(self) -> str:
+        """Date and time, ISO 8601 UTC with milliseconds and a trailing ``Z``."""
+
+
+class Operator(ABC):
+    """The person at the bench: told things, asked to do things. A terminal, or a script in tests."""
+
+    @abstractmethod
+    def say(self, text: str) -> None:
+        """Show one sentence."""
+
+    @abstractmethod
+    def wait_ready(self, text: str) -> None:
+        """Show what to do and return once the person says that it is done."""
+
+    @abstractmethod
+    def turn(self, text: str, live: Callable[[], tuple[str, bool]]) -> None:
+        """Show what to turn, keep showing ``live()[0]`` and ring while ``live()[1]`` is true (stop turning).
+
+        Returns once the person says that the turning is done.
+        """
+
+
+class LoadCell(ABC):
+    """Strain-gauge bridge and its amplifier."""
+
+    @abstractmethod
+    def read(self, duration_s: float = 0.1) -> LoadReading:
+        """Average the bridge voltage over ``duration_s``; raises `RigError` when the gauge does not answer."""
+
+
+class Stage(ABC):
+    """Micrometer that carries the upper mass. Positive moves go towards contact."""
+
+    @abstractmethod
+    def read(self) -> StageReading:
+        """Position now."""
+
+    @abstractmethod
+    def move_by(self, step_um: float, aim: str = "") -> StageReading:
+        """Move by ``step_um`` (positive: towards contact) and return when at rest; `RigError` if locked.
+
+        ``aim`` says in words what the move is for; a hand-turned stage shows it.
+        """
+
+    @abstractmethod
+    def advance(self, travel_um: float, step_um: float, stop: Callable[[], bool], aim: str = "") -> StageReading:
+        """Move towards contact in steps of at most ``step_um`` until ``stop()`` or ``travel_um`` is used up.
+
+        ``stop`` is called before the first step and after each one; what it raises ends the move.
+        """
+
+    @abstractmethod
+    def lock(self) -> None:
+        """Clamp the stage, which takes the micrometer out of the dynamics (Sec. 3.3)."""
+
+    @abstractmethod
+    def unlock(self) -> None:
+        """Release the clamp."""
+
+
+class Accelerometers(ABC):
+    """The two accelerometers of the lower mass and the recorder behind them, streaming continuously."""
+
+    sample_rate_hz: float
+    full_scale_m_s2: float
+    bits: int
+
+    @abstractmethod
+    def start(self) -> None:
+        """Begin to stream; sample 0 is the first one after this call."""
+
+    @abstractmethod
+    def read_block(self) -> Block:
+        """Return the next block, waiting for it; `RigError` on overrun or silence."""
+
+    @abstractmethod
+    def stop(self) -> None:
+        """End the stream; harmless when it does not run."""
+
+
+class Impactor(ABC):
+    """Whatever taps the upper mass."""
+
+    @abstractmethod
+    def strike(self, load_mn: float, hint: str = "") -> None:
+        """Have one tap made soon after this call, fit for a preload of ``load_mn``.
+
+        ``hint`` is what was wrong with the tap before (empty if nothing was).
+        """
+
+
+class DeadWeights(ABC):
+    """Calibration weights hung on the load cell, with the surfaces apart."""
+
+    @abstractmethod
+    def place(self, load_mn: float) -> None:
+        """Return once exactly this load hangs on the gauge and it has come to rest; 0 removes all."""
+
+
+class Rig(ABC):
+    """A tester: its parts, its clock, and how to open and leave it."""
+
+    name: str
+    clock: Clock
+    load_cell: LoadCell
+    stage: Stage
+    accelerometers: Accelerometers
+    impactor: Impactor
+    weights: DeadWeights
+
+    @abstractmethod
+    def open(self) -> list[str]:
+        """Connect to every part; a line for each saying what answered. `RigError` names each that did not."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of every part; harmless when called twice."""
+
+    def checkpoint(self) -> dict[str, Any]:
+        """State worth keeping with each entry of the journal, as JSON types.
+
+        Hardware keeps its own state while a program is down and returns what it read last; a simulated rig
+        returns all it is.
+        """
+        return {}
+
+    def restore(self, state: dict[str, Any]) -> None:  # noqa: B027 - hardware has nothing to restore
+        """Take up the state of `checkpoint`; hardware, which kept it, ignores it."""

@@ -1,0 +1,129 @@
+"""Section ``rig`` of config.yaml: masses, springs, wiring, filter, limits, and which part is which."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+STANDARD_GRAVITY = 9.80665  # m/s2
+
+
+class Section(BaseModel):
+    """A part of config.yaml: unknown keys are errors, values do not change after loading."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Masses(Section):
+    """Upper and lower mass with everything screwed to them, kg."""
+
+    m1_kg: Positive = 0.107
+    m2_kg: Positive = 0.108
+    uncertainty_kg: NonNegative = 0.00005
+
+
+class Springs(Section):
+    """Stiffness of the tube springs: given, or identified from the system resonance (k1 = k2)."""
+
+    system_resonance_hz: Positive | None = None
+    k1_n_per_m: Positive | None = None
+    k2_n_per_m: Positive | None = None
+    uncertainty_percent: NonNegative = 1.0
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Springs:
+        given = (self.k1_n_per_m is not None) + (self.k2_n_per_m is not None)
+        if given == 1 or (given == 2) == (self.system_resonance_hz is not None):
+            raise ValueError("give either system_resonance_hz, or both k1_n_per_m and k2_n_per_m")
+        return self
+
+
+class Channel(Section):
+    """One accelerometer's place on the recorder."""
+
+    input: Annotated[int, Field(ge=0, le=31)]
+    sensitivity_mv_per_g: Positive = 100.0
+    gain: Positive = 10.0
+    polarity: Literal[1, -1] = 1
+
+
+class Wiring(Section):
+    """Which input is which, and what a volt means."""
+
+    accelerometer_a: Channel = Channel(input=0)
+    accelerometer_b: Channel = Channel(input=1, polarity=-1)
+    strain_gauge_input: Annotated[int, Field(ge=0, le=31)] | None = 2
+    input_range_v: Positive = 5.0
+    bits: Annotated[int, Field(ge=8, le=32)] = 16
+    sample_rate_hz: Positive = 25000.0
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Wiring:
+        used = [self.accelerometer_a.input, self.accelerometer_b.input]
+        used += [] if self.strain_gauge_input is None else [self.strain_gauge_input]
+        if len(set(used)) < len(used):
+            raise ValueError(f"two sensors share one input: {used}")
+        return self
+
+    def full_scale_m_s2(self) -> float:
+        """Largest acceleration that both channels can hold, m/s2."""
+        worst = max(c.sensitivity_mv_per_g * c.gain for c in (self.accelerometer_a, self.accelerometer_b))
+        return self.input_range_v / (worst * 1e-3) * STANDARD_GRAVITY
+
+
+class Filter(Section):
+    """The analog band-pass ahead of the recorder (Sec. 4.1)."""
+
+    family: Literal["butterworth", "none"] = "butterworth"
+    highpass_hz: Positive = 10.0
+    highpass_order: Annotated[int, Field(ge=1, le=8)] = 1
+    lowpass_hz: Positive = 10000.0
+    lowpass_order: Annotated[int, Field(ge=1, le=8)] = 4
+
+
+class Limits(Section):
+    """What the interlock holds to."""
+
+    load_mn: Positive = 1100.0
+    largest_approach_step_um: Positive = 0.5
+    stale_reading_s: Positive = 0.5
+    frozen_readings: Annotated[int, Field(ge=2)] = 3
+    contact_threshold_mn: Positive = 15.0
+    clearance_um: Positive = 100.0
+    expected_contact_um: Finite = 150.0
+    search_beyond_um: Positive = 100.0
+
+
+class Parts(Section):
+    """Which implementation stands behind each part of a real rig."""
+
+    stage: Literal["hand"] = "hand"
+    impactor: Literal["hand"] = "hand"
+    weights: Literal["hand"] = "hand"
+
+
+class RigSettings(Section):
+    """Section ``rig``."""
+
+    masses: Masses = Masses()
+    springs: Springs = Springs(system_resonance_hz=356.0)
+    wiring: Wiring = Wiring()
+    filter: Filter = Filter()
+    gauge_sensitivity_mv_per_mn: Positive = 0.042
+    limits: Limits = Limits()
+    parts: Parts = Parts()
+
+
+    def spring_stiffness(self) -> tuple[float, float]:
+        """Return k1, k2 in N/m: as given, or each (m1 + m2) omega1^2 / 2 (Eq. 10 with a stiff contact)."""
+        springs, masses = self.springs, self.masses
+        if springs.k1_n_per_m is not None and springs.k2_n_per_m is not None:
+            return springs.k1_n_per_m, springs.k2_n_per_m
+        omega = 2 * math.pi * (springs.system_resonance_hz or math.nan)
+        k = (masses.m1_kg + masses.m2_kg) / 2 * omega**2
+        return k, k

@@ -1,0 +1,96 @@
+"""Section ``sim_backend`` of config.yaml: the simulated rig."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from rig.settings import Finite, NonNegative, Positive, Section
+
+Rate = Annotated[float, Field(ge=0, le=1)]
+
+
+class SimulatedContact(Section):
+    """k_c(P) and zeta_c(P) of the simulated specimen, and its force law at amplitude.
+
+    ``table`` interpolates the three lists (power law between and beyond points); ``theory`` takes
+    k_c(P) from the contact theory of section ``analysis`` and zeta_c(P) from the table.
+    """
+
+    stiffness: Literal["table", "theory"] = "table"
+    load_mn: tuple[Positive, ...] = (264.9, 348.3, 431.6, 524.8, 549.4, 627.8, 784.8, 927.0)
+    contact_stiffness_mn_per_m: tuple[Positive, ...] = (3.95, 5.87, 7.03, 7.59, 8.04, 8.90, 9.50, 10.32)
+    damping_ratio: tuple[Positive, ...] = (0.028, 0.012, 0.005, 0.0018, 0.0017, 0.0016, 0.0016, 0.0016)
+    law: Literal["linear", "hertz", "exponential"] = "linear"
+    can_part: bool = False
+    stiffness_scatter_percent: NonNegative = 0.04
+    damping_scatter_percent: NonNegative = 2.0
+
+    @model_validator(mode="after")
+    def _table(self) -> SimulatedContact:
+        n = len(self.load_mn)
+        if n < 2 or len(self.contact_stiffness_mn_per_m) != n or len(self.damping_ratio) != n:
+            raise ValueError("load_mn, contact_stiffness_mn_per_m and damping_ratio need one length, at least 2")
+        if any(b <= a for a, b in zip(self.load_mn, self.load_mn[1:], strict=False)):
+            raise ValueError("load_mn must grow")
+        return self
+
+
+class SimulatedPulse(Section):
+    """The tap: a smooth pulse of this length and of a strength relative to the preload."""
+
+    duration_ms: Positive = 0.3
+    shape: Literal["half_sine", "haversine", "triangle"] = "half_sine"
+    peak_force_ratio: Positive = 0.4
+    strength_scatter_percent: NonNegative = 20.0
+
+
+class BadTaps(Section):
+    """Share of taps that go wrong, each kind by itself."""
+
+    double: Rate = 0.03
+    too_hard: Rate = 0.03
+    too_weak: Rate = 0.03
+    off_centre: Rate = 0.03
+    clipped: Rate = 0.01
+
+
+class SimulatedNoise(Section):
+    """Noise of the accelerometer channels: white plus a low-frequency share (first-order, power above falls off)."""
+
+    rms_m_s2: NonNegative = 0.002
+    coloured_share: Rate = 0.3
+    corner_hz: Positive = 500.0
+
+
+class SimulatedGauge(Section):
+    """Strain gauge and its drift."""
+
+    offset_mv: Finite = 0.35
+    noise_mv: Positive = 0.02
+    drift_mv_per_hour: Finite = 0.0
+    sensitivity_drift_percent_per_hour: Finite = 0.0
+
+
+class SimulatedStage(Section):
+    """Motor micrometer of the simulated rig."""
+
+    resolution_um: Positive = 0.02
+    backlash_um: NonNegative = 2.0
+    speed_um_per_s: Positive = 50.0
+
+
+class SimBackendSettings(Section):
+    """Section ``sim_backend``."""
+
+    seed: Annotated[int, Field(ge=0)] = 1
+    contact_position_um: Finite = 150.0
+    parameter_errors: bool = True
+    tube_damping_ratio: NonNegative = 0.0
+    contact: SimulatedContact = SimulatedContact()
+    pulse: SimulatedPulse = SimulatedPulse()
+    bad_taps: BadTaps = BadTaps()
+    noise: SimulatedNoise = SimulatedNoise()
+    gauge: SimulatedGauge = SimulatedGauge()
+    stage: SimulatedStage = SimulatedStage()

@@ -118,7 +118,6 @@ class RigSettings(Section):
     limits: Limits = Limits()
     parts: Parts = Parts()
 
-
     def spring_stiffness(self) -> tuple[float, float]:
         """Return k1, k2 in N/m: as given, or each (m1 + m2) omega1^2 / 2 (Eq. 10 with a stiff contact)."""
         springs, masses = self.springs, self.masses

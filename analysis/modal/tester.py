@@ -1,0 +1,354 @@
+"""System and contact mode of each impact of one load of the two-mass tester.
+
+The impacts of a load are searched together, because they share what is hard to find (which peak is the contact
+resonance, a heavily damped one beside the system mode), and fitted one by one, because averaging records whose
+frequencies scatter would read as damping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.modal.era import Realisation, hankel, realise
+from analysis.modal.exponentials import ExponentialFit, FitFailure, exponentials, fit_exponentials
+from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole, sampled_pole
+from analysis.modal.noise import NoiseModel
+from daq.records import RigDescription
+
+Complex = NDArray[np.complex128]
+Real = NDArray[np.float64]
+Method = Literal["ml", "era"]
+
+SAFE_START_MS = 1.2  # after the trigger: any tap of the paper's impactor is over, a 17 % mode still rings
+HEAVY_DAMPING = (0.02, 0.05, 0.1, 0.18)  # what a spectral peak or a noisy realisation can miss
+CONTACT_MODE_ABOVE = 1.25  # the contact resonance lies at least this factor above the system resonance
+HIGHEST_SHARE = 0.4  # of the sampling rate: no contact resonance is looked for above
+DISAGREEMENT = 5.0  # standard errors (of ERA) between ERA and maximum likelihood that are flagged
+EXTENSION_LEVEL = 3.0  # standard deviations of chi-squared by which an earlier start may fit worse
+
+
+@dataclass(frozen=True, slots=True)
+class ImpactModes:
+    """The two modes of one impact, or why there are none.
+
+    Attributes
+    ----------
+    system, contact
+        The modes, None if the data cannot carry them.
+    start
+        First sample of the record used.
+    residual_ratio
+        Residual variance over the variance of the noise before the trigger: 1 where the model is complete.
+    notes
+        Sentences for the reader of the result.
+    """
+
+    system: ModeEstimate | None
+    contact: ModeEstimate | None
+    start: int
+    residual_ratio: float
+    notes: tuple[str, ...] = ()
+
+
+def filter_poles(rig: RigDescription, sample_rate_hz: float) -> Complex:
+    """Sampled poles of the declared high-pass, which ring on in every record; the low-pass dies within samples.
+
+    Without a declared filter an offset is allowed for (a pole at 1).
+    """
+    if rig.filter_family != "butterworth" or not np.isfinite(rig.highpass_hz) or rig.highpass_order < 1:
+        return np.ones(1, np.complex128)
+    n = rig.highpass_order
+    angles = np.pi * (2 * np.arange(n) + n + 1) / (2 * n)
+    s = 2 * np.pi * rig.highpass_hz * np.exp(1j * angles)
+    z: Complex = np.exp(s / sample_rate_hz)
+    real = np.abs(s.imag) < 1e-9 * np.abs(s)
+    z[real] = z[real].real
+    return z
+
+
+def system_resonance_hz(rig: RigDescription) -> float:
+    """Where Eq. 10 puts the system mode for a stiff contact, Hz."""
+    return float(np.sqrt((rig.k1_n_per_m + rig.k2_n_per_m) / (rig.m1_kg + rig.m2_kg)) / (2 * np.pi))
+
+
+def identify_impacts(
+    records: Sequence[Real],
+    pretrigger: Sequence[int],
+    sample_rate_hz: float,
+    rig: RigDescription,
+    noise: NoiseModel,
+    method: Method = "ml",
+) -> list[ImpactModes]:
+    """Identify both modes of every impact of one load.
+
+    Parameters
+    ----------
+    records
+        One-dimensional mean acceleration of A and B of each impact, m/s2.
+    pretrigger
+        Number of samples before the trigger in each.
+    noise
+        Model of the noise of that mean.
+    method
+        ``"ml"``: maximum likelihood, checked by ERA; ``"era"``: ERA.
+
+    Returns
+    -------
+    list of ImpactModes
+        One for each record, in order.
+    """
+    known = filter_poles(rig, sample_rate_hz)
+    white = [noise.whiten(np.asarray(r, np.float64)) for r in records]
+    safe = [p + int(SAFE_START_MS * 1e-3 * sample_rate_hz) for p in pretrigger]
+    found = _consensus(white, safe, sample_rate_hz, rig, known)
+    if found is None:
+        reason = "no system and contact mode can be told from the noise"
+        return [ImpactModes(None, None, s, float("nan"), (reason,)) for s in safe]
+    return [
+        _one_impact(y, p, s, noise, sample_rate_hz, known, found, method)
+        for y, p, s in zip(white, pretrigger, safe, strict=True)
+    ]
+
+
+def _fit(y: Real, start: int, poles: Complex, known: Complex) -> ExponentialFit | None:
+    try:
+        fit = fit_exponentials(y[start:], poles, known)
+    except FitFailure:
+        return None
+    order = np.argsort(np.abs(np.log(fit.poles)))
+    fit = ExponentialFit(
+        fit.poles[order],
+        fit.amplitudes[:, order],
+        fit.fixed_amplitudes,
+        fit.noise_variance,
+        fit.log_pole_covariance[order],
+        fit.residual_sum,
+        fit.dof,
+    )
+    return fit
+
+
+def _consensus(
+    white: list[Real], starts: list[int], sample_rate_hz: float, rig: RigDescription, known: Complex
+) -> Complex | None:
+    """Poles (system, contact) that fit all impacts of a load best, started from ERA and from a grid."""
+    expected = system_resonance_hz(rig)
+    strongest = sorted(range(len(white)), key=lambda i: -float(np.std(white[i][starts[i] :])))[:3]
+    best: tuple[float, Complex] | None = None
+    for i in strongest:
+        tail = white[i][starts[i] :]
+        for candidate in _candidates(tail, expected, sample_rate_hz, known):
+            fit = _fit(white[i], starts[i], candidate, known)
+            if fit is None or not _plausible(fit.poles, expected, sample_rate_hz):
+                continue
+            # the same poles must serve the other impacts, each with its own amplitudes
+            total = 0.0
+            for j in strongest:
+                other = _fit(white[j], starts[j], fit.poles, known)
+                square = float(np.dot(white[j][starts[j] :], white[j][starts[j] :]))
+                total += 1.0 if other is None else other.residual_sum / max(square, 1e-300)
+            if best is None or total < best[0] * (1 - 1e-9):
+                best = total, fit.poles
+    return None if best is None else best[1]
+
+
+def _plausible(poles: Complex, expected_hz: float, sample_rate_hz: float) -> bool:
+    """Whether a pair of poles can be the system and the contact mode."""
+    s = np.log(poles) * sample_rate_hz
+    f = np.abs(s) / (2 * np.pi)
+    zeta = -s.real / np.abs(s)
+    return bool(
+        0.8 * expected_hz < f[0] < 1.2 * expected_hz
+        and f[1] > CONTACT_MODE_ABOVE * f[0]
+        and -0.02 < zeta[0] < 0.2
+        and -0.002 < zeta[1] < 0.6
+    )
+
+
+def _candidates(y: Real, expected_hz: float, sample_rate_hz: float, known: Complex) -> list[Complex]:
+    """Starting poles: the system mode at its spectral peak, and the contact mode from ERA and from a grid."""
+    n = y.size
+    padded = 8 * n
+    spectrum = np.abs(np.fft.rfft(y * np.hanning(2 * n)[n:], padded))
+    frequency = np.fft.rfftfreq(padded, 1 / sample_rate_hz)
+    near = np.flatnonzero((frequency > 0.9 * expected_hz) & (frequency < 1.1 * expected_hz))
+    system = sampled_pole(float(frequency[near[np.argmax(spectrum[near])]]), 0.002, sample_rate_hz)
+    highest = HIGHEST_SHARE * sample_rate_hz
+    contact: list[complex] = []
+    try:
+        decomposed = hankel(y)
+        for order in (4, 6, 10):
+            contact += _contact_poles(realise(decomposed, order), expected_hz, sample_rate_hz)
+    except FitFailure:
+        pass
+    above = np.flatnonzero((frequency > CONTACT_MODE_ABOVE * expected_hz) & (frequency < highest))
+    peak = float(frequency[above[np.argmax(spectrum[above])]])
+    contact += [sampled_pole(peak, zeta, sample_rate_hz) for zeta in (0.001, 0.005, 0.02)]
+    contact += _heavy_grid(y, system, expected_hz, highest, sample_rate_hz, known)
+    return [np.array([system, z]) for z in contact]
+
+
+def _contact_poles(realised: Realisation, expected_hz: float, sample_rate_hz: float) -> list[complex]:
+    """Return the strongest pole above the system mode, if there is one."""
+    s = np.log(realised.poles) * sample_rate_hz
+    f = np.abs(s) / (2 * np.pi)
+    zeta = -s.real / np.abs(s)
+    usable = np.flatnonzero(
+        (f > CONTACT_MODE_ABOVE * expected_hz) & (f < HIGHEST_SHARE * sample_rate_hz) & (zeta > 0) & (zeta < 0.5)
+    )
+    if not usable.size:
+        return []
+    # energy of a mode: amplitude squared over decay
+    energy = np.abs(realised.shapes[0, usable]) ** 2 / np.maximum(-s.real[usable], 1.0)
+    return [complex(realised.poles[usable[np.argmax(energy)]])]
+
+
+def _heavy_grid(
+    y: Real, system: complex, expected_hz: float, highest_hz: float, sample_rate_hz: float, known: Complex
+) -> list[complex]:
+    """Best heavily damped second mode on a grid: least squares with both modes' amplitudes free."""
+    length = min(y.size, int(12 / (2 * np.pi * expected_hz * HEAVY_DAMPING[0]) * sample_rate_hz))
+    k = np.arange(length)
+    frequencies = np.geomspace(CONTACT_MODE_ABOVE * expected_hz, highest_hz, 60)
+    first = np.concatenate([(np.array([system])[:, None] ** k), (known[:, None] ** k)])
+    base = np.concatenate([first.real, first[:1].imag])
+    q, _ = np.linalg.qr(base.T)
+    rest = y[:length] - q @ (q.T @ y[:length])
+    best: tuple[float, complex] | None = None
+    for zeta in HEAVY_DAMPING:
+        for f in frequencies:
+            z = sampled_pole(float(f), zeta, sample_rate_hz)
+            column = z**k
+            pair = np.stack([column.real, column.imag], axis=1)
+            pair -= q @ (q.T @ pair)
+            amplitude, *_ = np.linalg.lstsq(pair, rest, rcond=None)
+            gain = float(rest @ (pair @ amplitude))
+            if best is None or gain > best[0]:
+                best = gain, z
+    return [] if best is None else [best[1]]
+
+
+def _one_impact(
+    y: Real,
+    pretrigger: int,
+    safe: int,
+    noise: NoiseModel,
+    sample_rate_hz: float,
+    known: Complex,
+    poles: Complex,
+    method: Method,
+) -> ImpactModes:
+    """Fit one whitened record: find where the pulse has ended, then both methods from there."""
+    fit = _fit(y, safe, poles, known)
+    if fit is None or abs(np.angle(fit.poles[1])) < abs(np.angle(fit.poles[0])):
+        return ImpactModes(None, None, safe, float("nan"), ("this record cannot carry a fit of two modes",))
+    fit, start = _earliest_start(y, pretrigger - noise.order, safe, fit, known, noise)
+    ratio = float(fit.noise_variance[0] / noise.variance) if noise.variance > 0 else float("nan")
+    likely = [
+        mode_from_sampled_pole(complex(fit.poles[i]), fit.log_pole_covariance[i], fit.amplitudes[:, i], sample_rate_hz)
+        for i in range(2)
+    ]
+    realised = _era_modes(y[start:], fit, sample_rate_hz)
+    notes: list[str] = []
+    if realised is None:
+        notes.append("ERA alone does not find both modes in this record")
+    else:
+        notes += _disagreements(likely, realised)
+    if method == "era":
+        if realised is None:
+            return ImpactModes(None, None, start + noise.order, ratio, tuple(notes))
+        return ImpactModes(realised[0], realised[1], start + noise.order, ratio, tuple(notes))
+    return ImpactModes(likely[0], likely[1], start + noise.order, ratio, tuple(notes))
+
+
+def _earliest_start(
+    y: Real, trigger: int, safe: int, fit: ExponentialFit, known: Complex, noise: NoiseModel
+) -> tuple[ExponentialFit, int]:
+    """Begin earlier as long as the samples before the fitted ones are what the fit foretells.
+
+    The fit is extrapolated backwards over a few samples; where they miss it by more than the noise and the
+    uncertainty of the extrapolation allow, the pulse was still acting.
+    """
+    start = safe
+    variance = float(fit.noise_variance[0])
+    if noise.variance > 0:
+        variance = max(variance, noise.variance)
+    while start > trigger + 2:
+        block = min(max(2, (start - trigger) // 6), start - trigger - 1)
+        k = -np.arange(1, block + 1)
+        columns, covariance = _extrapolation(fit, known, k, y.size - start)
+        error = y[start + k] - exponentials(fit, k, known)[0]
+        spread = variance * np.eye(block) + variance * (columns @ covariance @ columns.conj().T).real
+        chi = float(error @ np.linalg.solve(spread, error))
+        if chi > block + EXTENSION_LEVEL * np.sqrt(2 * block):
+            break
+        earlier = _fit(y, start - block, fit.poles, known)
+        if earlier is None:
+            break
+        fit, start = earlier, start - block
+    return fit, start
+
+
+def _extrapolation(fit: ExponentialFit, known: Complex, k: NDArray[np.int64], n: int) -> tuple[Complex, Complex]:
+    """Columns of amplitude and pole at samples ``k``, and the covariance of those parameters per unit noise."""
+    z = np.concatenate([fit.poles, fit.poles.conj(), known])
+    amplitude = np.concatenate([fit.amplitudes[0], fit.amplitudes[0].conj()])
+    inside = np.arange(n)
+
+    def design(at: NDArray[np.int64]) -> Complex:
+        powers = z[None, :] ** at[:, None]
+        slopes = at[:, None] * powers[:, : amplitude.size] * amplitude[None, :]
+        out: Complex = np.concatenate([powers, slopes], axis=1)
+        return out
+
+    full = design(inside)
+    scale = np.linalg.norm(full, axis=0)
+    scale[scale == 0] = 1.0
+    gram = (full / scale).conj().T @ (full / scale)
+    covariance = np.linalg.pinv(gram, rcond=1e-13, hermitian=True) / (scale[:, None] * scale[None, :])
+    return design(k), covariance
+
+
+def _era_modes(y: Real, fit: ExponentialFit, sample_rate_hz: float) -> list[ModeEstimate] | None:
+    """ERA of the same stretch; its order is the number of singular values above the noise's largest."""
+    try:
+        decomposed = hankel(y)
+    except FitFailure:
+        return None
+    variance = float(fit.noise_variance[0])
+    edge = np.sqrt(variance) * (np.sqrt(decomposed.lags) + np.sqrt(decomposed.columns))
+    order = int(np.clip(np.count_nonzero(decomposed.singular_values > 1.02 * edge), 4, 12))
+    for tried in (order, order + 1, order + 2, 4):
+        realised = realise(decomposed, tried, variance)
+        if realised.poles.size < 2:
+            continue
+        picked = [int(np.argmin(np.abs(np.log(realised.poles) - np.log(z)))) for z in fit.poles]
+        # twice the same pole, or one far from where the likelihood puts it: not found at this order
+        far = [abs(np.log(realised.poles[i] / z)) > 0.5 * abs(np.log(z)) for i, z in zip(picked, fit.poles, strict=True)]
+        if picked[0] != picked[1] and not any(far):
+            return [
+                mode_from_sampled_pole(
+                    complex(realised.poles[i]), realised.log_pole_covariance[i], realised.shapes[:, i], sample_rate_hz
+                )
+                for i in picked
+            ]
+    return None
+
+
+def _disagreements(likely: list[ModeEstimate], realised: list[ModeEstimate]) -> list[str]:
+    """Sentences where ERA and maximum likelihood differ beyond their uncertainties."""
+    notes = []
+    for name, a, b in zip(("system", "contact"), likely, realised, strict=True):
+        for what, x, y in (("frequency", a.frequency_hz, b.frequency_hz), ("damping", a.damping_ratio, b.damping_ratio)):
+            allowed = DISAGREEMENT * np.hypot(x.standard_error, y.standard_error)
+            if abs(x.value - y.value) > allowed:
+                notes.append(
+                    f"ERA and maximum likelihood disagree on the {what} of the {name} mode: "
+                    f"{y.value:.6g} and {x.value:.6g}"
+                )
+    return notes

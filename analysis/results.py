@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.estimate import Estimate
+from calibration.gauge import GaugeResult
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,18 +72,6 @@ class LoadResult:
 
 
 @dataclass(frozen=True, slots=True)
-class CalibrationResult:
-    """The gauge: one line through the calibrations in force, and whether before and after agree."""
-
-    sensitivity_mv_per_mn: Estimate
-    offset_mv: Estimate
-    nonlinearity_percent: float
-    drifted: bool
-    drift_p_value: float | None
-    statement: str
-
-
-@dataclass(frozen=True, slots=True)
 class SessionResults:
     """All that `analyze` answers about a session of the tester."""
 
@@ -90,7 +79,7 @@ class SessionResults:
     method: str
     loads: tuple[LoadResult, ...]
     impacts: tuple[ImpactResult, ...]
-    calibration: CalibrationResult | None
+    calibration: GaugeResult | None
     springs_n_per_m: tuple[Estimate, Estimate]
     notes: tuple[str, ...] = ()
 

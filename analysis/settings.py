@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from rig.settings import NonNegative, Positive, Section
 
@@ -40,7 +40,7 @@ class FlatContact(Section):
 
 
 Contact = Annotated[SphereContact | FlatContact, Field(discriminator="geometry")]
-PRESETS = ("paper-flat", "paper-sphere")
+PRESETS: dict[str, SphereContact | FlatContact] = {"paper-flat": FlatContact(), "paper-sphere": SphereContact()}
 
 
 class AnalysisSettings(Section):
@@ -49,4 +49,16 @@ class AnalysisSettings(Section):
     method: Literal["ml", "era"] = "ml"
     springs: Literal["measured", "declared"] = "measured"
     spring_asymmetry_percent: NonNegative = 1.0
-    contact: Literal["paper-flat", "paper-sphere"] | Contact = "paper-flat"
+    contact: Contact = PRESETS["paper-flat"]
+
+    @field_validator("contact", mode="before")
+    @classmethod
+    def _preset(cls, value: Any) -> Any:
+        """Let a name stand for one of the paper's specimens."""
+        if not isinstance(value, str):
+            return value
+        if value not in PRESETS:
+            raise ValueError(
+                f"{value!r} is no preset; allowed are {', '.join(PRESETS)}, or keys with geometry: sphere or flat"
+            )
+        return PRESETS[value]

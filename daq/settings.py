@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from rig.settings import NonNegative, Positive, Section
 
@@ -18,6 +18,12 @@ class Trigger(Section):
     pretrigger_samples: Annotated[int, Field(ge=16)] = 250
     record_samples: Annotated[int, Field(ge=256, le=10_000_000)] = 5000
     timeout_s: Positive = 30.0
+
+    @model_validator(mode="after")
+    def _room_for_the_tap(self) -> Trigger:
+        if self.pretrigger_samples >= self.record_samples:
+            raise ValueError("pretrigger_samples must be smaller than record_samples")
+        return self
 
 
 class Quality(Section):

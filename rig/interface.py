@@ -41,10 +41,10 @@ class Operator(ABC):
         """Show what to do and return once the person says that it is done."""
 
     @abstractmethod
-    def turn(self, text: str, live: Callable[[], tuple[str, bool]]) -> None:
-        """Show what to turn, keep showing ``live()[0]`` and ring while ``live()[1]`` is true (stop turning).
+    def turn(self, text: str, step_um: float, live: Callable[[], tuple[str, bool]]) -> None:
+        """Show what to turn (``step_um``, positive towards contact) and keep showing ``live()[0]`` meanwhile.
 
-        Returns once the person says that the turning is done.
+        While ``live()[1]`` is true, ring: stop turning. Returns once the person says that the turning is done.
         """
 
 

@@ -96,7 +96,7 @@ class Limits(Section):
     contact_threshold_mn: Positive = 15.0
     clearance_um: Positive = 100.0
     expected_contact_um: Finite = 150.0
-    search_beyond_um: Positive = 100.0
+    search_beyond_um: Positive = 3.0
 
 
 class Parts(Section):
@@ -117,6 +117,18 @@ class RigSettings(Section):
     gauge_sensitivity_mv_per_mn: Positive = 0.042
     limits: Limits = Limits()
     parts: Parts = Parts()
+
+    @model_validator(mode="after")
+    def _survivable(self) -> RigSettings:
+        """Hold the search past the expected contact to what the specimen survives should the gauge be dead."""
+        k1, k2 = self.spring_stiffness()
+        worst = self.limits.search_beyond_um * k1 * k2 / (k1 + k2) * 1e-3
+        if worst > self.limits.load_mn:
+            raise ValueError(
+                f"limits.search_beyond_um of {self.limits.search_beyond_um:g} could load the specimen with {worst:.0f} mN "
+                f"if the gauge failed, more than limits.load_mn ({self.limits.load_mn:g})"
+            )
+        return self
 
     def spring_stiffness(self) -> tuple[float, float]:
         """Return k1, k2 in N/m: as given, or each (m1 + m2) omega1^2 / 2 (Eq. 10 with a stiff contact)."""

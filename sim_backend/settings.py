@@ -79,6 +79,7 @@ class SimulatedStage(Section):
     resolution_um: Positive = 0.02
     backlash_um: NonNegative = 2.0
     speed_um_per_s: Positive = 50.0
+    hand_turned: bool = False
 
 
 class SimBackendSettings(Section):

@@ -153,12 +153,12 @@ def _grams(z: Complex, n: int) -> tuple[Complex, Complex, Complex]:
 
 
 @njit(cache=True)
-def _project(y: Real, weight: Real, z: Complex, moving: int) -> tuple[float, Complex, Complex, Complex, Complex]:
+def _project(y: Real, weight: Real, z: Complex, moving: int) -> tuple[float, Complex, Complex, Complex]:
     """Amplitudes for given poles, sum of squares, and the reduced normal equations of the log poles.
 
     ``y`` (c, n), ``weight`` (c,) inverse variances, ``z`` all poles, the first ``moving`` of them searched for
-    (conjugates included). Returns the weighted residual sum, amplitudes (c, p), gradient (moving,), Hessian
-    (moving, moving) and the inverse Gram matrix.
+    (conjugates included). Returns the weighted residual sum, amplitudes (c, p), gradient (moving,) and Hessian
+    (moving, moving).
     """
     c, n = y.shape
     p = z.shape[0]
@@ -194,19 +194,21 @@ def _project(y: Real, weight: Real, z: Complex, moving: int) -> tuple[float, Com
             gradient[a] += weight[ch] * np.conj(amp[a]) * (s1[a] - slope[a])
             for b in range(moving):
                 hessian[a, b] += weight[ch] * np.conj(amp[a]) * schur[a, b] * amp[b]
-    return total, amplitudes, gradient, hessian, inverse
+    return total, amplitudes, gradient, hessian
 
 
 @njit(cache=True)
-def _search(y: Real, weight: Real, start: Complex, fixed: Complex) -> tuple[bool, float, Complex, Complex, Complex]:
+def _search(
+    y: Real, weight: Real, start: Complex, fixed: Complex, iterations: int
+) -> tuple[bool, float, Complex, Complex, Complex]:
     """Levenberg-damped Gauss-Newton over the log poles. Returns whether it converged, and where."""
     j = start.shape[0]
     poles = start.copy()
     z = _all_poles(poles, fixed)
-    total, amplitudes, gradient, hessian, _ = _project(y, weight, z, 2 * j)
+    total, amplitudes, gradient, hessian = _project(y, weight, z, 2 * j)
     damping = 0.0
     converged = False
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(iterations):
         lhs = hessian.copy()
         for a in range(2 * j):
             lhs[a, a] = hessian[a, a] * (1.0 + damping) + 1e-300
@@ -218,7 +220,7 @@ def _search(y: Real, weight: Real, start: Complex, fixed: Complex) -> tuple[bool
                 good = False
         if good:
             z = _all_poles(trial, fixed)
-            new, amp, grad, hess, _ = _project(y, weight, z, 2 * j)
+            new, amp, grad, hess = _project(y, weight, z, 2 * j)
             if new <= total * (1.0 + 1e-14):
                 fall = total - new
                 poles, amplitudes, gradient, hessian = trial, amp, grad, hess
@@ -238,7 +240,11 @@ def _search(y: Real, weight: Real, start: Complex, fixed: Complex) -> tuple[bool
 
 
 def fit_exponentials(
-    y: Real, start: Complex, fixed: Complex | None = None, noise_variance: Real | None = None
+    y: Real,
+    start: Complex,
+    fixed: Complex | None = None,
+    noise_variance: Real | None = None,
+    iterations: int = MAX_ITERATIONS,
 ) -> ExponentialFit:
     """Fit damped exponentials to a ring-down by least squares (maximum likelihood in white noise).
 
@@ -252,6 +258,8 @@ def fit_exponentials(
         (F,) further poles (closed under conjugation) that are known; none by default.
     noise_variance
         (c,) relative noise variance of the channels (default: equal).
+    iterations
+        Steps after which the search is given up.
 
     Raises
     ------
@@ -269,7 +277,7 @@ def fit_exponentials(
         raise FitFailure(f"{n} samples are too few for {j} modes")
     variance = np.ones(c) if noise_variance is None else np.asarray(noise_variance, np.float64)
     try:
-        converged, total, poles, amplitudes, hessian = _search(y, 1.0 / variance, start, known)
+        converged, total, poles, amplitudes, hessian = _search(y, 1.0 / variance, start, known, iterations)
         covariance = np.linalg.inv(hessian)
     except np.linalg.LinAlgError as singular:
         raise FitFailure("two of the exponentials cannot be told apart") from singular

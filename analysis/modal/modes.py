@@ -6,6 +6,7 @@ frequency) and the damping ratio ``-Re(s) / abs(s)``.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,7 +48,7 @@ class ModeEstimate:
         return Estimate(-a / size, self._error(np.array([-b * b, a * b]) / size**3))
 
     def _error(self, gradient: Real) -> float:
-        return float(np.sqrt(max(gradient @ self.pole_covariance @ gradient, 0.0)))
+        return math.sqrt(max(float(gradient @ self.pole_covariance @ gradient), 0.0))
 
 
 def mode_from_sampled_pole(

@@ -1,0 +1,109 @@
+"""Rough flats with Gaussian heights whose highest asperities yield: Chang, Etsion and Bogy (Sec. 2.2.2, Eq. 6).
+
+With lengths in R_q, h = d / R_q and omega_c = (pi K H / 2 E*)^2 R_s / R_q, K = 0.454 + 0.41 nu,
+
+    P = 4/3 eta A_n E* R_s^(1/2) R_q^(3/2) I_e(h) + pi R_s K H eta A_n R_q I_p(h),
+
+I_e integrates t^(3/2) phi(h + t) over t from 0 to omega_c, I_p integrates (2 t - omega_c) phi(h + t) from omega_c on,
+phi the standard normal density. Eq. 6 is printed without R_q^(3/2) and R_q, which heights in units of R_q need.
+The standard deviation of the asperity heights is taken as R_q, as in Eq. 5.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+from analysis.contact.inversion import separation_for_load
+
+FloatArray = NDArray[np.float64]
+_REACH = 12.0  # standard deviations above the mean; no asperity is higher
+_NODES, _WEIGHTS = special.roots_jacobi(80, 0.0, 1.5)  # for integrals with t^(3/2)
+
+
+@dataclass(frozen=True, slots=True)
+class ElasticPlasticFlats:
+    """Surfaces in contact.
+
+    Attributes
+    ----------
+    eta
+        Asperities per area, 1/m2.
+    A_n
+        Nominal area, m2.
+    E_star
+        Composite modulus, Pa.
+    R_s, R_q
+        Asperity radius and rms roughness, m.
+    H
+        Hardness of the softer body, Pa.
+    nu
+        Poisson's ratio of that body.
+    """
+
+    eta: float
+    A_n: float
+    E_star: float
+    R_s: float
+    R_q: float
+    H: float
+    nu: float
+
+    @property
+    def critical_interference(self) -> float:
+        """Interference omega_c at which an asperity yields, in R_q."""
+        return (math.pi * self._KH / (2 * self.E_star)) ** 2 * self.R_s / self.R_q
+
+    def load(self, d: ArrayLike) -> FloatArray:
+        """Contact load, N, at the separation ``d``, m, shaped like ``d``."""
+        return self._load(np.asarray(d, dtype=np.float64) / self.R_q)
+
+    def separation(self, P: ArrayLike) -> FloatArray:
+        """Separation d, m, under the load ``P``, N, shaped like it; `ValueError` for a load beyond the model."""
+        return self.R_q * separation_for_load(P, self._load, self._slope)
+
+    def stiffness(self, P: ArrayLike) -> FloatArray:
+        """Contact stiffness -dP/dd, N/m, under the load ``P``, N, shaped like it; zero without load."""
+        h = self.separation(P) / self.R_q
+        touching = np.isfinite(h)
+        return np.where(touching, self._slope(np.where(touching, h, 0.0)) / self.R_q, 0.0)
+
+    @property
+    def _KH(self) -> float:  # noqa: N802 - K H of Eq. 6
+        return (0.454 + 0.41 * self.nu) * self.H
+
+    def _amplitudes(self) -> tuple[float, float]:
+        """Factors of I_e and I_p, N."""
+        per_asperity = self.eta * self.A_n
+        return (
+            4 / 3 * per_asperity * self.E_star * math.sqrt(self.R_s) * self.R_q**1.5,
+            math.pi * self.R_s * self._KH * per_asperity * self.R_q,
+        )
+
+    def _load(self, h: FloatArray) -> FloatArray:
+        elastic, plastic = self._amplitudes()
+        beyond = h + self.critical_interference
+        highest = special.ndtr(-beyond)
+        mean_excess = _density(beyond) - beyond * highest
+        return elastic * self._elastic(h, 0) + plastic * (2 * mean_excess + self.critical_interference * highest)
+
+    def _slope(self, h: FloatArray) -> FloatArray:
+        """-dP/dh, N."""
+        elastic, plastic = self._amplitudes()
+        beyond = h + self.critical_interference
+        yielding = 2 * special.ndtr(-beyond) + self.critical_interference * _density(beyond)
+        return elastic * self._elastic(h, 1) + plastic * yielding
+
+    def _elastic(self, h: FloatArray, power: int) -> FloatArray:
+        """Integral of t^(3/2) (h + t)^power phi(h + t) up to omega_c; -phi' (z) = z phi(z) makes power 1 the slope."""
+        upper = np.minimum(self.critical_interference, np.maximum(-h, 0.0) + _REACH)[..., None]
+        z = h[..., None] + upper * (1 + _NODES) / 2
+        return np.asarray((upper[..., 0] / 2) ** 2.5 * (_WEIGHTS * z**power * _density(z)).sum(-1), dtype=np.float64)
+
+
+def _density(z: FloatArray) -> FloatArray:
+    return np.asarray(np.exp(-(z**2) / 2) / math.sqrt(2 * math.pi), dtype=np.float64)

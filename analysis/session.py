@@ -1,0 +1,386 @@
+"""A test session of the tester, analysed: modes of each impact, k_c and zeta of each load, all with uncertainties."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.modal.modes import ModeEstimate
+from analysis.modal.noise import NoiseModel, noise_model
+from analysis.modal.tester import ImpactModes, identify_impacts
+from analysis.results import ImpactResult, LoadResult, SessionResults, Spectrum
+from analysis.settings import AnalysisSettings
+from analysis.statistics import box_statistics, combine
+from analysis.stiffness import (
+    ContactEstimate,
+    ResonanceError,
+    contact_estimate,
+    contact_from_pole,
+    pole,
+    springs_from_system_mode,
+)
+from calibration.estimate import Estimate
+from calibration.gauge import GaugeHistory
+from calibration.settings import CalibrationSettings
+from daq.contact_force import contact_force
+from daq.records import RigDescription, Session, Shot
+from rig.settings import Masses, Springs
+
+GUARD_SAMPLES = 8  # before the trigger that may already belong to the tap
+POOR_FIT = 1.3  # residual variance over noise variance from which the model is said to be incomplete
+
+Progress = Callable[[int, int], None]
+
+
+class AnalysisError(ValueError):
+    """A session cannot be analysed; one sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class KnownRig:
+    """Masses and springs as known beforehand, with their standard errors, and how k1 and k2 hang together.
+
+    ``covariance`` is that of (m1, m2, k1, k2): springs that were measured through the system mode follow the masses.
+    """
+
+    m1: Estimate
+    m2: Estimate
+    k1: Estimate
+    k2: Estimate
+    covariance: NDArray[np.float64]
+
+    def contact(self, mode: ModeEstimate) -> ContactEstimate:
+        """k_c and c_c of one impact."""
+        both = _correlation_block(mode)
+        full = np.zeros((6, 6))
+        full[:2, :2], full[2:, 2:] = both, self.covariance
+        return contact_estimate(mode.frequency_hz, mode.damping_ratio, self.m1, self.m2, self.k1, self.k2, full)
+
+    def contact_of_load(self, f2: Estimate, zeta2: Estimate) -> ContactEstimate:
+        """k_c and c_c of the combined impacts of a load."""
+        full = np.zeros((6, 6))
+        full[0, 0], full[1, 1] = f2.standard_error**2, zeta2.standard_error**2
+        full[2:, 2:] = self.covariance
+        return contact_estimate(f2, zeta2, self.m1, self.m2, self.k1, self.k2, full)
+
+
+def analyse_session(
+    session: Session,
+    settings: AnalysisSettings,
+    calibration: CalibrationSettings,
+    masses: Masses,
+    springs: Springs,
+    progress: Progress | None = None,
+) -> SessionResults:
+    """Analyse all accepted impacts of a session.
+
+    Parameters
+    ----------
+    session
+        From a session file, with masses and springs known.
+    settings
+        Method, and whether the springs are taken from the session's own system mode.
+    calibration
+        Uncertainty of the weights and level of the drift test.
+    masses, springs
+        Their uncertainties (values are those of the session).
+    progress
+        Called with loads done and loads in all.
+
+    Raises
+    ------
+    AnalysisError
+        If the session's rig is unknown or it holds no impacts.
+    """
+    rig = session.rig
+    if not rig.is_tester:
+        raise AnalysisError(f"{session.source or 'session'}: masses and springs are unknown, so there is no k_c to find")
+    if not session.shots:
+        raise AnalysisError(f"{session.source or 'session'}: holds no impacts")
+    history = GaugeHistory(session.pre, session.post, calibration)
+    noise = _noise(session)
+    load_sets = session.load_sets()
+    modes: dict[int, ImpactModes] = {}
+    for done, load_set in enumerate(load_sets):
+        shots = session.accepted(load_set)
+        for rate in sorted({s.sample_rate_hz for s in shots}):
+            same = [s for s in shots if s.sample_rate_hz == rate]
+            found = identify_impacts(
+                [s.acceleration.mean(axis=0) for s in same],
+                [s.pretrigger for s in same],
+                rate,
+                rig,
+                noise,
+                settings.method,
+            )
+            modes |= {s.number: m for s, m in zip(same, found, strict=True)}
+        if progress is not None:
+            progress(done + 1, len(load_sets))
+    known, notes = _known_rig(session, modes, settings, masses, springs)
+    gauge_reading = _gauge_reading_error(session.shots)
+    impacts = [_impact(shot, modes.get(shot.number), known, history, gauge_reading, rig) for shot in session.shots]
+    loads = [_load(session, load_set, modes, impacts, known, history, gauge_reading) for load_set in load_sets]
+    return SessionResults(
+        source=session.source,
+        method=settings.method,
+        loads=tuple(loads),
+        impacts=tuple(impacts),
+        calibration=history.result(),
+        springs_n_per_m=(known.k1, known.k2),
+        notes=tuple([*notes, *history.notes]),
+    )
+
+
+def _noise(session: Session) -> NoiseModel:
+    """Noise of the mean of A and B, from all records before their triggers."""
+    quiet = [s.acceleration[:, : max(0, s.pretrigger - GUARD_SAMPLES)].mean(axis=0) for s in session.shots]
+    return noise_model(quiet)
+
+
+def _correlation_block(mode: ModeEstimate) -> NDArray[np.float64]:
+    """Covariance of (f, zeta) of a mode."""
+    s = mode.pole
+    size = abs(s)
+    jacobian = np.array(
+        [
+            [s.real / size / (2 * math.pi), s.imag / size / (2 * math.pi)],
+            [-(s.imag**2) / size**3, s.real * s.imag / size**3],
+        ]
+    )
+    block: NDArray[np.float64] = jacobian @ mode.pole_covariance @ jacobian.T
+    return block
+
+
+def _known_rig(
+    session: Session,
+    modes: dict[int, ImpactModes],
+    settings: AnalysisSettings,
+    masses: Masses,
+    springs: Springs,
+) -> tuple[KnownRig, list[str]]:
+    """Masses as declared; springs as declared, or from the system mode of this session (Eq. 10)."""
+    rig = session.rig
+    m1, m2 = Estimate(rig.m1_kg, masses.uncertainty_kg), Estimate(rig.m2_kg, masses.uncertainty_kg)
+    covariance = np.diag([masses.uncertainty_kg**2] * 2 + [0.0, 0.0])
+    systems = [m.system.frequency_hz for m in modes.values() if m.system is not None]
+    f1 = combine([e.value for e in systems], [e.standard_error for e in systems])
+    if settings.springs == "declared" or f1 is None:
+        errors = [k * springs.uncertainty_percent / 100 for k in (rig.k1_n_per_m, rig.k2_n_per_m)]
+        covariance[2, 2], covariance[3, 3] = errors[0] ** 2, errors[1] ** 2
+        k1, k2 = Estimate(rig.k1_n_per_m, errors[0]), Estimate(rig.k2_n_per_m, errors[1])
+        note = [] if settings.springs == "declared" else ["no system mode was found: the springs are the declared ones"]
+        return KnownRig(m1, m2, k1, k2, covariance), note
+    ratio = rig.k2_n_per_m / rig.k1_n_per_m
+    values = _spring_values(session, modes, f1.value, ratio)
+    # k = (m1 + m2) omega1^2 / 2 each; the split between them is not seen
+    by_mass = np.array([[k / (m1.value + m2.value)] * 2 for k in values])
+    mass_part = by_mass @ covariance[:2, :2]
+    by_f1 = np.array([2 * k / f1.value for k in values]) * f1.standard_error
+    split = np.array([values[0], -values[1]]) * settings.spring_asymmetry_percent / 100 / math.sqrt(2)
+    covariance[2:, :2], covariance[:2, 2:] = mass_part, mass_part.T
+    covariance[2:, 2:] = mass_part @ by_mass.T + np.outer(by_f1, by_f1) + np.outer(split, split)
+    k1, k2 = (Estimate(k, math.sqrt(covariance[i, i])) for i, k in enumerate(values, start=2))
+    notes = []
+    declared = (rig.k1_n_per_m + rig.k2_n_per_m) / sum(values) - 1
+    if abs(declared) > 3 * springs.uncertainty_percent / 100:
+        notes.append(
+            f"the declared springs are {100 * declared:+.1f} % off what the system mode of this session says; "
+            "its own are used"
+        )
+    return KnownRig(m1, m2, k1, k2, covariance), notes
+
+
+def _spring_values(session: Session, modes: dict[int, ImpactModes], f1: float, ratio: float) -> tuple[float, float]:
+    """k1, k2 from the system mode, for the finite k_c of this session."""
+    rig = session.rig
+    k1, k2 = springs_from_system_mode(f1, math.inf, rig.m1_kg, rig.m2_kg, ratio)
+    stiffness = []
+    for found in modes.values():
+        if found.contact is not None:
+            try:
+                frequency, damping = found.contact.frequency_hz, found.contact.damping_ratio
+                at = pole(frequency.value, damping.value)
+                stiffness.append(contact_from_pole(at, rig.m1_kg, rig.m2_kg, k1, k2)[0])
+            except ResonanceError:
+                continue
+    if not stiffness:
+        return k1, k2
+    return springs_from_system_mode(f1, float(np.median(stiffness)), rig.m1_kg, rig.m2_kg, ratio)
+
+
+def _gauge_reading_error(shots: Sequence[Shot]) -> float:
+    """Standard error of one gauge reading, mV, from readings before and after the same tap."""
+    change = [s.voltage_after_mv - s.voltage_before_mv for s in shots if s.accepted]
+    usable = [c for c in change if math.isfinite(c)]
+    return math.sqrt(sum(c * c for c in usable) / len(usable) / 2) if len(usable) >= 2 else 0.0
+
+
+def _shot_voltage(shot: Shot) -> float:
+    """Bridge voltage of a shot: mean of before and after, or of the samples before the trigger."""
+    read = [v for v in (shot.voltage_before_mv, shot.voltage_after_mv) if math.isfinite(v)]
+    if read:
+        return sum(read) / len(read)
+    if shot.strain_mv is not None and shot.pretrigger > GUARD_SAMPLES:
+        return float(np.mean(shot.strain_mv[: shot.pretrigger - GUARD_SAMPLES]))
+    return math.nan
+
+
+def _written_load(shot: Shot) -> float:
+    """Load that the session file itself gives for a shot, mN."""
+    read = [v for v in (shot.load_before_mn, shot.load_after_mn) if math.isfinite(v)]
+    return sum(read) / len(read) if read else math.nan
+
+
+def _shot_load(shot: Shot, history: GaugeHistory, reading: float) -> Estimate | None:
+    by_gauge = history.load_at(_shot_voltage(shot), shot.time, reading / math.sqrt(2))
+    if by_gauge is not None:
+        return by_gauge
+    written = _written_load(shot)
+    if not math.isfinite(written):
+        return None
+    return Estimate(written, abs(shot.load_after_mn - shot.load_before_mn) / 2)
+
+
+def _impact(
+    shot: Shot,
+    found: ImpactModes | None,
+    known: KnownRig,
+    history: GaugeHistory,
+    reading: float,
+    rig: RigDescription,
+) -> ImpactResult:
+    mean = shot.acceleration.mean(axis=0)
+    force = contact_force(mean, shot.sample_rate_hz, rig.m2_kg, rig.k2_n_per_m, shot.pretrigger)
+    system = None if found is None else found.system
+    contact = None if found is None else found.contact
+    notes = list(found.notes) if found is not None else ["rejected when it was recorded: not analysed"]
+    stiffness = damping = None
+    if contact is not None:
+        try:
+            interface = known.contact(contact)
+            stiffness, damping = interface.stiffness_n_per_m, interface.damping_n_s_per_m
+        except ResonanceError as error:
+            notes.append(str(error))
+    return ImpactResult(
+        name=shot.name,
+        load_set=shot.load_set,
+        accepted=shot.accepted,
+        reject_reason=shot.reject_reason,
+        load_mn=_shot_load(shot, history, reading),
+        f1_hz=None if system is None else system.frequency_hz,
+        f2_hz=None if contact is None else contact.frequency_hz,
+        zeta1=None if system is None else system.damping_ratio,
+        zeta2=None if contact is None else contact.damping_ratio,
+        contact_stiffness_n_per_m=stiffness,
+        contact_damping_n_s_per_m=damping,
+        peak_acceleration_m_s2=float(np.max(np.abs(shot.acceleration))),
+        peak_contact_force_n=float(np.max(np.abs(force))),
+        notes=tuple(notes),
+    )
+
+
+def _combined(estimates: Sequence[Estimate | None]) -> Estimate | None:
+    present = [e for e in estimates if e is not None]
+    return combine([e.value for e in present], [e.standard_error for e in present])
+
+
+def _load(
+    session: Session,
+    load_set: int,
+    modes: dict[int, ImpactModes],
+    impacts: Sequence[ImpactResult],
+    known: KnownRig,
+    history: GaugeHistory,
+    reading: float,
+) -> LoadResult:
+    shots = session.accepted(load_set)
+    accepted = [i for i in impacts if i.load_set == load_set and i.accepted]
+    used = [i for i in accepted if i.f2_hz is not None]
+    f1, f2 = _combined([i.f1_hz for i in used]), _combined([i.f2_hz for i in used])
+    zeta1, zeta2 = _combined([i.zeta1 for i in used]), _combined([i.zeta2 for i in used])
+    notes: list[str] = []
+    stiffness = damping = None
+    if f2 is not None and zeta2 is not None:
+        try:
+            interface = known.contact_of_load(f2, zeta2)
+            stiffness, damping = interface.stiffness_n_per_m, interface.damping_n_s_per_m
+        except ResonanceError as error:
+            notes.append(str(error))
+    elif not accepted:
+        notes.append("no accepted impact at this load")
+    else:
+        notes += sorted({n for i in accepted for n in i.notes})
+    notes += _load_notes(used, [modes[s.number] for s in shots if s.number in modes], history)
+    rejected = [s for s in session.shots if s.load_set == load_set]
+    target = (shots or rejected)[0].target_load_mn
+    return LoadResult(
+        load_set=load_set,
+        target_load_mn=target,
+        load_mn=_mean_load(shots, history, reading),
+        impacts_used=len(used),
+        f1_hz=f1,
+        f2_hz=f2,
+        zeta1=zeta1,
+        zeta2=zeta2,
+        contact_stiffness_n_per_m=stiffness,
+        contact_damping_n_s_per_m=damping,
+        stiffness_box=box_statistics(
+            [i.contact_stiffness_n_per_m.value for i in used if i.contact_stiffness_n_per_m is not None]
+        ),
+        damping_box=box_statistics([i.zeta2.value for i in used if i.zeta2 is not None]),
+        spectrum=_averaged_spectrum(shots),
+        notes=tuple(notes),
+    )
+
+
+def _load_notes(used: Sequence[ImpactResult], found: Sequence[ImpactModes], history: GaugeHistory) -> list[str]:
+    notes = []
+    if history.verdict is not None and history.verdict.drifted:
+        notes.append("the strain gauge drifted during the test: the load is interpolated and its interval widened")
+    ratios = [m.residual_ratio for m in found if math.isfinite(m.residual_ratio)]
+    if ratios and float(np.median(ratios)) > POOR_FIT:
+        notes.append(
+            f"the two modes leave {np.median(ratios):.1f} times the noise's variance: the model is not complete here"
+        )
+    split = sum(any("disagree" in n for n in i.notes) for i in used)
+    if split > len(used) / 4:
+        notes.append(f"ERA and maximum likelihood disagree beyond their uncertainties on {split} of {len(used)} impacts")
+    return notes
+
+
+def _mean_load(shots: Sequence[Shot], history: GaugeHistory, reading: float) -> Estimate | None:
+    """Load of the accepted shots of a load: mean voltage through the gauge's line, or what the file says."""
+    if not shots:
+        return None
+    voltage = [_shot_voltage(s) for s in shots]
+    middle = sorted(s.time for s in shots)[len(shots) // 2]
+    if all(map(math.isfinite, voltage)):
+        spread = float(np.std(voltage, ddof=1)) if len(voltage) > 1 else reading
+        by_gauge = history.load_at(float(np.mean(voltage)), middle, max(spread, reading / 2) / math.sqrt(len(voltage)))
+        if by_gauge is not None:
+            return by_gauge
+    written = [w for w in map(_written_load, shots) if math.isfinite(w)]
+    if not written:
+        return None
+    if len(written) == 1:
+        return _shot_load(shots[0], history, reading)
+    return Estimate(float(np.mean(written)), float(np.std(written, ddof=1)) / math.sqrt(len(written)), len(written) - 1)
+
+
+def _averaged_spectrum(shots: Sequence[Shot]) -> Spectrum | None:
+    """Mean amplitude spectrum of the shots (Fig. 6b), each from its trigger on; m/s2 per Hz."""
+    if not shots:
+        return None
+    rate = shots[0].sample_rate_hz
+    length = min(s.acceleration.shape[1] - s.pretrigger for s in shots)
+    if length < 16 or any(s.sample_rate_hz != rate for s in shots):
+        return None
+    amplitude = np.mean(
+        [np.abs(np.fft.rfft(s.acceleration.mean(axis=0)[s.pretrigger : s.pretrigger + length])) for s in shots], axis=0
+    )
+    frequency = np.fft.rfftfreq(length, 1 / rate).astype(np.float64)
+    return Spectrum(frequency, np.asarray(amplitude, np.float64) / rate)

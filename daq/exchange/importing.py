@@ -1,0 +1,166 @@
+"""From a file of any known format to a recording, and from a recording to a session."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from daq.errors import RecordingError
+from daq.exchange.recording import Columns, Recording, make_recording
+from daq.records import RigDescription, Session, Shot
+from daq.trigger import find_trigger
+
+LARGEST_FILE = 2_000_000_000
+"""Bytes beyond which a file is not read."""
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_KNOWN_OTHERS = {
+    b"\x89PNG": "a PNG image",
+    b"\xff\xd8\xff": "a JPEG image",
+    b"GIF8": "a GIF image",
+    b"%PDF": "a PDF document",
+    b"PK\x03\x04": "a ZIP archive or office document",
+    b"\x1f\x8b": "a gzip archive",
+    b"RIFF": "a WAV or AVI file",
+    b"TDSm": "a TDMS file",
+}
+
+
+def import_recording(
+    path: str | Path,
+    rate_hz: float | None = None,
+    channels: Sequence[str | int] | None = None,
+    unit: str | None = None,
+) -> Recording:
+    """Read a recording from a CSV, MAT (up to 7.3) or universal file, told apart by content.
+
+    Parameters
+    ----------
+    rate_hz
+        Sampling rate, Hz. Needed where the file has no times; where it has, the two must agree to 0.5 %.
+    channels
+        Names, or numbers from 0, of the channels wanted; the column of times is none. All by default.
+    unit
+        Unit of the samples where the file does not say, or says wrongly; "g" becomes m/s2.
+
+    Raises
+    ------
+    RecordingError
+        One sentence: what about which file, channel, line or sample.
+    """
+    path = Path(path)
+    return make_recording(path, _read(path), rate_hz, channels, unit)
+
+
+def _read(path: Path) -> Columns:
+    # The readers are imported where they are used: a CSV file should not wait for scipy, h5py and pyuff.
+    try:
+        if path.is_dir():
+            raise RecordingError(f"{path}: is a folder, not a file")
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            raise RecordingError(f"{path}: is larger than {LARGEST_FILE // 10**9} GB, more than this program takes")
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise RecordingError(f"{path}: there is no such file") from None
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if not content.strip():
+        raise RecordingError(f"{path}: the file is empty")
+    for start, kind in _KNOWN_OTHERS.items():
+        if content.startswith(start):
+            raise RecordingError(f"{path}: is no recording but {kind}")
+    if content.startswith(_HDF5) or content[512:520] == _HDF5:
+        from daq.exchange.matlab import read_mat73
+
+        return read_mat73(path)
+    if content.startswith(b"MATLAB") or path.suffix.lower() == ".mat":
+        from daq.exchange.matlab import read_mat5
+
+        return read_mat5(path, content)
+    from daq.exchange.universal import BEGINS, read_universal
+
+    if BEGINS.match(content):
+        return read_universal(path, content)
+    from daq.exchange.text import read_text
+
+    return read_text(path, content)
+
+
+def as_session(recording: Recording, channels: Sequence[str | int] | None = None) -> Session:
+    """Return a session of one impact: two channels in the place of A and B, all of them kept beside.
+
+    Nothing is known of the rig but the sampling rate; loads are NaN. The trigger is found in the two channels;
+    where they hold no onset the record begins with it.
+
+    Parameters
+    ----------
+    channels
+        Names, or numbers from 0, of the two channels; the first two by default.
+
+    Raises
+    ------
+    RecordingError
+        There are no two channels, or one of those asked for is not there.
+    """
+    names = recording.names
+    if len(names) < 2:
+        raise RecordingError(f"{recording.source}: has only one channel ({names[0]}), two are needed")
+    wanted = (0, 1) if channels is None else tuple(_place(recording, channel) for channel in channels)
+    if len(wanted) != 2 or wanted[0] == wanted[1]:
+        raise RecordingError(f"{recording.source}: two different channels are needed, of {', '.join(names)}")
+    pair = recording.data[list(wanted)]
+    try:
+        pretrigger = find_trigger(pair, recording.rate_hz)
+    except RecordingError:
+        pretrigger = 0
+    source = Path(recording.source)
+    time = _modified(source)
+    shot = Shot(
+        number=0,
+        load_set=0,
+        target_load_mn=math.nan,
+        load_before_mn=math.nan,
+        load_after_mn=math.nan,
+        time=time,
+        sample_rate_hz=recording.rate_hz,
+        pretrigger=pretrigger,
+        acceleration=pair,
+        accepted=True,
+        extra={
+            "imported_from": source.name,
+            "unit": recording.unit,
+            "channels_as_a_and_b": [names[i] for i in wanted],
+        },
+        channels=recording.data,
+        channel_names=names,
+    )
+    return Session(
+        created=time,
+        rig=RigDescription(sample_rate_hz=recording.rate_hz, filter_family=""),
+        shots=(shot,),
+        title=source.name,
+        complete=True,
+        source=recording.source,
+    )
+
+
+def _place(recording: Recording, channel: str | int) -> int:
+    names = recording.names
+    if isinstance(channel, str) and channel in names:
+        return names.index(channel)
+    if isinstance(channel, int) or (channel.isascii() and channel.isdigit() and len(channel) < 9):
+        number = int(channel)
+        if 0 <= number < len(names):
+            return number
+    raise RecordingError(f"{recording.source}: has no channel {channel}; it holds {', '.join(names)}")
+
+
+def _modified(path: Path) -> str:
+    try:
+        seconds = path.stat().st_mtime
+    except OSError:
+        seconds = datetime.now(UTC).timestamp()
+    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

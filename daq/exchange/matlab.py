@@ -1,0 +1,100 @@
+"""MAT files: version 5 and older through scipy, version 7.3 as the HDF5 it is."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from scipy.io import loadmat
+
+from daq.errors import RecordingError
+from daq.exchange.arrays import NamedArrays, sort_arrays
+from daq.exchange.recording import Columns
+from daq.hdf5 import LARGEST_ARRAY, open_hdf5, reading
+
+DEEPEST = 8
+"""Structs within structs beyond which nothing is looked for."""
+
+
+def read_mat5(path: Path, content: bytes) -> Columns:
+    """Return the channels in a MAT file of version 5 or older.
+
+    Raises
+    ------
+    RecordingError
+        The file is damaged or holds no array that could be a channel.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            variables = loadmat(io.BytesIO(content))
+    except Exception as error:  # scipy raises whatever its parser stumbles over
+        raise RecordingError(f"{path}: is damaged, truncated, or no MAT file") from error
+    found = NamedArrays()
+    for name, value in variables.items():
+        if not name.startswith("__"):
+            _walk(found, name, value, 0)
+    return sort_arrays(path, found)
+
+
+def _walk(found: NamedArrays, name: str, value: Any, depth: int) -> None:
+    if depth > DEEPEST or not isinstance(value, np.ndarray):
+        return
+    if value.dtype.names:
+        for i, element in enumerate(value.reshape(-1)[:1000]):
+            for inner in value.dtype.names:
+                _walk(found, f"{name}{f'({i})' if value.size > 1 else ''}.{inner}", element[inner], depth + 1)
+    elif value.dtype.kind == "O":
+        for i, element in enumerate(value.reshape(-1)[:1000]):
+            _walk(found, f"{name}{{{i}}}" if value.size > 1 else name, element, depth + 1)
+    elif value.dtype.kind in "US":
+        found.texts[name] = "".join(str(part) for part in value.reshape(-1)[:100])
+    else:
+        found.add(name, value)
+
+
+def read_mat73(path: Path) -> Columns:
+    """Return the channels in a MAT file of version 7.3, or in another HDF5 file.
+
+    Raises
+    ------
+    RecordingError
+        The file is damaged, is a session file already, or holds no array that could be a channel.
+    """
+    found = NamedArrays()
+    with open_hdf5(path) as root:
+        if root.attribute("format") == "mesotap-session":
+            raise RecordingError(f"{path}: is a session file already: there is nothing to import")
+        _walk_group(path, found, "", root.item, 0)
+    return sort_arrays(path, found)
+
+
+def _walk_group(path: Path, found: NamedArrays, name: str, group: h5py.Group, depth: int) -> None:
+    if depth > DEEPEST:
+        return
+    for inner in group:
+        full = f"{name}.{inner}" if name else str(inner)
+        if str(inner).startswith("#"):  # where MATLAB keeps what cells refer to
+            continue
+        with reading(path, f"/{full.replace('.', '/')}", "is damaged"):
+            item = group.get(inner)
+            if isinstance(item, h5py.Group):
+                _walk_group(path, found, full, item, depth + 1)
+            elif isinstance(item, h5py.Dataset):
+                _take_dataset(path, found, full, item)
+
+
+def _take_dataset(path: Path, found: NamedArrays, name: str, data: h5py.Dataset) -> None:
+    if data.shape is None or "MATLAB_empty" in data.attrs:
+        return
+    if data.size > LARGEST_ARRAY:
+        raise RecordingError(f"{path}: {name} claims shape {data.shape}, more than this program takes")
+    if data.attrs.get("MATLAB_class") == b"char":
+        if data.size <= 1000:
+            found.texts[name] = "".join(chr(int(code)) for code in np.asarray(data[()]).reshape(-1))
+    elif data.dtype.kind in "fiu":
+        found.add(name, np.asarray(data[()]))

@@ -1,0 +1,198 @@
+"""One tap as an HDF5 group: `/impacts/00000` of a session file, and the whole of a shot file."""
+
+from __future__ import annotations
+
+import json
+import math
+from datetime import datetime
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import RecordingError
+from daq.hdf5 import Node, refuse_non_finite
+from daq.records import Shot
+
+ATTRIBUTE_LIMIT = 60_000
+"""Bytes an attribute may take; HDF5 ends at 64 kB."""
+
+
+def to_json(value: object) -> str:
+    """Return ``value`` as one line of JSON; numpy scalars and arrays become numbers and lists."""
+    return json.dumps(value, default=_plain, ensure_ascii=True)
+
+
+def _plain(value: object) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise RecordingError(f"a {type(value).__name__} cannot be kept as JSON")
+
+
+def check_time(text: str, where: str) -> str:
+    """Return ``text`` if it is an ISO 8601 date, or empty for unknown.
+
+    Raises
+    ------
+    RecordingError
+        It is neither.
+    """
+    if text:
+        try:
+            datetime.fromisoformat(text)
+        except ValueError:
+            raise RecordingError(f"{where} is {text!r:.40}, not an ISO 8601 date") from None
+    return text
+
+
+def check_shot(shot: Shot, where: str) -> None:
+    """Refuse a shot that `read_impact` would refuse, before it gets to disk.
+
+    Raises
+    ------
+    RecordingError
+        Names what is wrong with it.
+    """
+    a = shot.acceleration
+    if a.ndim != 2 or a.shape[0] != 2 or a.shape[1] == 0:
+        raise RecordingError(f"{where}/acceleration has shape {a.shape}, expected (2, n)")
+    refuse_non_finite(a, f"{where}/acceleration")
+    if shot.strain_mv is not None:
+        if shot.strain_mv.shape != (a.shape[1],):
+            raise RecordingError(f"{where}/strain_mv has shape {shot.strain_mv.shape}, expected ({a.shape[1]},)")
+        refuse_non_finite(shot.strain_mv, f"{where}/strain_mv")
+    if not 0 <= shot.pretrigger < a.shape[1]:
+        raise RecordingError(f"{where}: pretrigger {shot.pretrigger} lies outside the {a.shape[1]} samples recorded")
+    if not (math.isfinite(shot.sample_rate_hz) and shot.sample_rate_hz > 0):
+        raise RecordingError(f"{where}: sample_rate_hz is {shot.sample_rate_hz:g}, expected above 0")
+    if shot.load_set < 0:
+        raise RecordingError(f"{where}: load_set is {shot.load_set}, expected at least 0")
+    check_time(shot.time, f"{where}: time")
+    if shot.channels is not None:
+        if shot.channels.ndim != 2 or shot.channels.shape != (len(shot.channel_names), a.shape[1]):
+            expected = (len(shot.channel_names), a.shape[1])
+            raise RecordingError(f"{where}/channels has shape {shot.channels.shape}, expected {expected}")
+        refuse_non_finite(shot.channels, f"{where}/channels")
+
+
+def write_impact(group: h5py.Group, shot: Shot, compress: bool) -> None:
+    """Write ``shot`` into ``group``, samples kept exactly; ``compress`` trades time for a smaller file."""
+    _dataset(group, "acceleration", shot.acceleration, compress).attrs["units"] = "m/s2"
+    if shot.strain_mv is not None:
+        _dataset(group, "strain_mv", shot.strain_mv, compress).attrs["units"] = "mV"
+    if shot.channels is not None:
+        _dataset(group, "channels", shot.channels, compress)
+        group.attrs["channel_names"] = to_json(list(shot.channel_names))
+    group.attrs["load_set"] = shot.load_set
+    for name in ("target_load_mn", "load_before_mn", "load_after_mn", "voltage_before_mv", "voltage_after_mv"):
+        group.attrs[name] = float(getattr(shot, name))
+    group.attrs["time"] = shot.time
+    group.attrs["sample_rate_hz"] = float(shot.sample_rate_hz)
+    group.attrs["pretrigger"] = shot.pretrigger
+    group.attrs["accepted"] = bool(shot.accepted)
+    group.attrs["reject_reason"] = shot.reject_reason
+    extra = to_json(shot.extra)
+    if len(extra) <= ATTRIBUTE_LIMIT:
+        group.attrs["extra"] = extra
+    else:
+        group.create_dataset("extra", data=extra, dtype=h5py.string_dtype())
+
+
+def _dataset(group: h5py.Group, name: str, values: NDArray[np.float64], compress: bool) -> h5py.Dataset:
+    data = np.asarray(values, dtype=np.float64)
+    if compress:
+        return group.create_dataset(name, data=data, compression="gzip", compression_opts=4, shuffle=True)
+    return group.create_dataset(name, data=data)
+
+
+def read_impact(node: Node, number: int) -> Shot:
+    """Return the shot that `write_impact`, or another program that keeps format 1, wrote.
+
+    Raises
+    ------
+    RecordingError
+        An item of format 1 is missing or malformed; the text names it.
+    """
+    acceleration = node.values("acceleration", (2, None), floating=True)
+    data = node.child("acceleration")
+    units = data.attribute("units") if data else None
+    if units != "m/s2":
+        raise node.error(f"/acceleration: units are {units!r:.40}, expected 'm/s2'")
+    samples = acceleration.shape[1]
+    strain = node.values("strain_mv", (samples,)) if node.child("strain_mv") else None
+    pretrigger = node.count("pretrigger")
+    if pretrigger >= samples:
+        raise node.error(f": pretrigger {pretrigger} lies outside the {samples} samples recorded")
+    sample_rate = node.number("sample_rate_hz", above=0.0)
+    if math.isnan(sample_rate):
+        raise node.error(": sample_rate_hz is NaN")
+    names = _channel_names(node)
+    return Shot(
+        number=number,
+        load_set=node.count("load_set"),
+        target_load_mn=node.number("target_load_mn"),
+        load_before_mn=node.number("load_before_mn"),
+        load_after_mn=node.number("load_after_mn"),
+        time=check_time(node.text("time"), f"{node.path}: attribute time of {node.name}"),
+        sample_rate_hz=sample_rate,
+        pretrigger=pretrigger,
+        acceleration=acceleration,
+        accepted=node.flag("accepted"),
+        reject_reason=node.text("reject_reason"),
+        strain_mv=strain,
+        voltage_before_mv=_beside(node, "voltage_before_mv"),
+        voltage_after_mv=_beside(node, "voltage_after_mv"),
+        extra=_extra(node),
+        channels=node.values("channels", (len(names), samples)) if names else None,
+        channel_names=names,
+    )
+
+
+# Items beside format 1. Another program may use these names for something else: what is not ours is no fault.
+
+
+def _beside(node: Node, name: str) -> float:
+    value = node.attribute(name)
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+
+
+def _extra(node: Node) -> dict[str, Any]:
+    text = node.attribute("extra")
+    child = node.child("extra") if text is None else None
+    if child is not None and isinstance(child.item, h5py.Dataset) and child.item.shape == ():
+        text = scalar_text(child)
+    value = _json(text)
+    return value if isinstance(value, dict) else {}
+
+
+def _channel_names(node: Node) -> tuple[str, ...]:
+    value = _json(node.attribute("channel_names"))
+    return tuple(map(str, value)) if isinstance(value, list) else ()
+
+
+def _json(text: object) -> Any:
+    try:
+        return json.loads(text) if isinstance(text, str) else None
+    except (ValueError, RecursionError):
+        return None
+
+
+def scalar_text(node: Node) -> str:
+    """Return the text of a scalar string dataset.
+
+    Raises
+    ------
+    RecordingError
+        It is no dataset, no scalar, no string, or not UTF-8.
+    """
+    if not isinstance(node.item, h5py.Dataset) or node.item.shape != () or node.item.dtype.kind not in "OS":
+        raise node.error(" is not a scalar string")
+    try:
+        value = node.item[()]
+        text = value.decode("utf-8") if isinstance(value, bytes) else value
+    except (OSError, RuntimeError, ValueError, TypeError) as error:
+        raise node.error(" cannot be read as UTF-8 text") from error
+    if not isinstance(text, str):
+        raise node.error(" is not a scalar string")
+    return text

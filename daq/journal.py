@@ -1,0 +1,300 @@
+"""The running session on disk: a folder that is right whenever the program is killed.
+
+``session.json``
+    The header: what was asked for. Written once, whole. A folder without it holds no session.
+``journal.jsonl``
+    What was done, a line an event, each on the disk before the program goes on.
+``shots/00000.h5``
+    A file a shot, complete or absent, with the checkpoint of the rig after it.
+``lock``
+    Held by the one program that works here; the system frees it when the program dies.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import h5py
+
+from daq.durable import PART, sync_folder, write_error, write_whole
+from daq.errors import RecordingError
+from daq.hdf5 import open_hdf5, reading
+from daq.impact_group import check_shot, read_impact, scalar_text, to_json, write_impact
+from daq.records import Shot
+
+HEADER, JOURNAL, SHOTS, LOCK = "session.json", "journal.jsonl", "shots", "lock"
+SHOT_FORMAT = "mesotap-shot"
+
+
+class SessionFolder:
+    """A session that runs, or that was stopped and goes on. Make one with `create` or `open`; close it at the end.
+
+    Attributes
+    ----------
+    path
+        The folder.
+    header
+        What `create` was given, as JSON types.
+    """
+
+    def __init__(self, path: Path, lock: int, header: dict[str, Any]) -> None:
+        self.path = path
+        self.header = header
+        self._lock = lock
+        self._journal, self._events, self._length = _open_journal(path / JOURNAL)
+        _remove_parts(path)
+
+    @classmethod
+    def create(cls, path: str | Path, header: dict[str, Any]) -> SessionFolder:
+        """Begin a session in a new folder, or in one that was left before its header was written.
+
+        Raises
+        ------
+        RecordingError
+            The folder holds a session already, another program works in it, or it cannot be written.
+        """
+        path = Path(path)
+        try:
+            (path / SHOTS).mkdir(parents=True, exist_ok=True)
+            sync_folder(path)
+            sync_folder(path.parent)
+        except OSError as error:
+            raise write_error(path, error) from error
+        lock = _take_lock(path)
+        try:
+            if any((path / name).exists() for name in (HEADER, JOURNAL)) or any((path / SHOTS).glob("*.h5")):
+                raise RecordingError(f"{path}: holds a session already; resume it, or name another folder")
+            content = to_json(header)
+            write_whole(path / HEADER, content.encode() + b"\n")
+            return cls(path, lock, json.loads(content))
+        except BaseException:
+            os.close(lock)
+            raise
+
+    @classmethod
+    def open(cls, path: str | Path) -> SessionFolder:
+        """Go on with a session: takes the lock, drops what a kill left half written.
+
+        Raises
+        ------
+        RecordingError
+            No session is there, another program works on it, or its header or journal is damaged.
+        """
+        path = Path(path)
+        if not path.is_dir():
+            raise RecordingError(f"{path}: there is no such session folder")
+        if not (path / SHOTS).is_dir() and not (path / HEADER).exists():
+            raise RecordingError(f"{path}: is no session folder: it holds no {HEADER}")
+        lock = _take_lock(path)
+        try:
+            return cls(path, lock, _read_header(path))
+        except BaseException:
+            os.close(lock)
+            raise
+
+    def append(self, event: dict[str, Any]) -> None:
+        """Add an event (a dict of JSON types with a key ``event``) to the journal; it is on disk on return.
+
+        Raises
+        ------
+        RecordingError
+            The event is none, or the disk is full; the journal is then as it was before.
+        """
+        if "event" not in event:
+            raise RecordingError(f"{self.path / JOURNAL}: an entry without the key 'event' was to be written")
+        content = to_json(event)
+        line = content.encode() + b"\n"
+        try:
+            _write_all(self._journal, line)
+            os.fsync(self._journal)
+        except OSError as error:
+            os.ftruncate(self._journal, self._length)
+            raise write_error(self.path / JOURNAL, error) from error
+        self._length += len(line)
+        self._events.append(json.loads(content))
+
+    def events(self) -> list[dict[str, Any]]:
+        """Return all events in order, those of earlier runs included."""
+        return list(self._events)
+
+    def write_shot(self, shot: Shot, checkpoint: dict[str, Any]) -> None:
+        """Keep a shot, and the rig's state after it; on disk on return, absent if killed before.
+
+        Raises
+        ------
+        RecordingError
+            The shot is malformed, one of its number exists, or the disk is full.
+        """
+        path = self._shot_path(shot.number)
+        if path.exists():
+            raise RecordingError(f"{path}: this shot was recorded already")
+        check_shot(shot, str(path))
+        try:
+            with h5py.File("shot", "w", driver="core", backing_store=False) as file:
+                file.attrs["format"] = SHOT_FORMAT
+                file.attrs["number"] = shot.number
+                write_impact(file.create_group("shot"), shot, compress=False)
+                file.create_dataset("checkpoint", data=to_json(checkpoint), dtype=h5py.string_dtype())
+                file.flush()
+                image = file.id.get_file_image()
+        except (ValueError, TypeError, RuntimeError, OSError) as error:
+            raise RecordingError(f"{path}: the shot cannot be put into a file: {error}") from error
+        write_whole(path, image)
+
+    def shot_numbers(self) -> list[int]:
+        """Return the numbers of all complete shots, ascending."""
+        try:
+            names = [entry.stem for entry in (self.path / SHOTS).iterdir() if entry.suffix == ".h5"]
+        except OSError as error:
+            raise RecordingError(f"{self.path / SHOTS}: cannot be listed: {error.strerror}") from error
+        return sorted(int(name) for name in names if name.isascii() and name.isdigit())
+
+    def read_shot(self, number: int) -> tuple[Shot, dict[str, Any]]:
+        """Return shot ``number`` and the checkpoint kept with it.
+
+        Raises
+        ------
+        RecordingError
+            There is no such shot, or its file is damaged.
+        """
+        path = self._shot_path(number)
+        with open_hdf5(path) as root:
+            if root.attribute("format") != SHOT_FORMAT or root.count("number") != number:
+                raise RecordingError(f"{path}: is not the file of shot {number}")
+            checkpoint = root.child("checkpoint")
+            if checkpoint is None:
+                raise root.error(" is missing", "/checkpoint")
+            with reading(path, "/checkpoint"):
+                state = json.loads(scalar_text(checkpoint))
+            if not isinstance(state, dict):
+                raise checkpoint.error(" is not a JSON object")
+            return read_impact(root.need_group("shot"), number), state
+
+    def shots(self) -> list[Shot]:
+        """Return all complete shots in order; `RecordingError` names a damaged file."""
+        return [self.read_shot(number)[0] for number in self.shot_numbers()]
+
+    def close(self) -> None:
+        """Let go of the folder; harmless when called twice."""
+        for name in ("_journal", "_lock"):
+            descriptor = getattr(self, name)
+            if descriptor >= 0:
+                os.close(descriptor)
+                setattr(self, name, -1)
+
+    def __enter__(self) -> SessionFolder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _shot_path(self, number: int) -> Path:
+        return self.path / SHOTS / f"{number:05d}.h5"
+
+
+def _take_lock(path: Path) -> int:
+    try:
+        descriptor = os.open(path / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise write_error(path / LOCK, error) from error
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(descriptor)
+        raise RecordingError(f"{path}: another program works on this session; end it first") from error
+    return descriptor
+
+
+def _read_header(path: Path) -> dict[str, Any]:
+    file = path / HEADER
+    try:
+        header = json.loads(file.read_bytes())
+    except FileNotFoundError:
+        raise RecordingError(
+            f"{path}: holds no session: it was stopped before it began; start it again with mesotap run"
+        ) from None
+    except OSError as error:
+        raise RecordingError(f"{file}: cannot be read: {error.strerror}") from error
+    except (ValueError, RecursionError):
+        header = None
+    if not isinstance(header, dict):
+        raise RecordingError(f"{file}: is damaged: it is not a JSON object")
+    return header
+
+
+def _open_journal(path: Path) -> tuple[int, list[dict[str, Any]], int]:
+    """Return the journal's descriptor, its events, and its length in bytes after a torn tail was cut off."""
+    try:
+        new = not path.exists()
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+    except OSError as error:
+        raise write_error(path, error) from error
+    try:
+        content = path.read_bytes()
+        events, length = parse_journal(content, path)
+        if length < len(content):
+            os.ftruncate(descriptor, length)
+            os.fsync(descriptor)
+        if new:
+            sync_folder(path.parent)
+    except BaseException as error:
+        os.close(descriptor)
+        if isinstance(error, OSError):
+            raise write_error(path, error) from error
+        raise
+    return descriptor, events, length
+
+
+def parse_journal(content: bytes, path: Path) -> tuple[list[dict[str, Any]], int]:
+    """Return the events in a journal and how many of its bytes they take; a torn last line is left out.
+
+    A line counts once its line end is there. A last line that is no event was cut off in a power failure
+    (it was never reported as written) and is left out too.
+
+    Raises
+    ------
+    RecordingError
+        A line before the last one is no event; its number is named.
+    """
+    lines = content.split(b"\n")[:-1]
+    events: list[dict[str, Any]] = []
+    length = 0
+    for number, line in enumerate(lines, start=1):
+        event = _parse_event(line)
+        if event is None:
+            if number == len(lines):
+                break
+            raise RecordingError(f"{path}: line {number} is damaged: it is no journal entry")
+        events.append(event)
+        length += len(line) + 1
+    return events, length
+
+
+def _parse_event(line: bytes) -> dict[str, Any] | None:
+    try:
+        event = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    return event if isinstance(event, dict) and "event" in event else None
+
+
+def _write_all(descriptor: int, content: bytes) -> None:
+    rest = memoryview(content)
+    while rest:
+        rest = rest[os.write(descriptor, rest) :]
+
+
+def _remove_parts(path: Path) -> None:
+    try:
+        for folder in (path, path / SHOTS):
+            for part in folder.glob(f"*{PART}"):
+                part.unlink()
+    except OSError as error:
+        raise write_error(path, error) from error

@@ -1,0 +1,206 @@
+"""The session file, format 1: one HDF5 file that holds a whole test session."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from daq.durable import write_whole
+from daq.errors import RecordingError
+from daq.hdf5 import LARGEST_ARRAY, Node, open_hdf5, reading, refuse_non_finite
+from daq.impact_group import ATTRIBUTE_LIMIT, check_shot, check_time, read_impact, scalar_text, write_impact
+from daq.records import CalibrationPoints, RigDescription, Session, Shot
+
+FORMAT = "mesotap-session"
+VERSION = 1
+FAMILIES = ("butterworth", "none", "")
+RATE_TOLERANCE = 0.01
+"""Relative difference between the rig's sampling rate and an impact's that a recorder's clock may explain."""
+
+_TEXTS = ("created", "operator", "specimen", "title", "software")
+
+
+def write_session(path: str | Path, session: Session) -> None:
+    """Write a session file, whole or not at all: a kill at any instant leaves the file that was there before.
+
+    Raises
+    ------
+    RecordingError
+        The session holds something that format 1 does not (the item is named), or the file cannot be written.
+    """
+    path = Path(path)
+    _check_session(path, session)
+    try:
+        image = _image(session)
+    except (ValueError, TypeError, RuntimeError, OSError) as error:
+        raise RecordingError(f"{path}: the session cannot be put into a file: {error}") from error
+    write_whole(path, image)
+
+
+def _check_session(path: Path, session: Session) -> None:
+    for name in (*_TEXTS, "config"):
+        text = getattr(session, name)
+        if "\0" in text or not _is_utf8(text):
+            raise RecordingError(f"{path}: {name} holds a character that cannot be stored")
+        if name != "config" and len(text.encode()) > ATTRIBUTE_LIMIT:
+            raise RecordingError(f"{path}: {name} is longer than {ATTRIBUTE_LIMIT} bytes")
+    check_time(session.created, f"{path}: created")
+    if session.rig.filter_family not in FAMILIES:
+        raise RecordingError(
+            f"{path}: filter_family is {session.rig.filter_family!r:.40}, expected one of {FAMILIES[:2]}"
+        )
+    for when, points in (("pre", session.pre), ("post", session.post)):
+        if points is None:
+            continue
+        if points.load_mn.ndim != 1 or points.load_mn.shape != points.voltage_mv.shape or not points.load_mn.size:
+            raise RecordingError(f"{path}: /calibration/{when}: load_mn and voltage_mv are not two lists of one length")
+        refuse_non_finite(points.load_mn, f"{path}: /calibration/{when}/load_mn")
+        refuse_non_finite(points.voltage_mv, f"{path}: /calibration/{when}/voltage_mv")
+        check_time(points.time, f"{path}: /calibration/{when}: time")
+    if len({shot.number for shot in session.shots}) < len(session.shots):
+        raise RecordingError(f"{path}: two impacts have the same number")
+    for shot in session.shots:
+        check_shot(shot, f"{path}: /impacts/{shot.name}")
+
+
+def _is_utf8(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _image(session: Session) -> bytes:
+    """Return the bytes of the session file. Built in memory, so that a full disk meets plain file writing only."""
+    with h5py.File("session", "w", driver="core", backing_store=False) as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["format_version"] = VERSION
+        for name in _TEXTS:
+            file.attrs[name] = getattr(session, name)
+        file.attrs["complete"] = bool(session.complete)
+        file.create_dataset("config", data=session.config, dtype=h5py.string_dtype())
+        rig = file.create_group("rig")
+        for item in fields(RigDescription):
+            value = getattr(session.rig, item.name)
+            if item.name != "filter_family" or value:
+                rig.attrs[item.name] = value
+        for when, points in (("pre", session.pre), ("post", session.post)):
+            if points is not None:
+                group = file.create_group(f"calibration/{when}")
+                group.create_dataset("load_mn", data=np.asarray(points.load_mn, dtype=np.float64))
+                group.create_dataset("voltage_mv", data=np.asarray(points.voltage_mv, dtype=np.float64))
+                group.attrs["time"] = points.time
+        impacts = file.create_group("impacts")
+        for shot in session.shots:
+            write_impact(impacts.create_group(shot.name), shot, compress=True)
+        file.flush()
+        return bytes(file.id.get_file_image())
+
+
+def read_session(path: str | Path) -> Session:
+    """Return the session in a file of format 1, everything in it checked; what is beside the format is ignored.
+
+    The file's path becomes the session's ``source``.
+
+    Raises
+    ------
+    RecordingError
+        No such file, no HDF5 file, a damaged one, or an item is missing or malformed: one sentence that names it.
+    """
+    path = Path(path)
+    with open_hdf5(path) as root:
+        kind = root.attribute("format")
+        if kind != FORMAT:
+            raise RecordingError(
+                f"{path}: is no session file: attribute format of / is {kind!r:.40}, expected {FORMAT!r}"
+            )
+        version = root.number("format_version")
+        if version != VERSION:
+            raise RecordingError(f"{path}: attribute format_version of / is {version:g}, this program reads {VERSION}")
+        created = check_time(root.text("created"), f"{path}: attribute created of /")
+        config = root.child("config")
+        if config is None:
+            raise root.error(" is missing", "/config")
+        rig = _read_rig(root.need_group("rig"))
+        calibration = root.group("calibration")
+        return Session(
+            created=created,
+            rig=rig,
+            shots=_read_impacts(root.need_group("impacts"), rig.sample_rate_hz),
+            pre=_read_points(calibration, "pre"),
+            post=_read_points(calibration, "post"),
+            operator=root.text("operator"),
+            specimen=root.text("specimen"),
+            title=root.text("title"),
+            software=root.text("software"),
+            complete=root.flag("complete"),
+            config=scalar_text(config),
+            source=str(path),
+        )
+
+
+def _read_rig(node: Node) -> RigDescription:
+    family = node.attribute("filter_family")
+    if family is not None and family not in FAMILIES:
+        raise node.error(f": filter_family is {family!r:.40}, expected 'butterworth' or 'none'")
+    positive = {
+        name: node.number(name, required=False, above=0.0)
+        for name in ("m1_kg", "m2_kg", "k1_n_per_m", "k2_n_per_m", "sample_rate_hz", "full_scale_m_s2")
+    }
+    corner = {name: node.number(name, required=False, least=0.0) for name in ("highpass_hz", "lowpass_hz")}
+    count = {name: _known_count(node, name) for name in ("highpass_order", "lowpass_order", "bits")}
+    return RigDescription(
+        m1_kg=positive["m1_kg"],
+        m2_kg=positive["m2_kg"],
+        k1_n_per_m=positive["k1_n_per_m"],
+        k2_n_per_m=positive["k2_n_per_m"],
+        sample_rate_hz=positive["sample_rate_hz"],
+        highpass_hz=corner["highpass_hz"],
+        highpass_order=count["highpass_order"],
+        lowpass_hz=corner["lowpass_hz"],
+        lowpass_order=count["lowpass_order"],
+        filter_family=family or "",
+        full_scale_m_s2=positive["full_scale_m_s2"],
+        bits=count["bits"],
+    )
+
+
+def _known_count(node: Node, name: str) -> int:
+    return 0 if math.isnan(node.number(name, required=False)) else node.count(name)
+
+
+def _read_points(calibration: Node | None, when: str) -> CalibrationPoints | None:
+    node = calibration.group(when) if calibration else None
+    if node is None:
+        return None
+    load, voltage = node.values("load_mn", (None,)), node.values("voltage_mv", (None,))
+    if load.shape != voltage.shape:
+        raise node.error(f": load_mn has {load.size} values but voltage_mv has {voltage.size}")
+    return CalibrationPoints(
+        load, voltage, check_time(node.text("time"), f"{node.path}: attribute time of {node.name}")
+    )
+
+
+def _read_impacts(impacts: Node, rig_rate_hz: float) -> tuple[Shot, ...]:
+    shots: list[Shot] = []
+    values = 0
+    for name in sorted((n for n in impacts.names() if n.isascii() and n.isdigit()), key=int):
+        node = impacts.need_group(name)
+        number = int(name)
+        if name != f"{number:05d}":
+            raise node.error(": an impact's name has five digits")
+        with reading(node.path, node.name):
+            acceleration = node.item.get("acceleration")
+            values += int(getattr(acceleration, "size", 0) or 0)
+        if values > LARGEST_ARRAY:
+            raise node.error(f": the impacts claim more than {LARGEST_ARRAY} samples together")
+        shot = read_impact(node, number)
+        if math.isfinite(rig_rate_hz) and abs(shot.sample_rate_hz - rig_rate_hz) > RATE_TOLERANCE * rig_rate_hz:
+            raise node.error(f": sample_rate_hz is {shot.sample_rate_hz:g} but /rig says {rig_rate_hz:g}")
+        shots.append(shot)
+    return tuple(shots)

@@ -1,0 +1,54 @@
+"""``mesotap`` and ``python -m mesotap``: runs a command; what a person can cause ends in one sentence and exit code 2."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+REFUSED = 2
+INTERRUPTED = 130
+
+
+def main() -> None:
+    """Run the command line."""
+    from mesotap.cli import app
+
+    try:
+        app()
+    except KeyboardInterrupt:
+        sys.stderr.write("mesotap: interrupted\n")
+        sys.exit(INTERRUPTED)
+    except BrokenPipeError:
+        # whoever read the output has gone; nothing more can be told
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except Exception as error:
+        sentence = _sentence(error)
+        if sentence is None:
+            raise
+        sys.stderr.write(f"mesotap: {sentence}\n")
+        for note in getattr(error, "__notes__", ()):
+            sys.stderr.write(f"mesotap: {note}\n")
+        sys.exit(INTERRUPTED if type(error).__name__ == "SessionAborted" else REFUSED)
+
+
+def _sentence(error: Exception) -> str | None:
+    """Return the sentence of an error that is meant for a person, None for a fault of the program."""
+    from analysis.modal.exponentials import FitFailure
+    from analysis.session import AnalysisError
+    from analysis.stiffness import ResonanceError
+    from calibration.line import CalibrationError
+    from daq.errors import RecordingError
+    from mesotap.config import ConfigError
+    from rig import RigError
+
+    meant = (AnalysisError, CalibrationError, ConfigError, FitFailure, RecordingError, ResonanceError, RigError)
+    if isinstance(error, meant):
+        return str(error)
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return None
+
+
+if __name__ == "__main__":
+    main()

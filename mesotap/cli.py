@@ -1,0 +1,254 @@
+"""The command line of `mesotap`. Each command only says what it takes; the work is imported when it is called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+app = typer.Typer(
+    name="mesotap",
+    help="Contact stiffness and damping from contact resonance: run the tester, analyse its sessions, write the report.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"max_content_width": 110},
+)
+config_app = typer.Typer(help="Check, show or begin a config.yaml.", no_args_is_help=True)
+app.add_typer(config_app, name="config")
+
+ConfigPath = Annotated[
+    Optional[Path],
+    typer.Option("--config", "-c", help="Configuration; config.yaml of this folder by default.", show_default=False),
+]
+Changes = Annotated[
+    Optional[list[str]],
+    typer.Option("--set", metavar="KEY=VALUE", help="Override one key, such as mesotap.dwell_s=0.", show_default=False),
+]
+JsonPath = Annotated[
+    Optional[Path],
+    typer.Option("--json", metavar="OUT.json", help="Also write the answer for programs.", show_default=False),
+]
+Simulate = Annotated[bool, typer.Option("--simulate", help="On the simulated rig instead of the real one.")]
+Seed = Annotated[
+    Optional[int],
+    typer.Option("--seed", min=0, help="Seed of the simulated rig, instead of the one configured.", show_default=False),
+]
+Session = Annotated[Path, typer.Argument(help="Session file, or the folder of a session.", show_default=False)]
+Report = Annotated[
+    Optional[Path],
+    typer.Option("--report", metavar="FOLDER", help="Also write the report into this folder.", show_default=False),
+]
+
+
+def _console() -> Console:
+    from rich.console import Console
+
+    return Console()
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from mesotap import __version__
+
+        typer.echo(f"mesotap {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which version this is.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def run(
+    simulate: Simulate = False,
+    config: ConfigPath = None,
+    output: Annotated[
+        Optional[Path],
+        typer.Option("--output", "-o", help="Folder of the session; sessions/<time> by default.", show_default=False),
+    ] = None,
+    seed: Seed = None,
+    realtime: Annotated[
+        bool, typer.Option("--realtime", help="Let simulated time pass as on the bench.")
+    ] = False,
+    changes: Changes = None,
+    json: JsonPath = None,
+) -> None:
+    """Run a test session: calibrate, approach, eight good taps at each load, calibrate again, report.
+
+    Keys: p pauses, q ends safely. Whatever ends it, 'mesotap resume' goes on.
+    """
+    from mesotap.commands.session import run as begin
+
+    begin(config, changes or (), simulate, seed, realtime, output, json, _console())
+
+
+@app.command()
+def resume(
+    folder: Annotated[Path, typer.Argument(help="Folder of the session.", show_default=False)],
+    json: JsonPath = None,
+) -> None:
+    """Go on with a session that was ended, interrupted or killed; nothing accepted is lost."""
+    from mesotap.commands.session import resume as go_on
+
+    go_on(folder, json, _console())
+
+
+@app.command()
+def calibrate(
+    simulate: Simulate = False,
+    config: ConfigPath = None,
+    seed: Seed = None,
+    changes: Changes = None,
+    json: JsonPath = None,
+) -> None:
+    """Calibrate the strain gauge with the dead weights, apart from a session."""
+    from mesotap.commands.session import calibrate_gauge
+
+    calibrate_gauge(config, changes or (), simulate, seed, json, _console())
+
+
+@app.command()
+def analyze(
+    files: Annotated[
+        list[Path], typer.Argument(help="Session files, session folders, or other recordings.", show_default=False)
+    ],
+    method: Annotated[
+        Optional[str],
+        typer.Option("--method", metavar="ml|era", help="Instead of the configured one.", show_default=False),
+    ] = None,
+    rate: Annotated[
+        Optional[float],
+        typer.Option("--rate", help="Sampling rate in Hz of a recording that does not say.", show_default=False),
+    ] = None,
+    config: ConfigPath = None,
+    changes: Changes = None,
+    report: Report = None,
+    json: JsonPath = None,
+) -> None:
+    """Find the modes of every impact and k_c and zeta of every load; of any other ring-down, its modes."""
+    from mesotap.commands.files import analyze as answer
+
+    answer(files, method, rate, config, changes or (), report, json, _console())
+
+
+@app.command()
+def report(
+    session: Session,
+    output: Annotated[
+        Optional[Path],
+        typer.Option("--output", "-o", help="Folder for the report; beside the session by default.", show_default=False),
+    ] = None,
+    config: ConfigPath = None,
+    changes: Changes = None,
+    json: JsonPath = None,
+) -> None:
+    """Write the report of a session, finished or not."""
+    from mesotap.commands.files import write_session_report
+
+    write_session_report(session, output, config, changes or (), json, _console())
+
+
+@app.command()
+def simulate(
+    output: Annotated[Path, typer.Argument(help="Session file to write.", show_default=False)],
+    load: Annotated[float, typer.Option("--load", min=0.0, help="Preload in mN.")] = 500.0,
+    config: ConfigPath = None,
+    seed: Seed = None,
+    changes: Changes = None,
+    json: JsonPath = None,
+) -> None:
+    """Record one ring-down of the simulated rig into a session file."""
+    from mesotap.commands.session import simulate_one
+
+    simulate_one(config, changes or (), output, load, seed, json, _console())
+
+
+@app.command()
+def published(report: Report = None, json: JsonPath = None) -> None:
+    """Analyse the paper's Tables 3 and 5 again, and list where its text contradicts itself."""
+    from mesotap.commands.files import published as answer
+
+    answer(report, json, _console())
+
+
+@app.command("import")
+def import_(
+    file: Annotated[Path, typer.Argument(help="CSV, MAT or UFF58 file.", show_default=False)],
+    output: Annotated[
+        Optional[Path],
+        typer.Argument(help="Session file to write; the same name with .h5 by default.", show_default=False),
+    ] = None,
+    rate: Annotated[
+        Optional[float],
+        typer.Option("--rate", help="Sampling rate in Hz, where the file does not say.", show_default=False),
+    ] = None,
+    channel: Annotated[
+        Optional[list[str]],
+        typer.Option("--channel", help="A, then B: name or number; the first two by default.", show_default=False),
+    ] = None,
+    json: JsonPath = None,
+) -> None:
+    """Make a session file of a recording by another program."""
+    from mesotap.commands.files import import_file
+
+    import_file(file, output, rate, channel or (), json, _console())
+
+
+@app.command()
+def info(
+    file: Annotated[Path, typer.Argument(help="Session file, session folder or recording.", show_default=False)],
+    json: JsonPath = None,
+) -> None:
+    """Say what a file holds."""
+    from mesotap.commands.files import info as describe
+
+    describe(file, json, _console())
+
+
+@config_app.command("check")
+def config_check(
+    file: Annotated[Optional[Path], typer.Argument(help="config.yaml by default.", show_default=False)] = None,
+    changes: Changes = None,
+) -> None:
+    """Hold a configuration against what is allowed."""
+    from mesotap.config import load_config
+
+    load_config(file, changes or ())
+    typer.echo(f"{file or 'config.yaml'}: good")
+
+
+@config_app.command("show")
+def config_show(config: ConfigPath = None, changes: Changes = None, json: JsonPath = None) -> None:
+    """Print every key with the value in force."""
+    from mesotap.commands.answers import write_json
+    from mesotap.config import effective_text, load_config
+
+    loaded = load_config(config, changes or ())
+    if json is None or str(json) != "-":
+        typer.echo(effective_text(loaded), nl=False)
+    write_json(json, loaded.model_dump(mode="json"))
+
+
+@config_app.command("init")
+def config_init(
+    file: Annotated[Path, typer.Argument(help="File to begin.")] = Path("config.yaml"),
+) -> None:
+    """Begin a commented configuration; never overwrites one."""
+    from mesotap.config import ConfigError, default_text
+
+    try:
+        with file.open("x", encoding="utf-8") as new:
+            new.write(default_text())
+    except FileExistsError:
+        raise ConfigError(f"{file}: exists already; it is left as it is") from None
+    typer.echo(f"{file}: begun; edit it, then 'mesotap config check {file}'")

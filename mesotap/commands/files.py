@@ -1,0 +1,295 @@
+"""``analyze``, ``report``, ``published``, ``import`` and ``info``: what works on files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from analysis.modal.identify import identify_ring_down
+from analysis.results import Mode, RecordingModes, SessionResults
+from daq.errors import RecordingError
+from daq.exchange import Recording, as_session, import_recording
+from daq.records import Session
+from daq.session_file import read_session, write_session
+from mesotap.commands.answers import analysed, write_json
+from mesotap.commands.session import SESSION_FILE, partial
+from mesotap.config import Config, ConfigError, load_config, parse_config
+from mesotap.results_files import modes_json, results_json
+from mesotap.rounding import with_uncertainty
+
+SESSION_SUFFIXES = (".h5", ".hdf5")
+METHODS = ("ml", "era")
+
+
+def analyze(
+    files: Sequence[Path],
+    method: str | None,
+    rate: float | None,
+    config_path: Path | None,
+    changes: Sequence[str],
+    report: Path | None,
+    json_path: Path | None,
+    console: Console,
+) -> None:
+    """Analyse each file, print its table, and write the answers: one, or a list of them for several files."""
+    if method is not None and method not in METHODS:
+        raise ConfigError(f"--method {method}: allowed are {' and '.join(METHODS)}")
+    changes = [*changes, *([f"analysis.method={method}"] if method else [])]
+    answers = []
+    for file in files:
+        folder = report if report is None or len(files) == 1 else report / file.stem
+        answers.append(_analyze_one(file, rate, config_path, changes, folder, console))
+    write_json(json_path, answers[0] if len(answers) == 1 else answers)
+
+
+def _analyze_one(
+    file: Path,
+    rate: float | None,
+    config_path: Path | None,
+    changes: Sequence[str],
+    report: Path | None,
+    console: Console,
+) -> dict[str, Any]:
+    opened = _opened(file, rate)
+    if isinstance(opened, Session) and opened.rig.is_tester:
+        config = _config_for(opened, config_path, changes)
+        if report is not None:
+            results = _session_report(file, opened, config, report, console)
+        else:
+            results = analysed(opened, config, console)
+        _show_session(results, console)
+        return results_json(results)
+    recording = _as_recording(opened) if isinstance(opened, Session) else opened
+    config = load_config(config_path, changes)
+    modes = modes_of(recording, config.analysis.method)
+    _show_modes(modes, console)
+    if report is not None:
+        from mesotap.report import recording_report
+
+        page = recording_report(report, recording, modes)
+        console.print(f"report {page}", highlight=False, soft_wrap=True)
+    return modes_json(modes)
+
+
+def modes_of(recording: Recording, method: str) -> RecordingModes:
+    """Modes of a recording that is no session of the tester."""
+    found = identify_ring_down(recording.data, recording.rate_hz, method=method)
+    return RecordingModes(
+        source=recording.source,
+        method=method,
+        modes=tuple(
+            Mode(m.frequency_hz, m.damping_ratio, tuple(2 * float(a) for a in np.abs(m.amplitude))) for m in found.modes
+        ),
+        notes=(*found.notes, f"the modes leave {100 * found.residual_share:.2g} % of the decay's energy unexplained"),
+    )
+
+
+def _opened(file: Path, rate: float | None) -> Session | Recording:
+    if file.is_dir():
+        finished = file / SESSION_FILE
+        return read_session(finished) if finished.exists() else partial(file)[0]
+    if file.suffix.lower() in SESSION_SUFFIXES:
+        return read_session(file)
+    return import_recording(file, rate_hz=rate)
+
+
+def _config_for(session: Session, config_path: Path | None, changes: Sequence[str]) -> Config:
+    """Return the configuration named on the command line, else the session's own, else the defaults."""
+    if config_path is not None or not session.config.strip():
+        return load_config(config_path, changes) if config_path is not None else parse_config("", changes=changes)
+    return parse_config(session.config, f"{session.source}: /config", changes)
+
+
+def _as_recording(session: Session) -> Recording:
+    """Return the first accepted shot of a session without a known rig, with all channels it has."""
+    shots = [s for s in session.shots if s.accepted] or list(session.shots)
+    if not shots:
+        raise RecordingError(f"{session.source}: holds no impacts")
+    shot = shots[0]
+    data = shot.acceleration if shot.channels is None else shot.channels
+    names = shot.channel_names if shot.channels is not None else ("A", "B")
+    return Recording(data, shot.sample_rate_hz, tuple(names), "m/s2", session.source)
+
+
+def write_session_report(
+    source: Path,
+    output: Path | None,
+    config_path: Path | None,
+    changes: Sequence[str],
+    json_path: Path | None,
+    console: Console,
+) -> None:
+    """Write the report of a session file or folder."""
+    opened = _opened(source, None)
+    if not isinstance(opened, Session) or not opened.rig.is_tester:
+        raise RecordingError(f"{source}: is no session of the tester; 'mesotap analyze --report' reports any other file")
+    default = source if source.is_dir() else source.parent / f"{source.stem}-report"
+    config = _config_for(opened, config_path, changes)
+    results = _session_report(source, opened, config, output or default, console)
+    write_json(json_path, results_json(results))
+
+
+def _session_report(source: Path, session: Session, config: Config, folder: Path, console: Console) -> SessionResults:
+    from analysis.contact.theory import theory
+    from mesotap.report import write_report
+
+    truths = partial(source)[2] if source.is_dir() else []
+    results = analysed(session, config, console)
+    page = write_report(folder, session, results, theory(config.analysis.contact), truths or None)
+    console.print(f"report {page}", highlight=False, soft_wrap=True)
+    return results
+
+
+def published(report: Path | None, json_path: Path | None, console: Console) -> None:
+    """Print the published tables through Eq. 11, and the paper's conflicts."""
+    from analysis.published import reanalyse
+
+    answer = reanalyse()
+    for table in answer.tables:
+        shown = Table(
+            title=f"Table {table.number}: k1 = k2 = {table.k1_n_per_m * 1e-6:.4f} MN/m from "
+            f"{table.system_resonance_hz:g} Hz; k_c grows as load^{table.log_slope:.2f}"
+        )
+        for heading in ("load, mN", "f2, Hz", "k_c, MN/m", *(f"over {law.name}" for law in table.theories)):
+            shown.add_column(heading, justify="right")
+        for i, load in enumerate(table.load_mn):
+            ratios = [f"{law.measured_over_theory[i]:.2f}" for law in table.theories]
+            stiffness = table.contact_stiffness_n_per_m[i] * 1e-6
+            shown.add_row(f"{load:.1f}", f"{table.f2_hz[i]:.0f}", f"{stiffness:.4g}", *ratios)
+        console.print(shown)
+    console.print("Conflicts in the paper's text:")
+    for conflict in answer.conflicts:
+        console.print(f"- {escape(conflict)}", highlight=False)
+    if report is not None:
+        from mesotap.report import published_report
+
+        console.print(f"report {published_report(report, answer)}", highlight=False, soft_wrap=True)
+    write_json(json_path, answer.as_json())
+
+
+def import_file(
+    file: Path,
+    output: Path | None,
+    rate: float | None,
+    channels: Sequence[str],
+    json_path: Path | None,
+    console: Console,
+) -> None:
+    """Make a session file of another program's recording."""
+    target = output or file.with_suffix(".h5")
+    if target.exists() and target.resolve() == file.resolve():
+        raise RecordingError(f"{target}: would overwrite the recording; name another file")
+    recording = import_recording(file, rate_hz=rate)
+    session = as_session(recording, _chosen(channels))
+    write_session(target, session)
+    shot = session.shots[0]
+    count, samples = recording.data.shape
+    console.print(
+        f"{target}: {count} channels ({', '.join(recording.names)}), {samples} samples at {recording.rate_hz:g} Hz; "
+        f"trigger at sample {shot.pretrigger}",
+        highlight=False,
+        soft_wrap=True,
+    )
+    write_json(json_path, _recording_info(recording, target))
+
+
+def _chosen(channels: Sequence[str]) -> tuple[str | int, str | int] | None:
+    if not channels:
+        return None
+    if len(channels) != 2:
+        raise RecordingError(f"--channel: name two channels, A then B, not {len(channels)}")
+    first, second = (int(c) if c.isdigit() else c for c in channels)
+    return first, second
+
+
+def info(file: Path, json_path: Path | None, console: Console) -> None:
+    """Say what a file holds."""
+    opened = _opened(file, None)
+    if isinstance(opened, Session):
+        answer = _session_info(opened, file)
+    else:
+        answer = _recording_info(opened, file)
+    for key, value in answer.items():
+        shown = ", ".join(map(str, value)) if isinstance(value, list) else value
+        console.print(f"{key.replace('_', ' ')}: {escape(str(shown))}", highlight=False)
+    write_json(json_path, answer)
+
+
+def _session_info(session: Session, file: Path) -> dict[str, Any]:
+    accepted = sum(s.accepted for s in session.shots)
+    rig = session.rig
+    return {
+        "file": str(file),
+        "kind": "mesotap-session 1",
+        "created": session.created,
+        "operator": session.operator,
+        "specimen": session.specimen,
+        "title": session.title,
+        "software": session.software,
+        "complete": session.complete,
+        "impacts": len(session.shots),
+        "accepted": accepted,
+        "loads_mn": [round(s[0].target_load_mn, 3) for n in session.load_sets() if (s := _shots_of(session, n))],
+        "calibrations": [w for w, c in (("before", session.pre), ("after", session.post)) if c is not None],
+        "rig": f"m1 {rig.m1_kg:g} kg, m2 {rig.m2_kg:g} kg, k1 {rig.k1_n_per_m:g} N/m, k2 {rig.k2_n_per_m:g} N/m"
+        if rig.is_tester
+        else "not described: no session of the tester",
+    }
+
+
+def _shots_of(session: Session, load_set: int) -> list[Any]:
+    return [s for s in session.shots if s.load_set == load_set]
+
+
+def _recording_info(recording: Recording, file: Path) -> dict[str, Any]:
+    return {
+        "file": str(file),
+        "kind": "recording",
+        "channels": list(recording.names),
+        "unit": recording.unit,
+        "samples": int(recording.data.shape[1]),
+        "sample_rate_hz": recording.rate_hz,
+        "duration_s": recording.data.shape[1] / recording.rate_hz,
+    }
+
+
+def _show_session(results: SessionResults, console: Console) -> None:
+    shown = Table(title=f"{escape(results.source)}: {results.method}, 95 % intervals")
+    for heading in ("load, mN", "impacts", "f1, Hz", "f2, Hz", "zeta1, %", "zeta2, %", "k_c, MN/m", "c_c, N s/m"):
+        shown.add_column(heading, justify="right")
+    for load in results.loads:
+        shown.add_row(
+            with_uncertainty(load.load_mn),
+            str(load.impacts_used),
+            with_uncertainty(load.f1_hz),
+            with_uncertainty(load.f2_hz),
+            with_uncertainty(load.zeta1, 100),
+            with_uncertainty(load.zeta2, 100),
+            with_uncertainty(load.contact_stiffness_n_per_m, 1e-6),
+            with_uncertainty(load.contact_damping_n_s_per_m),
+        )
+    console.print(shown)
+    for note in results.notes:
+        console.print(f"- {escape(note)}", highlight=False)
+    for load in results.loads:
+        for note in load.notes:
+            console.print(f"- load {load.target_load_mn:.0f} mN: {escape(note)}", highlight=False)
+    if results.calibration is not None:
+        console.print(escape(results.calibration.statement), highlight=False)
+
+
+def _show_modes(modes: RecordingModes, console: Console) -> None:
+    shown = Table(title=f"{escape(modes.source)}: {modes.method}, 95 % intervals")
+    for heading in ("frequency, Hz", "damping, %", "largest amplitude"):
+        shown.add_column(heading, justify="right")
+    for mode in modes.modes:
+        shown.add_row(with_uncertainty(mode.frequency_hz), with_uncertainty(mode.damping_ratio, 100), f"{max(mode.amplitude):.4g}")
+    console.print(shown)
+    for note in modes.notes:
+        console.print(f"- {escape(note)}", highlight=False)

@@ -1,0 +1,191 @@
+"""``run``, ``resume``, ``calibrate`` and ``simulate``: what drives a rig."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from calibration.line import fit_line
+from calibration.routine import calibrate, check_points
+from daq.errors import RecordingError
+from daq.journal import SessionFolder
+from daq.records import Session
+from daq.session_file import write_session
+from daq.trigger import record_shot
+from mesotap import __version__
+from mesotap.bench import build_rig, simulated_rig, truth_now
+from mesotap.commands.answers import analysed, write_json
+from mesotap.config import Config, effective_text, load_config, parse_config
+from mesotap.console import KeyControl, SessionDisplay, TerminalOperator
+from mesotap.results_files import results_json
+from mesotap.session.progress import assemble, describe_rig, progress_of
+from mesotap.session.runner import Bench, SessionRunner
+from mesotap.session.shots import judged_shot
+from rig import GaugeScale
+from rig.interlock import Interlock
+
+SESSION_FILE = "session.h5"
+
+
+def run(
+    config_path: Path | None,
+    changes: Sequence[str],
+    simulate: bool,
+    seed: int | None,
+    realtime: bool,
+    output: Path | None,
+    json_path: Path | None,
+    console: Console,
+) -> None:
+    """Begin a session in a new folder and carry it to its report."""
+    config = load_config(config_path, changes)
+    now = datetime.datetime.now(datetime.UTC)
+    path = output or Path("sessions") / now.strftime("%Y%m%d-%H%M%S")
+    header = {
+        "created": now.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+        "config": effective_text(config),
+        "simulated": simulate,
+        "seed": config.sim_backend.seed if seed is None else seed,
+        "realtime": realtime,
+        "software": f"mesotap {__version__}",
+    }
+    with SessionFolder.create(path, header) as folder:
+        _carry_out(folder, config, json_path, console)
+
+
+def resume(path: Path, json_path: Path | None, console: Console) -> None:
+    """Go on with a session wherever it was left."""
+    with SessionFolder.open(path) as folder:
+        config = parse_config(str(folder.header["config"]), str(path / "session.json"))
+        _carry_out(folder, config, json_path, console)
+
+
+def _carry_out(folder: SessionFolder, config: Config, json_path: Path | None, console: Console) -> None:
+    header = folder.header
+    operator = TerminalOperator(console)
+    rig = build_rig(config, bool(header["simulated"]), operator, int(header["seed"]), bool(header["realtime"]))
+    wanted = config.mesotap.impacts_per_load * len(config.mesotap.load_plan_mn)
+    good = sum(bool(e.get("accepted")) for e in folder.events() if e["event"] == "shot")
+    with KeyControl(console).listening() as control, SessionDisplay(wanted, good, console) as display:
+        runner = SessionRunner(config, folder, Bench(rig, operator, display, control, lambda: truth_now(rig)))
+        runner.run()
+    file = folder.path / SESSION_FILE
+    session = assemble(header, config, runner.progress, folder.shots())
+    write_session(file, session)
+    runner.finish()
+    results = _report(replace(session, source=SESSION_FILE), config, folder.path, runner.progress.truths, console)
+    console.print(f"session file {file}", highlight=False, soft_wrap=True)
+    console.print(f"report       {folder.path / 'report.html'}", highlight=False, soft_wrap=True)
+    write_json(json_path, results)
+
+
+def _report(
+    session: Session, config: Config, folder: Path, truths: Sequence[dict[str, Any]], console: Console
+) -> dict[str, Any]:
+    from analysis.contact.theory import theory
+    from mesotap.report import write_report
+
+    results = analysed(session, config, console)
+    write_report(folder, session, results, theory(config.analysis.contact), list(truths) if truths else None)
+    return results_json(results)
+
+
+def partial(path: Path) -> tuple[Session, Config, list[dict[str, Any]]]:
+    """Return what a session folder holds so far, for a report of a session that was not finished."""
+    with SessionFolder.open(path) as folder:
+        config = parse_config(str(folder.header["config"]), str(path / "session.json"))
+        progress = progress_of(folder.events())
+        session = assemble(folder.header, config, progress, folder.shots())
+        if not session.shots:
+            raise RecordingError(f"{path}: holds no shots yet")
+        return replace(session, source=str(path)), config, progress.truths
+
+
+def calibrate_gauge(
+    config_path: Path | None,
+    changes: Sequence[str],
+    simulate: bool,
+    seed: int | None,
+    json_path: Path | None,
+    console: Console,
+) -> None:
+    """Calibrate the strain gauge by itself and say what came out."""
+    config = load_config(config_path, changes)
+    operator = TerminalOperator(console)
+    rig = build_rig(config, simulate, operator, seed)
+    rig.open()
+    try:
+        points = calibrate(rig, config.calibration, operator.say)
+    finally:
+        rig.close()
+    fit = fit_line(points, config.calibration.weight_uncertainty_mn, config.calibration.drift_test_level)
+    complaints = check_points(points, config.calibration, config.rig.gauge_sensitivity_mv_per_mn)
+    sensitivity, offset = fit.sensitivity_mv_per_mn, fit.offset_mv
+    console.print(
+        f"sensitivity {sensitivity.value:.5f} mV/mN (95 % {sensitivity.low:.5f} to {sensitivity.high:.5f}), "
+        f"offset {offset.value:.3f} mV, {fit.nonlinearity_percent:.3f} % off a line at most",
+        highlight=False,
+    )
+    for complaint in complaints:
+        console.print(complaint, highlight=False)
+    write_json(
+        json_path,
+        {
+            "format": "mesotap-calibration",
+            "version": 1,
+            "time": points.time,
+            "load_mn": points.load_mn.tolist(),
+            "voltage_mv": points.voltage_mv.tolist(),
+            "sensitivity_mv_per_mn": sensitivity.as_json(),
+            "offset_mv": offset.as_json(),
+            "nonlinearity_percent": fit.nonlinearity_percent,
+            "complaints": complaints,
+        },
+    )
+
+
+def simulate_one(
+    config_path: Path | None,
+    changes: Sequence[str],
+    output: Path,
+    load_mn: float,
+    seed: int | None,
+    json_path: Path | None,
+    console: Console,
+) -> None:
+    """Record one tap of the simulated rig into a session file."""
+    config = load_config(config_path, [*changes, f"mesotap.load_plan_mn=[{load_mn}]"])
+    rig = simulated_rig(config, seed=seed)
+    scale = GaugeScale(rig.true_parameters()["sensitivity_mv_per_mn"], config.sim_backend.gauge.offset_mv)
+    lines = rig.open()
+    with Interlock(rig, config.rig.limits, scale, config.rig.spring_stiffness()) as interlock:
+        interlock.approach()
+        interlock.set_load(load_mn, config.mesotap.load_tolerance_mn)
+        interlock.lock()
+        before = interlock.read_load()
+        record = record_shot(rig.accelerometers, rig.impactor, rig.clock, config.daq.trigger, before[0])
+        shot = judged_shot(record, before, interlock.read_load(), (0, 0, load_mn), config, rig.accelerometers)
+        truth = truth_now(rig)
+    rig.close()
+    session = Session(
+        created=record.time,
+        rig=describe_rig(config.rig),
+        shots=(shot,),
+        operator=config.mesotap.operator,
+        specimen=config.mesotap.specimen,
+        title="one simulated ring-down",
+        software=f"mesotap {__version__} (simulated rig)",
+        complete=True,
+        config=effective_text(config),
+    )
+    write_session(output, session)
+    for line in lines:
+        console.print(line, highlight=False)
+    said = shot.reject_reason or "accepted"
+    console.print(f"{output}: one tap at {before[0]:.1f} mN, {said}", highlight=False, soft_wrap=True)
+    write_json(json_path, {"format": "mesotap-truth", "version": 1, "file": str(output), "truth": truth})

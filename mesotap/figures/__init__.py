@@ -1,0 +1,26 @@
+"""Figures for the report and for print: functions that return matplotlib figures, without global state."""
+
+from __future__ import annotations
+
+from mesotap.figures._calibration import calibration_figure
+from mesotap.figures._contact import DRIFT_MARK, damping_figure, published_figure, stiffness_figure
+from mesotap.figures._files import inline_svg, save
+from mesotap.figures._impacts import impacts_figure
+from mesotap.figures._recording import Recording, modes_figure
+from mesotap.figures._tap import record_figure, shown_spectra, spectra_figure
+
+__all__ = [
+    "DRIFT_MARK",
+    "Recording",
+    "calibration_figure",
+    "damping_figure",
+    "impacts_figure",
+    "inline_svg",
+    "modes_figure",
+    "published_figure",
+    "record_figure",
+    "save",
+    "shown_spectra",
+    "spectra_figure",
+    "stiffness_figure",
+]

@@ -1,0 +1,175 @@
+"""Results for other programs: the JSON contract, and tables of a row a load and a row an impact."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from analysis.results import ImpactResult, LoadResult, RecordingModes, SessionResults
+from calibration.estimate import Estimate
+from calibration.gauge import GaugeResult
+
+RESULTS_FORMAT, MODES_FORMAT, VERSION = "mesotap-results", "mesotap-modes", 1
+MODAL = ("f1_hz", "f2_hz", "zeta1", "zeta2")
+CONTACT = ("contact_stiffness_n_per_m", "contact_damping_n_s_per_m")
+QUANTITIES = ("load_mn", *MODAL, *CONTACT)
+
+
+def results_json(results: SessionResults) -> dict[str, Any]:
+    """Return the session's results as the ``mesotap-results`` mapping: finite numbers, None where there is none."""
+    return {
+        "format": RESULTS_FORMAT,
+        "version": VERSION,
+        "source": results.source,
+        "method": results.method,
+        "loads": [_load(load) for load in results.loads],
+        "impacts": [_impact(impact) for impact in results.impacts],
+        "calibration": None if results.calibration is None else _calibration(results.calibration),
+        "springs_n_per_m": [_estimate(spring) for spring in results.springs_n_per_m],
+        "notes": list(results.notes),
+    }
+
+
+def modes_json(modes: RecordingModes) -> dict[str, Any]:
+    """Return the modes of any other recording as the ``mesotap-modes`` mapping."""
+    return {
+        "format": MODES_FORMAT,
+        "version": VERSION,
+        "source": modes.source,
+        "method": modes.method,
+        "modes": [
+            {
+                "frequency_hz": _estimate(mode.frequency_hz),
+                "damping_ratio": _estimate(mode.damping_ratio),
+                "amplitude": [_number(a) for a in mode.amplitude],
+            }
+            for mode in modes.modes
+        ],
+        "notes": list(modes.notes),
+    }
+
+
+def json_text(mapping: dict[str, Any]) -> str:
+    """Write a mapping as JSON text; a NaN or an infinity in it is an error."""
+    return json.dumps(mapping, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def loads_csv(results: SessionResults) -> str:
+    """Return a table of one row a load: each quantity with the ends of its 95 % interval, units in the header."""
+    header = ["load_set", "target_load_mn", "impacts_used", *_columns(QUANTITIES), "notes"]
+    rows = [
+        [
+            load.load_set,
+            _number(load.target_load_mn),
+            load.impacts_used,
+            *_cells(load, QUANTITIES),
+            "; ".join(load.notes),
+        ]
+        for load in results.loads
+    ]
+    return _csv(header, rows)
+
+
+def impacts_csv(results: SessionResults) -> str:
+    """Return a table of one row an impact, the rejected ones with their reason."""
+    peaks = ["peak_acceleration_m_s2", "peak_contact_force_n"]
+    header = ["id", "load_set", "accepted", "reject_reason", *_columns(QUANTITIES), *peaks, "notes"]
+    rows = [
+        [
+            *(impact.name, impact.load_set, int(impact.accepted), impact.reject_reason),
+            *_cells(impact, QUANTITIES),
+            *(_number(impact.peak_acceleration_m_s2), _number(impact.peak_contact_force_n)),
+            "; ".join(impact.notes),
+        ]
+        for impact in results.impacts
+    ]
+    return _csv(header, rows)
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def _estimate(estimate: Estimate | None) -> dict[str, float] | None:
+    if estimate is None:
+        return None
+    numbers = estimate.as_json()
+    return {key: float(v) for key, v in numbers.items()} if all(map(math.isfinite, numbers.values())) else None
+
+
+def _estimates(source: LoadResult | ImpactResult, quantities: Sequence[str]) -> dict[str, dict[str, float] | None]:
+    return {quantity: _estimate(getattr(source, quantity)) for quantity in quantities}
+
+
+def _reasons(source: LoadResult | ImpactResult, estimates: dict[str, dict[str, float] | None]) -> list[str]:
+    """Notes of a result, with a word on every null that they might not speak of."""
+    notes = list(source.notes)
+    for quantity, written in estimates.items():
+        if written is None and getattr(source, quantity) is not None:
+            notes.append(f"{quantity}: the data give no finite 95 % interval")
+    if not notes and (missing := [quantity for quantity, written in estimates.items() if written is None]):
+        notes.append(f"not estimated: {', '.join(missing)}")
+    return notes
+
+
+def _load(load: LoadResult) -> dict[str, Any]:
+    estimates = _estimates(load, QUANTITIES)
+    return {
+        "load_set": int(load.load_set),
+        "target_load_mn": _number(load.target_load_mn),
+        "impacts_used": int(load.impacts_used),
+        **estimates,
+        "notes": _reasons(load, estimates),
+    }
+
+
+def _impact(impact: ImpactResult) -> dict[str, Any]:
+    estimates = _estimates(impact, QUANTITIES)
+    notes = _reasons(impact, estimates) if impact.accepted else list(impact.notes)
+    peak = _number(impact.peak_acceleration_m_s2)
+    if peak is None:  # the contract wants a number here
+        notes.append("peak_acceleration_m_s2: unknown, 0 stands in its place")
+    return {
+        "id": impact.name,
+        "load_set": int(impact.load_set),
+        "accepted": bool(impact.accepted),
+        "reject_reason": impact.reject_reason,
+        **estimates,
+        "peak_acceleration_m_s2": 0.0 if peak is None else peak,
+        "peak_contact_force_n": _number(impact.peak_contact_force_n),
+        "notes": notes,
+    }
+
+
+def _calibration(calibration: GaugeResult) -> dict[str, Any]:
+    return {
+        "sensitivity_mv_per_mn": _estimate(calibration.sensitivity_mv_per_mn),
+        "offset_mv": _estimate(calibration.offset_mv),
+        "nonlinearity_percent": _number(calibration.nonlinearity_percent),
+        "drifted": bool(calibration.drifted),
+        "drift_p_value": _number(calibration.drift_p_value),
+        "statement": calibration.statement,
+    }
+
+
+def _columns(quantities: Sequence[str]) -> list[str]:
+    return [name for quantity in quantities for name in (quantity, f"{quantity}_low", f"{quantity}_high")]
+
+
+def _cells(source: LoadResult | ImpactResult, quantities: Sequence[str]) -> list[float | None]:
+    cells: list[float | None] = []
+    for written in _estimates(source, quantities).values():
+        cells += [None] * 3 if written is None else [written["value"], written["low"], written["high"]]
+    return cells
+
+
+def _csv(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return stream.getvalue()

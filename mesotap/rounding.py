@@ -1,0 +1,70 @@
+"""Numbers as a journal prints them: rounded to what their uncertainty leaves."""
+
+from __future__ import annotations
+
+import math
+
+from calibration.estimate import Estimate
+
+UNKNOWN = "–"
+LARGEST_PLAIN = 1e7  # beyond, and below the smallest, powers of ten are split off
+SMALLEST_PLAIN = 1e-3
+EXACT = 1e-12  # an interval this much smaller than its value is only rounding error
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def with_uncertainty(estimate: Estimate | None, scale: float = 1.0) -> str:
+    """Write an estimate as value ± half of its 95 % interval.
+
+    Parameters
+    ----------
+    estimate
+        The number, or None where there is none.
+    scale
+        What value and interval are multiplied by, such as 1e-6 from N/m to MN/m.
+
+    Returns
+    -------
+    str
+        The interval with two significant digits and the value with as many decimals, such as
+        ``"7.031 ± 0.012"``; a dash where there is no number.
+
+    Examples
+    --------
+    >>> with_uncertainty(Estimate(7.0312e6, 6.2e3), 1e-6)
+    '7.031 ± 0.012'
+    """
+    if estimate is None or not math.isfinite(estimate.value * scale):
+        return UNKNOWN
+    value, half_width = estimate.value * scale, abs(estimate.half_width * scale)
+    if not math.isfinite(half_width):
+        return f"{value:z.4g} (interval unknown)"
+    if half_width <= EXACT * abs(value):
+        return f"{value:z.10g}"
+    size = max(abs(value), half_width)
+    if SMALLEST_PLAIN <= size < LARGEST_PLAIN:
+        return _plain(value, half_width)
+    power = math.floor(math.log10(size))
+    shift = 10.0 ** (-power)
+    return f"({_plain(value * shift, half_width * shift)}) × 10{str(power).translate(SUPERSCRIPTS)}"
+
+
+def significant(value: float | None, digits: int = 3) -> str:
+    """Write a number without a stated uncertainty; a dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    rounded = float(f"{value:.{digits - 1}e}")
+    if rounded and not SMALLEST_PLAIN <= abs(rounded) < LARGEST_PLAIN:
+        mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
+        return f"{mantissa} × 10{str(int(power)).translate(SUPERSCRIPTS)}"
+    decimals = digits - 1 - (math.floor(math.log10(abs(rounded))) if rounded else 0)
+    return f"{rounded:z.{max(decimals, 0)}f}"
+
+
+def _plain(value: float, half_width: float) -> str:
+    mantissa, _, power = f"{half_width:.1e}".partition("e")
+    decimals = 1 - int(power)
+    uncertainty = float(f"{mantissa}e{power}")
+    if decimals < 0:
+        return f"{round(value, decimals):z.0f} ± {uncertainty:.0f}"
+    return f"{value:z.{decimals}f} ± {uncertainty:.{decimals}f}"

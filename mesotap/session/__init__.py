@@ -1,0 +1,1 @@
+"""The session runner: states, legal transitions, and what each state does."""

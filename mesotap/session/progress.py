@@ -1,0 +1,131 @@
+"""Where a session stands: a function of what is on disk, so that to resume is to start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from daq.records import CalibrationPoints, RigDescription, Session, Shot
+from mesotap import __version__
+from mesotap.config import Config
+from mesotap.session.states import Event, State, follow
+from rig.settings import RigSettings
+
+SAFE = "safe"  # journal event: the surfaces were taken apart before the plan was done
+SHOT = "shot"
+NO_TAP = "no tap"  # nothing was felt in time
+STARTED = "started"
+
+
+@dataclass(slots=True)
+class Progress:
+    """The state of a session after its journal.
+
+    Attributes
+    ----------
+    state
+        What to do next.
+    load_set
+        Step of the load plan.
+    pre, post
+        Calibrations done so far.
+    contact
+        Position (um) and load (mN) where contact was felt, None while apart.
+    load_mn
+        Load at which the stage was locked.
+    checkpoint
+        The rig's own state after the last event.
+    """
+
+    state: State = State.CONNECT
+    load_set: int = 0
+    pre: CalibrationPoints | None = None
+    post: CalibrationPoints | None = None
+    contact: tuple[float, float] | None = None
+    load_mn: float = float("nan")
+    checkpoint: dict[str, Any] = field(default_factory=dict)
+    truths: list[dict[str, Any]] = field(default_factory=list)
+
+    def apply(self, entry: dict[str, Any]) -> None:
+        """Take in one entry of the journal."""
+        name = entry["event"]
+        self.checkpoint = entry.get("rig", self.checkpoint)
+        if name == SAFE:
+            self.contact = None
+            if self.state in (State.SET_LOAD, State.LOCK, State.TAP):
+                self.state = State.APPROACH
+            return
+        if name in (SHOT, NO_TAP, STARTED):
+            return
+        event = Event(name)
+        if event is Event.CALIBRATED:
+            points = CalibrationPoints(
+                np.array(entry["load_mn"], dtype=np.float64),
+                np.array(entry["voltage_mv"], dtype=np.float64),
+                str(entry["time"]),
+            )
+            if self.state is State.PRE_CALIBRATION:
+                self.pre = points
+            else:
+                self.post = points
+        elif event is Event.CONTACT:
+            position, load = entry["position_um"], entry["load_mn"]
+            self.contact = (float("nan") if position is None else float(position), float(load))
+        elif event is Event.LOADED:
+            self.load_mn = float(entry["load_mn"])
+            if entry.get("truth"):
+                self.truths = [t for t in self.truths if t["load_set"] != self.load_set]
+                self.truths.append({"load_set": self.load_set, **entry["truth"]})
+        elif event is Event.LOAD_DONE:
+            self.load_set += 1
+        elif event is Event.APART:
+            self.contact = None
+        self.state = follow(self.state, event)
+
+
+def progress_of(events: Iterable[dict[str, Any]]) -> Progress:
+    """Return where a journal leaves a session."""
+    progress = Progress()
+    for entry in events:
+        progress.apply(entry)
+    return progress
+
+
+def describe_rig(settings: RigSettings) -> RigDescription:
+    """`/rig` of the session file, from the configuration."""
+    k1, k2 = settings.spring_stiffness()
+    declared = settings.filter
+    return RigDescription(
+        m1_kg=settings.masses.m1_kg,
+        m2_kg=settings.masses.m2_kg,
+        k1_n_per_m=k1,
+        k2_n_per_m=k2,
+        sample_rate_hz=settings.wiring.sample_rate_hz,
+        highpass_hz=declared.highpass_hz,
+        highpass_order=declared.highpass_order,
+        lowpass_hz=declared.lowpass_hz,
+        lowpass_order=declared.lowpass_order,
+        filter_family=declared.family,
+        full_scale_m_s2=settings.wiring.full_scale_m_s2(),
+        bits=settings.wiring.bits,
+    )
+
+
+def assemble(header: dict[str, Any], config: Config, progress: Progress, shots: Iterable[Shot]) -> Session:
+    """Make the session from what is on disk; complete if the plan was carried out to its end."""
+    return Session(
+        created=str(header["created"]),
+        rig=describe_rig(config.rig),
+        shots=tuple(shots),
+        pre=progress.pre,
+        post=progress.post,
+        operator=config.mesotap.operator,
+        specimen=config.mesotap.specimen,
+        title=config.mesotap.title,
+        software=f"mesotap {__version__}" + (" (simulated rig)" if header.get("simulated") else ""),
+        complete=progress.state in (State.FILE, State.DONE),
+        config=str(header["config"]),
+    )

@@ -1,0 +1,73 @@
+"""From a record to a shot: the verdict, and what the journal says of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from daq.quality import judge
+from daq.records import Shot
+from daq.trigger import Record
+from mesotap.config import Config
+from rig import Accelerometers
+
+Load = tuple[float, float]  # load, mN, and the bridge voltage behind it, mV
+
+
+def judged_shot(
+    record: Record,
+    before: Load,
+    after: Load,
+    place: tuple[int, int, float],
+    config: Config,
+    recorder: Accelerometers,
+) -> Shot:
+    """Judge a record and make a shot of it.
+
+    Parameters
+    ----------
+    before, after
+        Load just before and after the tap.
+    place
+        Number of the shot, load set, target load in mN.
+    """
+    verdict = judge(
+        record.acceleration,
+        record.sample_rate_hz,
+        record.pretrigger,
+        preload_mn=(before[0] + after[0]) / 2,
+        load_before_mn=before[0],
+        load_after_mn=after[0],
+        m2_kg=config.rig.masses.m2_kg,
+        k2_n_per_m=config.rig.spring_stiffness()[1],
+        full_scale_m_s2=recorder.full_scale_m_s2,
+        bits=recorder.bits,
+        quality=config.daq.quality,
+    )
+    number, load_set, target = place
+    return Shot(
+        number=number,
+        load_set=load_set,
+        target_load_mn=target,
+        load_before_mn=before[0],
+        load_after_mn=after[0],
+        time=record.time,
+        sample_rate_hz=record.sample_rate_hz,
+        pretrigger=record.pretrigger,
+        acceleration=record.acceleration,
+        accepted=verdict.accepted,
+        reject_reason=verdict.reason,
+        strain_mv=record.strain_mv,
+        voltage_before_mv=before[1],
+        voltage_after_mv=after[1],
+        extra=dict(verdict.numbers),
+    )
+
+
+def shot_entry(shot: Shot) -> dict[str, Any]:
+    """What the journal says of a shot."""
+    return {
+        "number": shot.number,
+        "load_set": shot.load_set,
+        "accepted": shot.accepted,
+        "reject_reason": shot.reject_reason,
+    }

@@ -1,0 +1,301 @@
+"""The interlock: nobody moves the stage but through it.
+
+It knows the load limit, the largest step towards contact and the age of the last load reading, and it does not
+believe the gauge alone: the springs bound how much load a micrometre of travel can make, so the distance travelled
+since contact was felt is a second witness. Leaving it, by whatever exit, leaves the rig in the safe state: surfaces
+apart by the clearance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from types import TracebackType
+
+from rig.errors import InterlockRefusal, RigError, StaleReading
+from rig.interface import Rig
+from rig.readings import GaugeScale, LoadReading
+from rig.settings import Limits
+
+Progress = Callable[[str], None]
+
+STIFFNESS_MARGIN = 1.03  # by which the springs may be stiffer than declared
+SOFTEST_RESPONSE = 0.55  # of the springs' stiffness: below this, at load, the gauge does not follow the stage
+STIFFEST_RESPONSE = 1.35
+RESPONSE_FROM_THRESHOLDS = 5.0  # contact thresholds of load from which the response is judged
+RESPONSE_TRAVEL_UM = 0.4  # travel over which it is judged
+SHORTFALL = 0.8  # of the remaining load that one step closes: the target is approached from below
+LARGEST_TRIES = 400
+CAREFUL_READING_S = 0.2
+STANDING_CHANGE_THRESHOLDS = 4.0  # load change, in contact thresholds, that cannot happen while the stage stands
+
+
+class Interlock:
+    """Moves the stage within the limits, or not at all.
+
+    Parameters
+    ----------
+    rig
+        Opened rig.
+    limits
+        Section ``rig.limits`` of the configuration.
+    scale
+        Line between voltage and load: declared at first, replaced by the calibrated one.
+    spring_stiffness
+        k1, k2 in N/m, for the load that a micrometre of travel can make at most.
+    """
+
+    def __init__(self, rig: Rig, limits: Limits, scale: GaugeScale, spring_stiffness: tuple[float, float]) -> None:
+        self._rig = rig
+        self._limits = limits
+        self.scale = scale
+        k1, k2 = spring_stiffness
+        # N/m times 1e-3 is mN/um
+        self._mn_per_um = STIFFNESS_MARGIN * k1 * k2 / (k1 + k2) * 1e-3
+        self._frozen = 0
+        self._last_voltage = math.nan
+        self._contact: tuple[float, float] | None = None  # position and load where contact was felt
+        self._judged_from: tuple[float, float] | None = None  # position and load where the response began
+
+    @property
+    def contact(self) -> tuple[float, float] | None:
+        """Position (um) and load (mN) at which contact was felt; None while the surfaces are apart."""
+        return self._contact
+
+    @contact.setter
+    def contact(self, felt: tuple[float, float] | None) -> None:
+        self._contact = felt
+
+    # --- the gauge ------------------------------------------------------------------------------------------
+
+    def load_mn(self, duration_s: float = 0.1) -> float:
+        """Load now; `StaleReading` if the gauge is late, frozen, silent or senseless."""
+        return self.scale.load_mn(self.read_gauge(duration_s).voltage_mv)
+
+    def read_gauge(self, duration_s: float = 0.1) -> LoadReading:
+        """One believable reading of the gauge."""
+        try:
+            reading = self._rig.load_cell.read(duration_s)
+        except StaleReading:
+            raise
+        except RigError as error:
+            raise StaleReading(f"strain gauge: no reading ({error}); the stage does not move") from error
+        age = self._rig.clock.now() - reading.time_s
+        if age > self._limits.stale_reading_s:
+            raise StaleReading(
+                f"strain gauge: the last reading is {age:.2f} s old, more than {self._limits.stale_reading_s:g} s; "
+                "check the amplifier's connection"
+            )
+        if not math.isfinite(reading.voltage_mv):
+            raise StaleReading("strain gauge: the amplifier answers no number; check the bridge's wiring")
+        same = reading.voltage_mv == self._last_voltage or (reading.samples > 1 and reading.spread_mv == 0.0)
+        self._frozen = self._frozen + 1 if same else 0
+        self._last_voltage = reading.voltage_mv
+        if self._frozen >= self._limits.frozen_readings:
+            raise StaleReading(
+                f"strain gauge: {self._frozen + 1} readings are the same to the last digit ({reading.voltage_mv:.4f} mV); "
+                "the amplifier is frozen: restart it"
+            )
+        return reading
+
+    # --- moves ----------------------------------------------------------------------------------------------
+
+    def approach(self, progress: Progress | None = None) -> float:
+        """Bring the surfaces together and return the load at first contact, mN.
+
+        The load may not change before contact, contact shows as a rise by the contact threshold, and it is looked
+        for no further than ``search_beyond_um`` past where it was expected.
+
+        Raises
+        ------
+        InterlockRefusal
+            When no contact was felt within the travel allowed.
+        """
+        self._rig.stage.unlock()
+        self._contact = self._judged_from = None
+        resting = sum(self.load_mn() for _ in range(3)) / 3
+        threshold = self._limits.contact_threshold_mn
+        if abs(resting) > 2 * threshold:
+            raise InterlockRefusal(
+                f"approach: the gauge shows {resting:.0f} mN with the surfaces apart, more than {2 * threshold:g} mN; "
+                "calibrate it again, or look whether they touch"
+            )
+        position = self._rig.stage.read().position_um
+        reach = self._limits.expected_contact_um + self._limits.search_beyond_um
+        travel = reach - position if math.isfinite(position) else reach + self._limits.clearance_um
+
+        def felt() -> bool:
+            load = self.load_mn()
+            if progress is not None:
+                progress(f"approaching, load {load:.0f} mN")
+            self._check_limit(load)
+            return load - resting > threshold
+
+        step = min(self._limits.largest_approach_step_um, self._limits.load_mn / self._mn_per_um)
+        reading = self._rig.stage.advance(travel, step, felt, "until the load just begins to rise")
+        load = self.load_mn()
+        if load - resting <= threshold / 2:
+            raise InterlockRefusal(
+                f"approach: no contact within {self._limits.search_beyond_um:g} um past where it was expected "
+                f"({self._limits.expected_contact_um:g} um); check that the gauge answers a touch of the finger, "
+                "then correct rig.limits.expected_contact_um"
+            )
+        self._contact = (reading.position_um, load)
+        self._judged_from = None
+        return load
+
+    def set_load(self, target_mn: float, tolerance_mn: float, progress: Progress | None = None) -> float:
+        """Close the loop on the gauge until the load is within ``tolerance_mn`` of the target; returns the load.
+
+        Raises
+        ------
+        InterlockRefusal
+            If the target lies past the limit, a step would pass it, or the loop does not close.
+        StaleReading
+            If the gauge cannot be believed.
+        """
+        if target_mn + tolerance_mn > self._limits.load_mn:
+            raise InterlockRefusal(
+                f"load: {target_mn:g} mN is past the limit of {self._limits.load_mn:g} mN (rig.limits.load_mn)"
+            )
+        self._rig.stage.unlock()
+        load = self.load_mn()
+        for _ in range(LARGEST_TRIES):
+            if progress is not None:
+                progress(f"load {load:.0f} mN, target {target_mn:.0f} mN")
+            error = target_mn - load
+            if abs(error) <= tolerance_mn:
+                return load
+            step = SHORTFALL * error / self._mn_per_um
+            if error > 0:
+                step = max(step, 0.5 * tolerance_mn / self._mn_per_um)
+            load = self.move_by(step, f"load {load:.0f} mN, target {target_mn:.0f} mN", load)
+        raise InterlockRefusal(
+            f"load: {target_mn:g} mN was not reached within {tolerance_mn:g} mN in {LARGEST_TRIES} steps; "
+            "check stage and gauge"
+        )
+
+    def move_by(self, step_um: float, aim: str = "", load_mn: float | None = None) -> float:
+        """Make one guarded step and return the load after it, mN. Steps towards contact are cut to the limit."""
+        before = self.load_mn() if load_mn is None else load_mn
+        if step_um > 0:
+            step_um = min(step_um, self._limits.largest_approach_step_um)
+            room = (self._limits.load_mn - before) / self._mn_per_um
+            if room <= 0:
+                raise InterlockRefusal(
+                    f"step: the load, {before:.0f} mN, is at the limit of {self._limits.load_mn:g} mN; the stage only retracts"
+                )
+            step_um = min(step_um, room)
+            self._check_travel(step_um)
+        else:
+            self._judged_from = None  # backlash: the next steps towards contact say nothing at first
+        standing = self.load_mn()
+        if abs(standing - before) > STANDING_CHANGE_THRESHOLDS * self._limits.contact_threshold_mn:
+            raise StaleReading(
+                f"strain gauge: the load changed from {before:.0f} to {standing:.0f} mN while the stage stood still"
+            )
+        position = self._rig.stage.move_by(step_um, aim).position_um
+        after = self.load_mn()
+        self._check_limit(after)
+        if step_um > 0:
+            self._check_response(position, after)
+        return after
+
+    def retract(self, progress: Progress | None = None) -> None:
+        """Take the surfaces apart by the clearance; allowed whatever the gauge says."""
+        if progress is not None:
+            progress("taking the surfaces apart")
+        self._rig.stage.unlock()
+        self._rig.stage.move_by(-self._limits.clearance_um, "taking the surfaces apart")
+        self._contact = self._judged_from = None
+
+    def lock(self) -> None:
+        """Clamp the stage at its load."""
+        self._rig.stage.lock()
+
+    def check(self) -> float:
+        """Return the load now, making sure that it is known and within the limit, mN."""
+        load = self.load_mn()
+        self._check_limit(load)
+        return load
+
+    def read_load(self) -> tuple[float, float]:
+        """Load (mN) and the bridge voltage behind it (mV), read with care for the record; within the limit."""
+        voltage = self.read_gauge(CAREFUL_READING_S).voltage_mv
+        load = self.scale.load_mn(voltage)
+        self._check_limit(load)
+        return load, voltage
+
+    # --- witnesses ------------------------------------------------------------------------------------------
+
+    def _check_limit(self, load: float) -> None:
+        if load > self._limits.load_mn:
+            raise InterlockRefusal(
+                f"load: {load:.0f} mN is over the limit of {self._limits.load_mn:g} mN; the surfaces are taken apart"
+            )
+
+    def _check_travel(self, step_um: float) -> None:
+        """Refuse a step after which the springs alone could carry more than the limit and one step."""
+        position = self._rig.stage.read().position_um
+        if self._contact is None or not math.isfinite(position) or not math.isfinite(self._contact[0]):
+            return
+        largest = self._contact[1] + (position + step_um - self._contact[0]) * self._mn_per_um
+        allowed = self._limits.load_mn + self._limits.largest_approach_step_um * self._mn_per_um
+        if largest > allowed:
+            raise InterlockRefusal(
+                f"step: {position + step_um - self._contact[0]:.2f} um past contact the load can be {largest:.0f} mN, "
+                "whatever the gauge says; check the gauge's sensitivity"
+            )
+
+    def _check_response(self, position: float, load: float) -> None:
+        """Hold the rise of the load against what the springs make of the travel."""
+        if not math.isfinite(position) or load < RESPONSE_FROM_THRESHOLDS * self._limits.contact_threshold_mn:
+            # a gauge that does not rise at all is caught here, a soft first contact is not
+            if self._contact is not None and math.isfinite(position) and math.isfinite(self._contact[0]):
+                travelled = (position - self._contact[0]) * self._mn_per_um
+                if travelled > self._limits.load_mn * 0.75 + self._contact[1]:
+                    raise StaleReading(
+                        f"strain gauge: {position - self._contact[0]:.1f} um past contact it shows only {load:.0f} mN; "
+                        "it does not follow the stage"
+                    )
+            return
+        if self._judged_from is None:
+            self._judged_from = (position, load)
+            return
+        travel = position - self._judged_from[0]
+        if travel < RESPONSE_TRAVEL_UM:
+            return
+        response = (load - self._judged_from[1]) / (travel * self._mn_per_um)
+        self._judged_from = (position, load)
+        if not SOFTEST_RESPONSE < response < STIFFEST_RESPONSE:
+            raise StaleReading(
+                f"strain gauge: {travel:.2f} um of travel changed it by {response:.0%} of what the springs allow; "
+                "gauge and stage disagree"
+            )
+
+    # --- leaving --------------------------------------------------------------------------------------------
+
+    def make_safe(self) -> list[str]:
+        """Bring the rig into its safe state, whatever works; returns a sentence for each thing that did not."""
+        troubles = []
+        for what, action in (
+            ("the stream of samples", self._rig.accelerometers.stop),
+            ("the stage", self.retract),
+        ):
+            try:
+                action()
+            except Exception as error:  # every part gets its chance, whatever ails another
+                troubles.append(f"{what} could not be made safe: {error}; back the micrometer off by hand")
+        return troubles
+
+    def __enter__(self) -> Interlock:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        troubles = self.make_safe()
+        if troubles and error is not None:
+            error.add_note("; ".join(troubles))
+        elif troubles:
+            raise RigError("; ".join(troubles))

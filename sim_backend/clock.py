@@ -1,0 +1,47 @@
+"""Time of the simulated rig: virtual, and paced by the wall clock if asked for."""
+
+from __future__ import annotations
+
+import time
+from datetime import UTC, datetime, timedelta
+
+from rig import Clock
+
+EPOCH = datetime(2026, 1, 1, tzinfo=UTC)  # date of virtual time 0, the same in every run
+
+
+class VirtualClock(Clock):
+    """Passes only when someone lets it.
+
+    Parameters
+    ----------
+    realtime
+        Whether letting time pass also takes that long.
+    """
+
+    def __init__(self, realtime: bool = False):
+        self.time_s = 0.0
+        self._realtime = realtime
+
+    def now(self) -> float:
+        """Virtual time since the rig was made, s."""
+        return self.time_s
+
+    def sleep(self, seconds: float) -> None:
+        """Let ``seconds`` pass; less than none is none."""
+        if seconds > 0:
+            if self._realtime:
+                time.sleep(seconds)
+            self.time_s += seconds
+
+    def sleep_until(self, time_s: float) -> None:
+        """Let time pass until exactly ``time_s``, if that lies ahead."""
+        if time_s > self.time_s:
+            if self._realtime:
+                time.sleep(time_s - self.time_s)
+            self.time_s = time_s
+
+    def utc(self) -> str:
+        """Virtual date and time."""
+        date = EPOCH + timedelta(seconds=self.time_s)
+        return date.strftime("%Y-%m-%dT%H:%M:%S.") + f"{date.microsecond // 1000:03d}Z"

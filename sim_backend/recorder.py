@@ -1,0 +1,95 @@
+"""From an acceleration to what the recorder stores: analog band-pass, noise, converter (Sec. 4.1)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from rig.settings import Filter
+from sim_backend.settings import SimulatedNoise
+from sim_backend.state_space import StateSpace
+
+
+def analog_filter(settings: Filter) -> StateSpace:
+    """Return the declared Butterworth high-pass followed by the low-pass; family ``none`` has no states.
+
+    First- and second-order sections in a row, each state of the size of the input, which keeps the matrices well
+    scaled and gives the integrator one tolerance for all of them.
+    """
+    if settings.family == "none":
+        return StateSpace(np.zeros((0, 0)), np.zeros(0), np.zeros((1, 0)), np.ones(1))
+    sections = [
+        *_butterworth(settings.highpass_hz, settings.highpass_order, True),
+        *_butterworth(settings.lowpass_hz, settings.lowpass_order, False),
+    ]
+    whole = sections[0]
+    for section in sections[1:]:
+        whole = whole.then(section)
+    return whole
+
+
+def _butterworth(corner_hz: float, order: int, highpass: bool) -> list[StateSpace]:
+    """Return the sections of a Butterworth filter: poles evenly on the left half circle of radius omega."""
+    w = 2 * math.pi * corner_hz
+    sections = []
+    if order % 2:
+        # z' = w (u - z); low-pass z, high-pass u - z
+        c, d = (-1.0, 1.0) if highpass else (1.0, 0.0)
+        sections.append(StateSpace(np.array([[-w]]), np.array([w]), np.array([[c]]), np.array([d])))
+    for k in range(order // 2):
+        two_zeta = 2 * math.sin(math.pi * (2 * k + 1) / (2 * order))
+        # z1' = w z2, z2' = w (u - z1 - 2 zeta z2); low-pass z1, high-pass z2' / w
+        a = np.array([[0.0, w], [-w, -w * two_zeta]])
+        c2, d = (np.array([[-1.0, -two_zeta]]), 1.0) if highpass else (np.array([[1.0, 0.0]]), 0.0)
+        sections.append(StateSpace(a, np.array([0.0, w]), c2, np.array([d])))
+    return sections
+
+
+@dataclass(frozen=True, slots=True)
+class Converter:
+    """Analog-to-digital converter, in the unit of what it measures.
+
+    Attributes
+    ----------
+    full_scale
+        Largest magnitude it holds.
+    bits
+        Two's complement codes of this many bits.
+    """
+
+    full_scale: float
+    bits: int
+
+    def __call__(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return ``values`` (any shape) rounded to the nearest code and clipped at the first and last one."""
+        half = 2.0 ** (self.bits - 1)
+        step = self.full_scale / half
+        return np.clip(np.round(values / step), -half, half - 1) * step
+
+
+class Noise:
+    """White and first-order coloured noise of several channels, drawn in blocks without a seam.
+
+    The total rms is that of the settings; ``coloured_share`` is the coloured part of the power. The coloured part is
+    the low-passed process sampled exactly: x[n+1] = r x[n] + sqrt(1 - r^2) sigma e, r = exp(-2 pi corner / rate),
+    begun in its stationary state.
+    """
+
+    def __init__(self, settings: SimulatedNoise, channels: int, sample_rate_hz: float, rng: np.random.Generator):
+        self._rng = rng
+        self._white = settings.rms_m_s2 * math.sqrt(1 - settings.coloured_share)
+        self._coloured = settings.rms_m_s2 * math.sqrt(settings.coloured_share)
+        self._pole = math.exp(-2 * math.pi * settings.corner_hz / sample_rate_hz)
+        self._last = self._coloured * rng.standard_normal((channels, 1))
+
+    def draw(self, samples: int) -> NDArray[np.float64]:
+        """Return the next (channels, samples)."""
+        shape = (len(self._last), samples)
+        innovation = self._coloured * math.sqrt(1 - self._pole**2) * self._rng.standard_normal(shape)
+        coloured, self._last = lfilter([1.0], [1.0, -self._pole], innovation, zi=self._pole * self._last)
+        self._last = coloured[:, -1:]
+        return coloured + self._white * self._rng.standard_normal(shape)

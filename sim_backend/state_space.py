@@ -1,0 +1,119 @@
+"""Linear systems with one input, and their exact response to a force pulse at sampled times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm, matrix_balance
+
+from sim_backend.pulses import COS, LINEAR, OFFSET, OMEGA, SIN, START, Pulse
+
+GENERATOR = 4  # states of a pulse segment: 1, tau, sin, cos
+BLOCK = 128  # powers of the transition matrix kept, so that long records are two matrix products
+
+
+@dataclass(frozen=True, slots=True)
+class StateSpace:
+    """y' = a y + b u, outputs = c y + d u.
+
+    Attributes
+    ----------
+    a, b, c, d
+        Shapes (n, n), (n,), (outputs, n), (outputs,).
+    """
+
+    a: NDArray[np.float64]
+    b: NDArray[np.float64]
+    c: NDArray[np.float64]
+    d: NDArray[np.float64]
+
+    def then(self, second: StateSpace) -> StateSpace:
+        """Return this system with its first output sent through ``second``; the other outputs stay as they are."""
+        n, m = len(self.b), len(second.b)
+        a = np.zeros((n + m, n + m))
+        a[:n, :n], a[n:, n:], a[n:, :n] = self.a, second.a, np.outer(second.b, self.c[0])
+        c = np.zeros((len(self.d), n + m))
+        c[:, :n] = self.c
+        c[0, :n], c[0, n:] = second.d[0] * self.c[0], second.c[0]
+        d = self.d.copy()
+        d[0] *= second.d[0]
+        return StateSpace(a, np.concatenate([self.b, second.b * self.d[0]]), c, d)
+
+
+def exact_response(
+    system: StateSpace, pulse: Pulse, onset_s: float, samples: int, sample_rate_hz: float
+) -> NDArray[np.float64]:
+    """Return the outputs, (outputs, samples), at the times n / sample_rate_hz, from rest.
+
+    Every segment of the pulse solves a linear system of its own (1, tau, sin, cos); joined to ``system`` it makes
+    an autonomous system, whose matrix exponential is the exact solution between knots and samples. The onset need
+    not be at a sample.
+    """
+    _, (scale, _) = matrix_balance(system.a, permute=False, separate=True)
+    a = system.a * scale / scale[:, np.newaxis]
+    b, c = system.b / scale, system.c * scale
+
+    outputs = np.zeros((len(system.d), samples))
+    dt = 1 / sample_rate_hz
+    state = np.zeros(len(b))
+    knots = onset_s + pulse.knots
+    n = int(np.clip(np.ceil(onset_s * sample_rate_hz), 0, samples))
+    for left, right in pairwise(knots.tolist()):
+        joined, start = _join(a, b, pulse, (left + right) / 2 - onset_s, left - onset_s)
+        z = np.concatenate([state, start])
+        stop = int(np.clip(np.ceil(right * sample_rate_hz), n, samples))
+        at = left
+        if stop > n:
+            z = expm(joined * (n * dt - left)) @ z
+            rows, z = _march(joined, z, stop - n, np.pad(c, ((0, 0), (0, len(start)))), dt)
+            outputs[:, n:stop] = rows
+            at, n = (stop - 1) * dt, stop
+        state = (expm(joined * (right - at)) @ z)[: len(b)]
+    if n < samples:
+        state = expm(a * (n * dt - knots[-1])) @ state
+        outputs[:, n:] = _march(a, state, samples - n, c, dt)[0]
+    if np.any(system.d):
+        outputs += np.outer(system.d, pulse(np.arange(samples) * dt - onset_s))
+    return outputs
+
+
+def _join(
+    a: NDArray[np.float64], b: NDArray[np.float64], pulse: Pulse, middle: float, left: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the matrix of system and active segments together, and the segments' states at ``left``."""
+    active = pulse.active(middle)
+    n, m = len(b), GENERATOR * len(active)
+    joined = np.zeros((n + m, n + m))
+    joined[:n, :n] = a
+    start = np.empty(m)
+    for i, s in enumerate(pulse.segments[active]):
+        at, here = n + GENERATOR * i, GENERATOR * i
+        joined[:n, at : at + GENERATOR] = np.outer(b, [s[OFFSET], s[LINEAR], s[SIN], s[COS]])
+        joined[at + 1, at] = 1.0
+        joined[at + 2, at + 3], joined[at + 3, at + 2] = s[OMEGA], -s[OMEGA]
+        tau = left - s[START]
+        start[here : here + GENERATOR] = 1.0, tau, np.sin(s[OMEGA] * tau), np.cos(s[OMEGA] * tau)
+    return joined, start
+
+
+def _march(
+    a: NDArray[np.float64], state: NDArray[np.float64], count: int, c: NDArray[np.float64], dt: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return outputs (outputs, count) at 0, dt, ... from ``state``, and the state at the last of these times."""
+    step = expm(a * dt)
+    length = min(BLOCK, count)
+    rows = np.empty((length, *c.shape))
+    rows[0] = c
+    for j in range(1, length):
+        rows[j] = rows[j - 1] @ step
+    leap = np.linalg.matrix_power(step, length)
+    starts = np.empty((len(state), -(-count // length)))
+    starts[:, 0] = state
+    for j in range(1, starts.shape[1]):
+        starts[:, j] = leap @ starts[:, j - 1]
+    outputs = (rows.reshape(-1, len(state)) @ starts).reshape(length, len(c), -1)
+    last = np.linalg.matrix_power(step, (count - 1) % length) @ starts[:, -1]
+    return outputs.transpose(1, 2, 0).reshape(len(c), -1)[:, :count], last

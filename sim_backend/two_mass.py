@@ -1,0 +1,102 @@
+"""The tester of Eq. 9: two masses, two tube springs, and the contact between them, about static equilibrium."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.state_space import StateSpace
+
+PAIRING_TOLERANCE = 1e-9  # |Im s| / |s| below which a pole counts as real
+
+
+@dataclass(frozen=True, slots=True)
+class TwoMass:
+    """Masses, springs and dampers of Eq. 9; gravity is balanced by the static deflection and drops out.
+
+    Attributes
+    ----------
+    m1, m2
+        Upper and lower mass, kg.
+    k1, k2
+        Upper and lower tube spring, N/m.
+    kc, cc
+        Contact stiffness, N/m, and contact damping, N s/m.
+    c1, c2
+        Dampers beside the tube springs, N s/m. Eq. 9 has none.
+    """
+
+    m1: float
+    m2: float
+    k1: float
+    k2: float
+    kc: float
+    cc: float
+    c1: float = 0.0
+    c2: float = 0.0
+
+    def state_matrix(self) -> NDArray[np.float64]:
+        """Return the (4, 4) matrix of Eq. 9 for the state x1, x2 (m), v1, v2 (m/s).
+
+        The contact pushes the lower mass with k_c (x1 - x2) + c_c (v1 - v2) and the upper one back.
+        """
+        return np.array(
+            [
+                [0.0, 0.0, 1.0, 0.0],
+                [0.0, 0.0, 0.0, 1.0],
+                [-(self.k1 + self.kc) / self.m1, self.kc / self.m1, -(self.c1 + self.cc) / self.m1, self.cc / self.m1],
+                [self.kc / self.m2, -(self.k2 + self.kc) / self.m2, self.cc / self.m2, -(self.c2 + self.cc) / self.m2],
+            ]
+        )
+
+    def state_space(self) -> StateSpace:
+        """Return the tester from the force on the upper mass, N, to five outputs.
+
+        In this order: acceleration of the lower mass (m/s2), x2 (m), dynamic contact force (N),
+        approach x1 - x2 (m), its rate (m/s).
+        """
+        a = self.state_matrix()
+        c = np.array(
+            [
+                a[3],
+                [0.0, 1.0, 0.0, 0.0],
+                [self.kc, -self.kc, self.cc, -self.cc],
+                [1.0, -1.0, 0.0, 0.0],
+                [0.0, 0.0, 1.0, -1.0],
+            ]
+        )
+        return StateSpace(a, np.array([0.0, 0.0, 1 / self.m1, 0.0]), c, np.zeros(5))
+
+    def poles(self) -> NDArray[np.complex128]:
+        """Return the four roots s of Eq. 10 (s = j omega), rad/s."""
+        return np.linalg.eigvals(self.state_matrix()).astype(np.complex128)
+
+    def modes(self) -> tuple[float, float, float, float]:
+        """Return f1 (Hz), zeta1, f2 (Hz), zeta2 of the system and the contact mode, by growing frequency.
+
+        f = |s| / 2 pi and zeta = -Re s / |s|. An overdamped mode has two real roots; they are taken together as
+        the roots of s^2 + 2 zeta w s + w^2, so that zeta is above 1 and f is their geometric mean.
+        """
+        poles = self.poles()
+        complex_pole = np.abs(poles.imag) > PAIRING_TOLERANCE * np.abs(poles)
+        found = [(abs(s) / (2 * math.pi), -s.real / abs(s)) for s in poles[complex_pole & (poles.imag > 0)]]
+        real = sorted(abs(s.real) for s in poles[~complex_pole])
+        for slow, fast in zip(real[::2], real[1::2], strict=False):
+            omega = math.sqrt(slow * fast)
+            found.append((omega / (2 * math.pi), (slow + fast) / (2 * omega) if omega > 0 else math.nan))
+        found.sort()
+        (f1, zeta1), (f2, zeta2) = found
+        return float(f1), float(zeta1), float(f2), float(zeta2)
+
+
+def contact_damping(kc: float, zeta: float, m1: float, m2: float) -> float:
+    """Return c_c, N s/m, that gives the contact mode of two free masses the damping ratio ``zeta``."""
+    return 2 * zeta * math.sqrt(kc * m1 * m2 / (m1 + m2))
+
+
+def tube_damping(zeta: float, m1: float, m2: float, k1: float, k2: float) -> float:
+    """Return c1 = c2, N s/m, that gives the system mode (both masses as one) the damping ratio ``zeta``."""
+    return zeta * math.sqrt((k1 + k2) * (m1 + m2))

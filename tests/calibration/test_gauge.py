@@ -1,0 +1,185 @@
+"""The load behind a voltage between two calibrations."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from calibration.gauge import GaugeHistory
+from calibration.settings import CalibrationSettings
+from daq.records import CalibrationPoints
+
+WEIGHTS = np.array([0.0, 100, 200, 400, 600, 800, 1000])
+UP_DOWN = np.concatenate([WEIGHTS, WEIGHTS[::-1]])
+EIGHT, NINE, TEN = "2024-05-01T08:00:00.000Z", "2024-05-01T09:00:00Z", "2024-05-01T10:00:00.5Z"
+SETTINGS = CalibrationSettings()
+
+
+def line(time, offset=0.35, sensitivity=0.042, noise=0.0, rng=None, load=UP_DOWN):
+    scatter = 0.0 if rng is None else rng.normal(0, noise, len(load))
+    return CalibrationPoints(load, offset + sensitivity * load + scatter, time)
+
+
+def test_slope_and_offset_are_interpolated_in_time():
+    history = GaugeHistory(line(EIGHT), line("2024-05-01T10:00:00Z", 0.55, 0.043), SETTINGS)
+    scale = history.scale_at("2024-05-01T08:30:00Z")
+    assert scale.offset_mv == pytest.approx(0.40)
+    assert scale.sensitivity_mv_per_mn == pytest.approx(0.04225)
+    assert history.load_at(0.40 + 0.04225 * 500, "2024-05-01T08:30:00Z").value == pytest.approx(500)
+
+
+def test_no_calibration_gives_no_load():
+    history = GaugeHistory(None, None, SETTINGS)
+    assert history.load_at(1.0, NINE) is None
+    assert history.scale_at(NINE) is None
+    assert history.result() is None
+    assert history.notes
+
+
+@pytest.mark.parametrize("which", ["before", "after"])
+def test_one_calibration_holds_throughout_with_a_note(which):
+    only = line(EIGHT, 0.4)
+    history = GaugeHistory(only, None, SETTINGS) if which == "before" else GaugeHistory(None, only, SETTINGS)
+    assert history.load_at(0.4 + 42.0, NINE).value == pytest.approx(1000)
+    assert which in history.notes[0]
+    result = history.result()
+    assert result.drift_p_value is None
+    assert not result.drifted
+    assert which in result.statement
+
+
+def test_an_unusable_calibration_counts_as_absent():
+    broken = CalibrationPoints(np.array([100.0, 100.0]), np.array([4.2, 4.2]), TEN)
+    history = GaugeHistory(line(EIGHT), broken, SETTINGS)
+    assert history.post_fit is None
+    assert "after the test cannot be used" in history.notes[0]
+    assert history.load_at(0.35 + 21, NINE).value == pytest.approx(500)
+
+
+@pytest.mark.parametrize("time", ["", "noon", "2024-13-01T00:00:00Z", None])
+def test_a_time_that_cannot_be_read_is_midway(time):
+    history = GaugeHistory(line(EIGHT, 0.3), line(TEN, 0.5), SETTINGS)
+    fraction, note = history.fraction_at(time)
+    assert fraction == 0.5
+    assert "no ISO 8601 time" in note
+    assert history.scale_at(time).offset_mv == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("time", ["0001-01-01T00:00:00+10:00", "2024-05-01T12:30:00Z", "1970-01-01T00:00:00Z"])
+def test_a_clock_set_wrong_is_midway(time):
+    fraction, note = GaugeHistory(line(EIGHT, 0.3), line(TEN, 0.5), SETTINGS).fraction_at(time)
+    assert fraction == 0.5
+    assert "far from both" in note
+
+
+@pytest.mark.parametrize("times", [("x", TEN), (EIGHT, ""), (EIGHT, EIGHT), (TEN, EIGHT)])
+def test_calibration_times_that_tell_nothing_mean_midway(times):
+    history = GaugeHistory(line(times[0]), line(times[1]), SETTINGS)
+    fraction, note = history.fraction_at(NINE)
+    assert fraction == 0.5
+    assert "cannot be told apart" in note
+
+
+def test_times_with_and_without_fraction_and_zone_are_read():
+    history = GaugeHistory(line("2024-05-01T08:00:00"), line("2024-05-01T12:00:00+02:00"), SETTINGS)
+    assert history.fraction_at("2024-05-01T09:00:00.000Z") == (0.5, "")
+
+
+@pytest.mark.parametrize(("time", "offset"), [("2024-05-01T07:00:00Z", 0.3), ("2024-05-01T11:00:00Z", 0.5)])
+def test_outside_the_nearest_calibration_holds(time, offset):
+    history = GaugeHistory(line(EIGHT, 0.3), line("2024-05-01T10:00:00Z", 0.5), SETTINGS)
+    assert history.scale_at(time).offset_mv == pytest.approx(offset)
+    assert history.fraction_at(time)[1]
+
+
+def test_bridge_is_widest_midway_and_absent_without_drift():
+    exact = SETTINGS.model_copy(update={"weight_uncertainty_mn": 0.0})
+    drifted = GaugeHistory(line(EIGHT, 0.35), line("2024-05-01T10:00:00Z", 0.35 + 0.42), exact)  # by 10 mN
+    assert drifted.load_at(20.0, NINE).standard_error == pytest.approx(5.0)
+    assert drifted.load_at(20.0, EIGHT).standard_error == pytest.approx(0.0, abs=1e-6)
+    assert drifted.load_at(20.0, "2024-05-01T08:30:00Z").standard_error == pytest.approx(10 * np.sqrt(3 / 16))
+    assert drifted.load_at(20.0, "2024-05-01T11:00:00Z").standard_error == pytest.approx(10 * np.sqrt(1 / 2))
+    steady = GaugeHistory(line(EIGHT), line(TEN), exact)
+    assert steady.load_at(20.0, NINE).standard_error == pytest.approx(0.0, abs=1e-6)
+
+
+def test_uncertainty_of_the_reading_is_propagated():
+    exact = SETTINGS.model_copy(update={"weight_uncertainty_mn": 0.0})
+    history = GaugeHistory(line(EIGHT), line(TEN), exact)
+    assert history.load_at(20.0, NINE, 0.021).standard_error == pytest.approx(0.5, rel=1e-6)
+
+
+def test_errors_of_weights_do_not_average_out_between_the_calibrations():
+    history = GaugeHistory(line(EIGHT), line(TEN), SETTINGS)
+    single = GaugeHistory(line(EIGHT), None, SETTINGS)
+    midway, alone = history.load_at(20.0, NINE), single.load_at(20.0, NINE)
+    assert midway.standard_error == pytest.approx(alone.standard_error, rel=1e-6)
+
+
+@given(st.floats(0.01, 1), st.floats(0.5, 2), st.floats(-5, 5), st.floats(-10, 50), st.integers(0, 120))
+def test_a_load_lies_between_those_of_both_calibrations(sensitivity, change, drift, voltage, minute):
+    first, second = line(EIGHT, 0.3, sensitivity), line("2024-05-01T10:00:00Z", 0.3 + drift, sensitivity * change)
+    history = GaugeHistory(first, second, SETTINGS)
+    load = history.load_at(voltage, f"2024-05-01T{8 + minute // 60:02d}:{minute % 60:02d}:00Z")
+    ends = [history.pre_fit.scale.load_mn(voltage), history.post_fit.scale.load_mn(voltage)]
+    assert min(ends) - 1e-6 <= load.value <= max(ends) + 1e-6
+    assert load.low <= load.value <= load.high
+
+
+def test_a_voltage_that_is_no_number_has_no_load():
+    assert GaugeHistory(line(EIGHT), None, SETTINGS).load_at(float("nan"), NINE) is None
+
+
+@pytest.mark.parametrize("scenario", ["still", "steady", "jump"])
+def test_load_intervals_cover(scenario):
+    rng = np.random.default_rng(11)
+    draws, hits = 1200, 0
+    drift = 0.0 if scenario == "still" else 0.3  # mV over the test
+    for _ in range(draws):
+        errors = rng.normal(0, 0.1, len(WEIGHTS)) * (WEIGHTS > 0)
+        hung = np.concatenate([WEIGHTS + errors, (WEIGHTS + errors)[::-1]])
+        pre = CalibrationPoints(UP_DOWN, 0.35 + 0.042 * hung + rng.normal(0, 0.005, len(hung)), EIGHT)
+        post = CalibrationPoints(
+            UP_DOWN, 0.35 + drift + 0.042 * hung + rng.normal(0, 0.005, len(hung)), "2024-05-01T10:00:00Z"
+        )
+        tau = rng.uniform()
+        time = f"2024-05-01T{8 + int(tau * 120) // 60:02d}:{int(tau * 120) % 60:02d}:00Z"
+        share = {"still": 0.0, "steady": int(tau * 120) / 120, "jump": float(rng.uniform() < tau)}[scenario]
+        load = rng.uniform(50, 1000)
+        voltage = 0.35 + drift * share + 0.042 * load + rng.normal(0, 0.005)
+        estimate = GaugeHistory(pre, post, SETTINGS).load_at(voltage, time, 0.005)
+        hits += estimate.low <= load <= estimate.high
+    assert hits / draws > 0.93
+    if scenario == "still":
+        assert hits / draws < 0.985
+
+
+def test_a_random_walk_is_covered_as_far_as_one_increment_can_tell():
+    # Bridge over the increment of a walk of unknown size is Cauchy: P(|C| < 1.96) = 0.70.
+    rng = np.random.default_rng(12)
+    draws, hits = 600, 0
+    exact = SETTINGS.model_copy(update={"weight_uncertainty_mn": 0.0})
+    for _ in range(draws):
+        half, end = np.cumsum(rng.normal(0, 5.0, 2))  # mN
+        history = GaugeHistory(line(EIGHT), line("2024-05-01T10:00:00Z", 0.35 + 0.042 * end), exact)
+        estimate = history.load_at(0.35 + 0.042 * (500 + half), NINE)
+        hits += estimate.low <= 500 <= estimate.high
+    assert 0.63 < hits / draws < 0.77
+
+
+def test_result_is_the_line_midway():
+    rng = np.random.default_rng(13)
+    history = GaugeHistory(line(EIGHT, 0.3, 0.0418, 0.01, rng), line(TEN, 0.5, 0.0422, 0.01, rng), SETTINGS)
+    result = history.result()
+    assert result.drifted
+    assert result.drift_p_value < 0.01
+    assert result.sensitivity_mv_per_mn.value == pytest.approx(0.042, rel=1e-3)
+    assert result.sensitivity_mv_per_mn.low < 0.042 < result.sensitivity_mv_per_mn.high
+    assert "differ" in result.statement
+
+
+def test_published_sensitivity_is_within_its_interval():
+    rng = np.random.default_rng(14)
+    result = GaugeHistory(line(EIGHT, noise=0.02, rng=rng), line(TEN, noise=0.02, rng=rng), SETTINGS).result()
+    assert result.sensitivity_mv_per_mn.low < 0.042 < result.sensitivity_mv_per_mn.high  # Sec. 3.2
+    assert not result.drifted

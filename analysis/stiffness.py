@@ -19,10 +19,6 @@ from calibration.estimate import Estimate
 FloatArray = NDArray[np.float64]
 RING = math.pi / 4 - 2 / math.pi  # thin ring pressed across a diameter: deflection RING * F R^3 / (E I); 0.1488
 
-_SUBSTITUTIONS, _CONVERGED = 200, 1e-13  # springs from contact and contact from springs, in turn
-_DIFFERENCE = 1e-5  # relative step of a derivative; of a damping ratio, absolute
-_ZETA = 2  # place of the damping ratio among the inputs
-
 
 class ResonanceError(ValueError):
     """These resonances, masses and springs do not belong together in Eq. 10; the text is one sentence."""
@@ -197,92 +193,6 @@ def springs_from_system_mode(f1_hz: float, k_c: float, m1: float, m2: float, rat
     root = math.sqrt(b**2 - 4 * ratio * c)
     k1 = -2 * c / (b + root) if b > 0 else (root - b) / (2 * ratio)
     return k1, ratio * k1
-
-
-def springs_and_contact(
-    f1_hz: float, f2_hz: float, m1: float, m2: float, ratio: float = 1.0
-) -> tuple[float, float, float]:
-    """k1, k2 and k_c, N/m, whose undamped modes are exactly ``f1_hz`` and ``f2_hz``, with k2 = ``ratio`` k1.
-
-    The two modes are two equations for k1 and k_c, solved by substitution from the infinitely stiff contact on.
-    """
-    k1, k2, k_c, _ = _solve_tester(np.array([f1_hz, f2_hz, 0.0, m1, m2, ratio]))
-    return float(k1), float(k2), float(k_c)
-
-
-@dataclass(frozen=True, slots=True)
-class SpringsAndContact:
-    """Springs and contact of the tester with their uncertainty.
-
-    Attributes
-    ----------
-    k1_n_per_m, k2_n_per_m, stiffness_n_per_m, damping_n_s_per_m
-        Estimates of k1, k2, k_c and c_c.
-    covariance
-        (4, 4) of the four in this order.
-    """
-
-    k1_n_per_m: Estimate
-    k2_n_per_m: Estimate
-    stiffness_n_per_m: Estimate
-    damping_n_s_per_m: Estimate
-    covariance: FloatArray
-
-
-def estimate_from_modes(
-    f1_hz: Estimate, f2_hz: Estimate, zeta2: Estimate, m1: Estimate, m2: Estimate, ratio: Estimate
-) -> SpringsAndContact:
-    """Springs, contact stiffness and damping from both measured modes, with the uncertainty of all that goes in.
-
-    The springs follow from the system mode with the contact stiffness found, the contact from the contact mode
-    (Eq. 10) with the springs found. First order in the uncertainties, which are taken as independent; derivatives
-    by central differences of the solution, degrees of freedom after Welch and Satterthwaite.
-
-    Parameters
-    ----------
-    f1_hz, f2_hz, zeta2
-        System and contact mode.
-    m1, m2
-        Masses, kg.
-    ratio
-        k2 / k1.
-    """
-    inputs = (f1_hz, f2_hz, zeta2, m1, m2, ratio)
-    centre = np.array([x.value for x in inputs])
-    errors = np.array([x.standard_error for x in inputs])
-    values = _solve_tester(centre)
-    spread = np.zeros((4, len(inputs)))
-    for i in np.flatnonzero(errors):
-        step = np.zeros(len(inputs))
-        step[i] = _DIFFERENCE * (1.0 if i == _ZETA else centre[i])
-        spread[:, i] = errors[i] * (_solve_tester(centre + step) - _solve_tester(centre - step)) / (2 * step[i])
-    covariance = spread @ spread.T
-    k1, k2, k_c, c_c = (
-        Estimate(
-            float(values[i]),
-            math.sqrt(float(covariance[i, i])),
-            _welch_satterthwaite(float(covariance[i, i]), spread[i] ** 2, [x.dof for x in inputs]),
-        )
-        for i in range(4)
-    )
-    return SpringsAndContact(k1, k2, k_c, c_c, covariance)
-
-
-def _solve_tester(x: FloatArray) -> FloatArray:
-    """k1, k2, k_c, c_c from f1, f2, zeta2, m1, m2, k2 / k1."""
-    f1_hz, f2_hz, zeta2, m1, m2, ratio = (float(value) for value in x)
-    s = pole(f2_hz, zeta2)
-    k_c = math.inf
-    for _ in range(_SUBSTITUTIONS):
-        k1, k2 = springs_from_system_mode(f1_hz, k_c, m1, m2, ratio)
-        previous = k_c
-        k_c, c_c = contact_from_pole(s, m1, m2, k1, k2)
-        if abs(k_c - previous) <= _CONVERGED * k_c:
-            return np.array([k1, k2, k_c, c_c])
-    raise ResonanceError(
-        f"modes at {f1_hz:g} and {f2_hz:g} Hz lie too close together for masses {m1:g} and {m2:g} kg with "
-        f"k2 / k1 = {ratio:g}"
-    )
 
 
 def ring_spring_stiffness(E: float, L: float, t: float, R: float) -> float:

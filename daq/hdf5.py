@@ -24,12 +24,11 @@ LARGEST_ARRAY = 100_000_000
 _BROKEN = (
     OSError,
     RuntimeError,
-    KeyError,
+    LookupError,
     ValueError,
     TypeError,
     AttributeError,
-    IndexError,
-    OverflowError,
+    ArithmeticError,
     MemoryError,
 )
 

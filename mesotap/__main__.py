@@ -11,6 +11,8 @@ INTERRUPTED = 130
 
 def main() -> None:
     """Run the command line."""
+    # the matrices here are small: a second BLAS thread only gets in the way of the first
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from mesotap.cli import app
 
     try:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, cast
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -16,28 +15,22 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from analysis.contact.theory import TheoryCurve
+from analysis.contact.theory import theory as theory_curves
+from analysis.published import Published
 from analysis.results import ImpactResult, LoadResult, RecordingModes, SessionResults
-from calibration.estimate import LEVEL, Estimate
+from calibration.estimate import LEVEL
 from daq.durable import write_whole
 from daq.records import Session, Shot
 from mesotap import figures
+from mesotap.comparison import count_inside, recovered_against, theory_ratios
 from mesotap.figures import Recording
 from mesotap.results_files import impacts_csv, json_text, loads_csv, modes_json, results_json
 from mesotap.rounding import UNKNOWN, significant, with_uncertainty
+from mesotap.summary import summary
 
-__all__ = ["recording_report", "results_json", "with_uncertainty", "write_report"]
+__all__ = ["published_report", "recording_report", "results_json", "with_uncertainty", "write_report"]
 
-N_PER_MN = 1e-3  # newtons in a millinewton
 FIGURE_FOLDER = "figures"
-RECOVERED = {  # quantity of a truth mapping -> what reports call it
-    "load_mn": "P",
-    "f1_hz": "f1",
-    "f2_hz": "f2",
-    "zeta1": "ζ1",
-    "zeta2": "ζ2",
-    "contact_stiffness_n_per_m": "kc",
-    "contact_damping_n_s_per_m": "cc",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,14 +42,6 @@ class Plate:
 
 
 @dataclass(frozen=True, slots=True)
-class Ratio:
-    """Measured stiffness of one load over what each theory predicts there."""
-
-    load: LoadResult
-    ratios: tuple[Estimate | None, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class Taps:
     """How many taps one load took."""
 
@@ -64,16 +49,6 @@ class Taps:
     made: int
     accepted: int
     reasons: str
-
-
-@dataclass(frozen=True, slots=True)
-class Recovery:
-    """One quantity of one load against the truth of the simulated rig; ``inside`` its 95 % interval or not."""
-
-    estimate: Estimate | None
-    true: float | None
-    deviation_percent: float | None
-    inside: bool | None
 
 
 def write_report(
@@ -114,8 +89,8 @@ def write_report(
     _written(folder / "results.json", json_text(results_json(results)))
     _written(folder / "results.csv", loads_csv(results))
     _written(folder / "impacts.csv", impacts_csv(results))
-    ratios = _ratios(results, theory)
-    recovered = None if truth is None else _recovered(results, truth)
+    ratios = theory_ratios(results, theory)
+    recovered = None if truth is None else recovered_against(results, truth)
     page = _environment().get_template("report.html")
     html = page.render(
         session=session,
@@ -123,7 +98,7 @@ def write_report(
         theory=theory,
         drifted=results.calibration is not None and results.calibration.drifted,
         simulated=truth is not None,
-        summary=_summary(results, theory, ratios),
+        summary=summary(results, theory, ratios),
         plates={name: Plate(Markup(figures.inline_svg(drawn[name], name, LABELS[name]))) for name in drawn},
         typical=_typical_shot(session),
         spectra=figures.shown_spectra(results),
@@ -132,7 +107,7 @@ def write_report(
         taps=_taps(results),
         rejected=[(i, _shot(session, i)) for i in results.impacts if not i.accepted],
         recovered=recovered,
-        inside=_count_inside(recovered),
+        inside=count_inside(recovered),
         truth_missing=truth is not None and not recovered,
         level_percent=round(100 * LEVEL),
         pdf_figures=pdf_figures,
@@ -165,6 +140,7 @@ def recording_report(folder: Path, recording: Recording, modes: RecordingModes) 
     names = [str(recording.names[c]) if c < len(recording.names) else f"channel {c}" for c in range(data.shape[0])]
     html = _environment().get_template("recording.html").render(
         recording=recording,
+        unit=recording.unit.replace("m/s2", "m/s²"),
         names=names,
         duration_s=data.shape[1] / recording.rate_hz,
         modes=modes,
@@ -174,7 +150,38 @@ def recording_report(folder: Path, recording: Recording, modes: RecordingModes) 
     return _written(folder / "report.html", html)
 
 
+def published_report(folder: Path, published: Published) -> Path:
+    """Write the page of the published tables analysed again: ``report.html``, ``published.json``, ``table5.pdf``, ...
+
+    Parameters
+    ----------
+    folder
+        Where to; made if it is not there.
+    published
+        The tables, theory beside them, and the conflicts in what was published.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    _written(folder / "published.json", json_text(published.as_json()))
+    plates = []
+    for table in published.tables:
+        contact = cast("Literal['paper-flat', 'paper-sphere']", table.contact)
+        figure = figures.published_figure(table.load_mn, table.contact_stiffness_n_per_m, theory_curves(contact))
+        name = f"table{table.number}"
+        figures.save(figure, folder / f"{name}.pdf")
+        plates.append(Plate(Markup(figures.inline_svg(figure, name, LABELS["published"])), wide=False))
+    html = _environment().get_template("published.html").render(
+        published=published, tables=list(zip(published.tables, plates, strict=True))
+    )  # fmt: skip
+    return _written(folder / "report.html", html)
+
+
 LABELS = {
+    "published": "Contact stiffness of a published table against load with theory",
     "calibration": "Strain gauge voltage against dead weight, before and after the session, with residuals",
     "record": "Acceleration of both accelerometers against time for one tap",
     "spectra": "Averaged acceleration spectra of several loads",
@@ -261,23 +268,6 @@ def _letter(index: int) -> str:
     return letter if index < 26 else _letter(index // 26 - 1) + letter
 
 
-def _ratios(results: SessionResults, theory: Sequence[TheoryCurve]) -> list[Ratio]:
-    rows = []
-    for load in results.loads:
-        k = load.contact_stiffness_n_per_m
-        if k is None or load.load_mn is None or load.load_mn.value <= 0:
-            continue
-        preload = np.array([load.load_mn.value * N_PER_MN])
-        predicted = [float(np.asarray(curve.stiffness(preload))[0]) for curve in theory]
-        usable = [value if math.isfinite(value) and value > 0 else None for value in predicted]
-        rows.append(Ratio(load, tuple(None if p is None else _scaled(k, 1 / p) for p in usable)))
-    return rows
-
-
-def _scaled(estimate: Estimate, factor: float) -> Estimate:
-    return replace(estimate, value=estimate.value * factor, standard_error=estimate.standard_error * factor)
-
-
 def _taps(results: SessionResults) -> list[Taps]:
     rows = []
     for load in results.loads:
@@ -286,116 +276,3 @@ def _taps(results: SessionResults) -> list[Taps]:
         text = "; ".join(f"{count} × {reason}" if count > 1 else reason for reason, count in reasons.items())
         rows.append(Taps(load, len(impacts), sum(i.accepted for i in impacts), text))
     return rows
-
-
-def _recovered(
-    results: SessionResults, truth: Sequence[Mapping[str, Any]]
-) -> list[tuple[LoadResult, dict[str, Recovery]]]:
-    by_set = {int(entry["load_set"]): entry for entry in truth if entry.get("load_set") is not None}
-    return [
-        (load, {q: _recovery(getattr(load, q), by_set[load.load_set].get(q)) for q in RECOVERED})
-        for load in results.loads
-        if load.load_set in by_set
-    ]
-
-
-def _recovery(estimate: Estimate | None, true: float | None) -> Recovery:
-    if estimate is None or true is None or not math.isfinite(true):
-        return Recovery(estimate, true, None, None)
-    deviation = 100 * (estimate.value / true - 1) if true else None
-    return Recovery(estimate, true, deviation, estimate.low <= true <= estimate.high)
-
-
-def _count_inside(recovered: list[tuple[LoadResult, dict[str, Recovery]]] | None) -> tuple[int, int]:
-    verdicts = [r.inside for _, row in recovered or [] for r in row.values() if r.inside is not None]
-    return sum(verdicts), len(verdicts)
-
-
-def _summary(results: SessionResults, theory: Sequence[TheoryCurve], ratios: Sequence[Ratio]) -> list[str]:
-    """Say in a few plain sentences what was found, how theory compares and how good the taps and the gauge were."""
-    sentences = []
-    measured = [load for load in results.loads if load.contact_stiffness_n_per_m is not None]
-    measured.sort(key=lambda load: load.load_mn.value if load.load_mn is not None else load.target_load_mn)
-    if not measured:
-        sentences.append("No contact stiffness could be estimated; the notes below say why.")
-    elif len(measured) == 1:
-        sentences.append(f"At {_load_words(measured[0])} the contact stiffness is {_stiffness(measured[0])} MN/m.")
-    else:
-        first, last = measured[0], measured[-1]
-        sentences.append(
-            f"The contact stiffness goes from {_stiffness(first)} MN/m at {_load_words(first)}"
-            f" to {_stiffness(last)} MN/m at {_load_words(last)}{_exponent_words(measured)}{_damping_words(measured)}."
-        )
-    if comparison := _closest_theory(theory, ratios):
-        sentences.append(comparison)
-    rejected = sum(not impact.accepted for impact in results.impacts)
-    used = sum(load.impacts_used for load in results.loads)
-    taps = f"{len(results.impacts)} taps at {len(results.loads)} load{'s' * (len(results.loads) != 1)}:"
-    taps += f" {used} used, {rejected} rejected."
-    sentences.append(taps)
-    if results.calibration is not None and results.calibration.drifted:
-        sentences[-1] += " The strain gauge drifted, so the loads are in doubt."
-    elif results.calibration is not None:
-        tested = results.calibration.drift_p_value is not None
-        sentences[-1] += " The strain gauge did not drift." if tested else " The gauge's drift could not be tested."
-    return [_typographic_words(sentence) for sentence in sentences]
-
-
-def _typographic_words(sentence: str) -> str:
-    """Set minus signs, and keep a number together with its uncertainty and unit."""
-    sentence = sentence.replace(" -", " −").replace(" ± ", "\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}")
-    return re.sub(r"(?<=[\d)]) (?=MN/m|mN|%)", "\N{NO-BREAK SPACE}", sentence)
-
-
-def _load_words(load: LoadResult) -> str:
-    if load.load_mn is None:
-        return f"a target load of {significant(load.target_load_mn, 4)} mN"
-    return f"{with_uncertainty(load.load_mn)} mN"
-
-
-def _stiffness(load: LoadResult) -> str:
-    return with_uncertainty(load.contact_stiffness_n_per_m, 1e-6)
-
-
-def _exponent_words(measured: Sequence[LoadResult]) -> str:
-    points = [
-        (math.log(load.load_mn.value), math.log(k.value))
-        for load in measured
-        if load.load_mn is not None and load.load_mn.value > 0
-        if (k := load.contact_stiffness_n_per_m) is not None and k.value > 0
-    ]
-    if len(points) < 3 or len({x for x, _ in points}) < 3:
-        return ""
-    log_load, log_stiffness = np.array(points).T
-    slope = float(np.polynomial.Polynomial.fit(log_load, log_stiffness, 1).convert().coef[1])
-    return f", about as the load to the power {slope:.2f}"
-
-
-def _damping_words(measured: Iterable[LoadResult]) -> str:
-    ratios = [load.zeta2 for load in measured if load.zeta2 is not None]
-    if len(ratios) < 2:
-        return ""
-    return f"; the contact mode's damping ratio goes from {_percent(ratios[0])} % to {_percent(ratios[-1])} %"
-
-
-def _percent(estimate: Estimate) -> str:
-    text = with_uncertainty(estimate, 100)
-    return f"({text})" if "±" in text else text
-
-
-def _closest_theory(theory: Sequence[TheoryCurve], ratios: Sequence[Ratio]) -> str:
-    best: tuple[float, str] | None = None
-    for index, curve in enumerate(theory):
-        values = [r.ratios[index] for r in ratios]
-        numbers = [v.value for v in values if v is not None and v.value > 0]
-        if not numbers or len(numbers) < len(ratios):
-            continue
-        distance = float(np.sqrt(np.mean(np.log(numbers) ** 2)))
-        span = f"{min(numbers):.2f} to {max(numbers):.2f} times" if len(numbers) > 1 else f"{numbers[0]:.2f} times"
-        equation = f" ({curve.equation})" if curve.equation else ""
-        if best is None or distance < best[0]:
-            best = (
-                distance,
-                f"Of the theories, {curve.name}{equation} is closest: the measured stiffness is {span} its prediction.",
-            )
-    return "" if best is None else best[1]

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import expm, matrix_balance
 
 from sim_backend.pulses import COS, LINEAR, OFFSET, OMEGA, SIN, START, Pulse
 
 GENERATOR = 4  # states of a pulse segment: 1, tau, sin, cos
-BLOCK = 128  # powers of the transition matrix kept, so that long records are two matrix products
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,13 +68,13 @@ def exact_response(
         at = left
         if stop > n:
             z = expm(joined * (n * dt - left)) @ z
-            rows, z = _march(joined, z, stop - n, np.pad(c, ((0, 0), (0, len(start)))), dt)
+            rows, z = _march(expm(joined * dt), z, stop - n, np.pad(c, ((0, 0), (0, len(start)))))
             outputs[:, n:stop] = rows
             at, n = (stop - 1) * dt, stop
         state = (expm(joined * (right - at)) @ z)[: len(b)]
     if n < samples:
         state = expm(a * (n * dt - knots[-1])) @ state
-        outputs[:, n:] = _march(a, state, samples - n, c, dt)[0]
+        outputs[:, n:] = _march(expm(a * dt), state, samples - n, c)[0]
     if np.any(system.d):
         outputs += np.outer(system.d, pulse(np.arange(samples) * dt - onset_s))
     return outputs
@@ -99,21 +99,27 @@ def _join(
     return joined, start
 
 
-def _march(
-    a: NDArray[np.float64], state: NDArray[np.float64], count: int, c: NDArray[np.float64], dt: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return outputs (outputs, count) at 0, dt, ... from ``state``, and the state at the last of these times."""
-    step = expm(a * dt)
-    length = min(BLOCK, count)
-    rows = np.empty((length, *c.shape))
-    rows[0] = c
-    for j in range(1, length):
-        rows[j] = rows[j - 1] @ step
-    leap = np.linalg.matrix_power(step, length)
-    starts = np.empty((len(state), -(-count // length)))
-    starts[:, 0] = state
-    for j in range(1, starts.shape[1]):
-        starts[:, j] = leap @ starts[:, j - 1]
-    outputs = (rows.reshape(-1, len(state)) @ starts).reshape(length, len(c), -1)
-    last = np.linalg.matrix_power(step, (count - 1) % length) @ starts[:, -1]
-    return outputs.transpose(1, 2, 0).reshape(len(c), -1)[:, :count], last
+@njit(cache=True)
+def _march(step, state, count, c):  # type: ignore[no-untyped-def]
+    """Return outputs (outputs, count) of ``state``, step @ state, ..., and the last of these states.
+
+    A plain loop: a linear-algebra library would spread it over threads, which takes longer and rounds differently
+    from machine to machine.
+    """
+    n = len(state)
+    outputs = np.empty((len(c), count))
+    now, following = state.copy(), np.empty(n)
+    for j in range(count):
+        if j > 0:
+            for i in range(n):
+                total = 0.0
+                for k in range(n):
+                    total += step[i, k] * now[k]
+                following[i] = total
+            now, following = following, now
+        for i in range(len(c)):
+            total = 0.0
+            for k in range(n):
+                total += c[i, k] * now[k]
+            outputs[i, j] = total
+    return outputs, now

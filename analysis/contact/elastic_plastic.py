@@ -11,6 +11,7 @@ The standard deviation of the asperity heights is taken as R_q, as in Eq. 5.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from analysis.contact.inversion import separation_for_load
+from analysis.contact.inversion import GRID, separation_for_load
 
 FloatArray = NDArray[np.float64]
 _REACH = 12.0  # standard deviations above the mean; no asperity is higher
@@ -64,7 +65,7 @@ class ElasticPlasticFlats:
 
     def separation(self, P: ArrayLike) -> FloatArray:
         """Separation d, m, under the load ``P``, N, shaped like it; `ValueError` for a load beyond the model."""
-        return self.R_q * separation_for_load(P, self._load, self._slope)
+        return self.R_q * separation_for_load(P, _load_table(self), self._load, self._slope)
 
     def stiffness(self, P: ArrayLike) -> FloatArray:
         """Contact stiffness -dP/dd, N/m, under the load ``P``, N, shaped like it; zero without load."""
@@ -103,6 +104,11 @@ class ElasticPlasticFlats:
         upper = np.minimum(self.critical_interference, np.maximum(-h, 0.0) + _REACH)[..., None]
         z = h[..., None] + upper * (1 + _NODES) / 2
         return np.asarray((upper[..., 0] / 2) ** 2.5 * (_WEIGHTS * z**power * _density(z)).sum(-1), dtype=np.float64)
+
+
+@functools.lru_cache(maxsize=8)
+def _load_table(flats: ElasticPlasticFlats) -> FloatArray:
+    return flats._load(GRID)
 
 
 def _density(z: FloatArray) -> FloatArray:

@@ -11,13 +11,14 @@ Gamma(n + 1) / sqrt(2 pi) exp(-h^2 / 4) D_{-n-1}(h) with D the parabolic cylinde
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from analysis.contact.inversion import separation_for_load
+from analysis.contact.inversion import GRID, separation_for_load
 
 FloatArray = NDArray[np.float64]
 
@@ -45,6 +46,7 @@ def separation(P: ArrayLike, eta: float, A_n: float, E_star: float, R_s: float, 
     amplitude = 4 / 3 * eta * A_n * E_star * math.sqrt(R_s) * R_q**1.5
     return R_q * separation_for_load(
         P,
+        amplitude * _moment_table(),
         lambda h: amplitude * tail_moment(1.5, h),
         lambda h: 1.5 * amplitude * tail_moment(0.5, h),
     )
@@ -56,3 +58,8 @@ def stiffness(P: ArrayLike, eta: float, A_n: float, E_star: float, R_s: float, R
     scale = 2 * eta * A_n * E_star * math.sqrt(R_s * R_q)
     touching = np.isfinite(h)
     return np.where(touching, scale * tail_moment(0.5, np.where(touching, h, 0.0)), 0.0)
+
+
+@functools.cache
+def _moment_table() -> FloatArray:
+    return tail_moment(1.5, GRID)

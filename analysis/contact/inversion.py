@@ -9,11 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 CLOSEST, FARTHEST = -20.0, 35.0  # separations in R_q; beyond, all asperities are flattened or none touches
-_GRID = np.linspace(CLOSEST, FARTHEST, 1101)
+GRID = np.linspace(CLOSEST, FARTHEST, 1101)
 
 
 def separation_for_load(
-    P: ArrayLike, load: Callable[[FloatArray], FloatArray], slope: Callable[[FloatArray], FloatArray]
+    P: ArrayLike,
+    table: FloatArray,
+    load: Callable[[FloatArray], FloatArray],
+    slope: Callable[[FloatArray], FloatArray],
 ) -> FloatArray:
     """Return the separation h = d / R_q (shaped like ``P``) at which ``load(h)`` is ``P``, N; infinite where P is zero.
 
@@ -23,6 +26,8 @@ def separation_for_load(
     ----------
     P
         (...) loads, N.
+    table
+        P(h) on `GRID`, N.
     load, slope
         P(h) and -dP/dh, N, of arrays.
 
@@ -34,7 +39,6 @@ def separation_for_load(
     wanted = np.asarray(P, dtype=np.float64)
     if not np.all(wanted >= 0):
         raise ValueError("surfaces in contact carry no negative load")
-    table = load(_GRID)
     outside = (wanted > table[0]) | ((wanted < table[-1]) & (wanted > 0))
     if outside.any():
         raise ValueError(
@@ -43,7 +47,7 @@ def separation_for_load(
         )
     touching = wanted > 0
     target = np.log(np.where(touching, wanted, table[0]))
-    h = np.interp(-target, -np.log(table), _GRID)
+    h = np.interp(-target, -np.log(table), GRID)
     for _ in range(4):
         carried = load(h)
         h = np.clip(h + (np.log(carried) - target) * carried / slope(h), CLOSEST, FARTHEST)

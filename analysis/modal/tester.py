@@ -26,6 +26,7 @@ Method = Literal["ml", "era"]
 
 SAFE_START_MS = 1.2  # after the trigger: any tap of the paper's impactor is over, a 17 % mode still rings
 HEAVY_DAMPING = (0.02, 0.05, 0.1, 0.18)  # what a spectral peak or a noisy realisation can miss
+GRID_SAMPLES = 1000  # a heavily damped mode is over by then
 CONTACT_MODE_ABOVE = 1.25  # the contact resonance lies at least this factor above the system resonance
 HIGHEST_SHARE = 0.4  # of the sampling rate: no contact resonance is looked for above
 DISAGREEMENT = 5.0  # standard errors (of ERA) between ERA and maximum likelihood that are flagged
@@ -212,7 +213,7 @@ def _heavy_grid(
     y: Real, system: complex, expected_hz: float, highest_hz: float, sample_rate_hz: float, known: Complex
 ) -> list[complex]:
     """Best heavily damped second mode on a grid: least squares with both modes' amplitudes free."""
-    length = min(y.size, int(12 / (2 * np.pi * expected_hz * HEAVY_DAMPING[0]) * sample_rate_hz))
+    length = min(y.size, GRID_SAMPLES)
     k = np.arange(length)
     frequencies = np.geomspace(CONTACT_MODE_ABOVE * expected_hz, highest_hz, 60)
     first = np.concatenate([(np.array([system])[:, None] ** k), (known[:, None] ** k)])

@@ -31,7 +31,7 @@ def read_mat5(path: Path, content: bytes) -> Columns:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            variables = loadmat(io.BytesIO(content))
+            variables = loadmat(io.BytesIO(content))  # type: ignore[arg-type]
     except Exception as error:  # scipy raises whatever its parser stumbles over
         raise RecordingError(f"{path}: is damaged, truncated, or no MAT file") from error
     found = NamedArrays()

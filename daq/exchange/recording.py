@@ -31,7 +31,6 @@ _TIME_SCALE = {
     "sec": 1.0,
     "second": 1.0,
     "seconds": 1.0,
-    "": 1.0,
     "ms": 1e-3,
     "us": 1e-6,
     "µs": 1e-6,
@@ -95,7 +94,7 @@ def is_time_name(name: str) -> bool:
 
 def time_scale(name: str, unit: str) -> float:
     """Return seconds per unit of a time column, by its unit or the ending of its name."""
-    if unit.strip() in _TIME_SCALE and unit.strip():
+    if unit.strip() in _TIME_SCALE:
         return _TIME_SCALE[unit.strip()]
     ending = re.search(r"_?(ms|us)$", name.strip(), re.IGNORECASE)
     return _TIME_SCALE[ending[1].lower()] if ending else 1.0
@@ -155,7 +154,8 @@ def rate_of(path: Path, time: NDArray[np.float64], name: str) -> float:
     if wrong is not None:
         step, usual = time[wrong] - time[wrong - 1], float(np.median(np.diff(time)))
         raise RecordingError(
-            f"{path}: column {name} is not evenly spaced: at sample {wrong} it steps by {step:g} s instead of {usual:g} s"
+            f"{path}: column {name} is not evenly spaced: "
+            f"at sample {wrong} it steps by {step:g} s instead of {usual:g} s"
         )
     span = float(time[-1] - time[0])
     rate = (time.size - 1) / span

@@ -91,6 +91,9 @@ def _numbers(path: Path, rows: list[tuple[int, str]], delimiter: str, decimal_co
     width = len(fields[0])
     if width > 1 and fields[0][-1] == "":
         raise RecordingError(f"{path}: line {rows[0][0]} ends in an empty field")
+    sound = sum(len(row) == width and all(_is_number(text, decimal_comma) for text in row) for row in fields[:200])
+    if sound < len(fields[:200]) / 2:
+        raise RecordingError(f"{path}: is no recording: it holds no table of numbers")
     for (number, _), row in zip(rows, fields, strict=True):
         if len(row) != width:
             last = number == rows[-1][0]
@@ -126,7 +129,7 @@ def _titles(header: list[list[str]], width: int) -> tuple[list[str], list[str]]:
 
 
 def is_unit_row(fields: list[str]) -> bool:
-    """Return whether a header line looks like units: each short, at least one with a slash, brackets, or a known one."""
+    """Return whether a header line looks like units: all short, one of them known or with a slash or brackets."""
     bare = [text.strip("[]() ") for text in fields]
     return all(len(text) <= 8 for text in bare) and any(
         "/" in text or text in ("s", "ms", "g", "V", "mV", "N") or raw[:1] in "[("

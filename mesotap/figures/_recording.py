@@ -64,7 +64,7 @@ def modes_figure(recording: Recording, modes: RecordingModes) -> Figure:
     time = np.arange(data.shape[1]) / recording.rate_hz
     in_ms = time[-1] < LONGEST_IN_MS
     time = time * 1e3 if in_ms else time
-    unit = plain(recording.unit)
+    unit = plain(recording.unit).replace("m/s2", "m/s²")
     for channel, colour in zip(strongest, PALETTE, strict=False):
         name = plain(recording.names[channel]) if channel < len(recording.names) else f"channel {channel}"
         record.plot(*thinned(time, data[channel]), color=colour, linewidth=0.7, label=name)

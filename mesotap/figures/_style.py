@@ -25,7 +25,7 @@ BLACK, GREY, PALE = "#000000", "#6b6b6b", "#e4e4e4"
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 PALETTE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)  # M. Okabe and K. Ito, Color Universal Design, 2008
 MARKERS = ("o", "s", "^", "D", "v", "P")
-DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)), (0, (8, 2, 2, 2)), (0, (2, 2)))
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (1.5, 1.2)), (0, (8, 2, 2, 2)), (0, (2, 2)))
 
 FONT = "DejaVu Sans"  # comes with matplotlib, so a figure is the same on every machine
 STYLE: Any = {  # the keys' type differs between versions of matplotlib

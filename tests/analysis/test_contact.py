@@ -10,7 +10,7 @@ from analysis.contact import elastic, exponential, gaussian, hertz
 from analysis.contact.elastic_plastic import ElasticPlasticFlats
 from analysis.contact.presets import resolve
 from analysis.contact.theory import theory
-from analysis.settings import FlatContact, Material, SphereContact
+from analysis.settings import PRESETS, FlatContact, Material, SphereContact
 
 E_STAR = elastic.composite_modulus(192.92e9, 0.29, 192.92e9, 0.29)
 R = 793.75e-6
@@ -168,6 +168,13 @@ def test_presets_are_the_published_surfaces():
     assert sphere.roughness_rq_um == pytest.approx(np.hypot(0.451, 0.137))
     assert isinstance(flat, FlatContact)
     assert flat == FlatContact()
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_the_settings_name_the_same_surfaces(name):
+    published, named = resolve(name).model_dump(), PRESETS[name].model_dump()
+    assert published.pop("roughness_rq_um") == pytest.approx(named.pop("roughness_rq_um"), abs=5e-4)
+    assert published == named
 
 
 def test_unknown_preset_is_named():

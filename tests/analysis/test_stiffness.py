@@ -11,10 +11,8 @@ from analysis.stiffness import (
     contact_from_pole,
     contact_gradient,
     contact_stiffness,
-    estimate_from_modes,
     pole,
     ring_spring_stiffness,
-    springs_and_contact,
     springs_from_system_mode,
 )
 from calibration.estimate import Estimate
@@ -128,46 +126,6 @@ def test_a_stiff_contact_is_the_limit():
 def test_contact_hardly_matters_to_the_springs_of_equal_masses():
     soft, stiff = (springs_from_system_mode(356.0, k_c, M1, M2)[0] for k_c in (4e6, np.inf))
     assert soft == pytest.approx(stiff, rel=1e-5)
-
-
-def test_both_modes_give_springs_and_contact():
-    modes = [abs(s) / (2 * np.pi) for s in poles(M1, 1.5 * M2, K, 1.2 * K, 3e6)]
-    found = springs_and_contact(*modes, M1, 1.5 * M2, 1.2)
-    assert found == pytest.approx((K, 1.2 * K, 3e6), rel=1e-9)
-
-
-def test_both_modes_give_damping_too():
-    s1, s2 = poles(M1, M2, K, K, 0.7e6, 60.0)
-    found = estimate_from_modes(
-        *(Estimate(x, 0.0) for x in (abs(s1) / (2 * np.pi), abs(s2) / (2 * np.pi), -s2.real / abs(s2), M1, M2, 1.0))
-    )
-    assert found.stiffness_n_per_m.value == pytest.approx(0.7e6, rel=1e-6)  # m1 is near m2: c_c hardly moves s1
-    assert found.damping_n_s_per_m.value == pytest.approx(60.0, rel=1e-6)
-    assert found.k1_n_per_m.value == pytest.approx(K, rel=1e-6)
-    assert found.stiffness_n_per_m.standard_error == 0.0
-
-
-def test_uncertainty_from_both_modes_agrees_with_monte_carlo():
-    rng = np.random.default_rng(32)
-    centre = np.array([356.0, 1855.0, 0.02, M1, M2, 1.0])
-    errors = np.array([0.8, 1.0, 4e-4, 5e-5, 5e-5, 0.02])
-    estimate = estimate_from_modes(*(Estimate(v, e) for v, e in zip(centre, errors, strict=True)))
-    draws = rng.normal(centre, errors, (2000, 6))
-    sample = np.array(
-        [
-            [found.k1_n_per_m.value, found.k2_n_per_m.value, found.stiffness_n_per_m.value]
-            for found in (estimate_from_modes(*(Estimate(x, 0.0) for x in draw)) for draw in draws)
-        ]
-    )
-    np.testing.assert_allclose(np.sqrt(np.diag(estimate.covariance))[:3], sample.std(axis=0), rtol=0.06)
-    correlation = estimate.covariance[0, 1] / np.sqrt(estimate.covariance[0, 0] * estimate.covariance[1, 1])
-    assert correlation == pytest.approx(np.corrcoef(sample[:, 0], sample[:, 1])[0, 1], abs=0.08)
-
-
-def test_modes_too_close_together_are_refused():
-    f1, f2 = (abs(s) / (2 * np.pi) for s in poles(M1, 3 * M2, K, K, 1e3))
-    with pytest.raises(ResonanceError):
-        springs_and_contact(f2, f1, M1, 3 * M2)
 
 
 def test_ring_spring_of_the_tube():

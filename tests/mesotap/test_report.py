@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from analysis.contact.theory import TheoryCurve
+from analysis.published import reanalyse
 from analysis.results import (
     BoxStatistics,
     ImpactResult,
@@ -32,7 +33,7 @@ from calibration.estimate import Estimate
 from calibration.gauge import GaugeResult
 from daq.records import CalibrationPoints, RigDescription, Session, Shot
 from mesotap import figures
-from mesotap.report import recording_report, results_json, with_uncertainty, write_report
+from mesotap.report import published_report, recording_report, results_json, with_uncertainty, write_report
 from mesotap.results_files import json_text, modes_json
 from mesotap.rounding import significant
 
@@ -604,6 +605,17 @@ def test_modes_json_keeps_the_contract() -> None:
         check_estimate(mode["frequency_hz"])
         check_estimate(mode["damping_ratio"])
     assert mapping["modes"][1]["amplitude"] == [1.0, None]
+
+
+def test_page_of_the_published_tables(tmp_path: Path) -> None:
+    html = published_report(tmp_path, reanalyse()).read_text(encoding="utf-8")
+    page = Page(html)
+    assert {p.name for p in tmp_path.iterdir()} == {"report.html", "published.json", "table3.pdf", "table5.pdf"}
+    assert page.faults == page.open == []
+    assert len(page.ids) == len(set(page.ids))
+    assert not re.search(r"https?:|\bnan\b", html)
+    assert "264.9 1410 3.94" in page.text or "264.9 1410 3.95" in page.text
+    assert json.loads((tmp_path / "published.json").read_text(encoding="utf-8"))["format"] == "mesotap-published"
 
 
 @pytest.mark.parametrize(("suffix", "start"), [(".svg", b"<?xml"), (".pdf", b"%PDF"), (".png", b"\x89PNG")])

@@ -134,7 +134,7 @@ def test_pulse_may_lie_beyond_the_record():
 def test_five_thousand_samples_take_milliseconds():
     ring_down_linear(TESTER, half_sine(1.0, 3e-4), 1e-5, 5000, RATE, FILTER)
     took = []
-    for _ in range(5):
+    for _ in range(20):
         start = time.perf_counter()
         ring_down_linear(TESTER, half_sine(1.0, 3e-4), 1e-5, 5000, RATE, FILTER)
         took.append(time.perf_counter() - start)

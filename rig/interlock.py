@@ -129,6 +129,10 @@ class Interlock:
             if progress is not None:
                 progress(f"approaching, load {load:.0f} mN")
             self._check_limit(load)
+            if load < resting - 2 * threshold:
+                raise StaleReading(
+                    f"strain gauge: it fell from {resting:.0f} to {load:.0f} mN on the approach, which no contact does"
+                )
             return load - resting > threshold
 
         step = min(self._limits.largest_approach_step_um, self._limits.load_mn / self._mn_per_um)

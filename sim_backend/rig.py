@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any, Protocol
@@ -97,6 +98,7 @@ class SimulatedRig(Rig):
         self.accelerometers = SimulatedAccelerometers(
             settings, wiring, self._truth, analog, self.clock, self.impactor, self.load_cell, seed
         )
+        self._load_at = (math.nan, 0.0)  # carriage position, um, and the load there, N
         self._parts: dict[str, Keeping] = {
             "stage": self._micrometer,
             "weights": self.weights,
@@ -159,7 +161,11 @@ class SimulatedRig(Rig):
             part.restore(state[name])
 
     def _true_load_n(self) -> float:
-        return self._truth.equilibrium.load((self._micrometer.carriage_um - self._settings.contact_position_um) * 1e-6)
+        carriage = self._micrometer.carriage_um
+        if carriage != self._load_at[0]:
+            overlap_um = carriage - self._settings.contact_position_um
+            self._load_at = (carriage, self._truth.equilibrium.load(overlap_um * 1e-6))
+        return self._load_at[1]
 
     def _note_load(self) -> None:
         self.peak_true_load_mn = max(self.peak_true_load_mn, self.true_load_mn())

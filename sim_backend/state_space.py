@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.linalg import expm, matrix_balance
+from scipy.linalg import matrix_balance
 
 from sim_backend.pulses import COS, LINEAR, OFFSET, OMEGA, SIN, START, Pulse
 
 GENERATOR = 4  # states of a pulse segment: 1, tau, sin, cos
+TAYLOR_TERMS = 18  # (1/2)^19 / 19! is far below rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +69,14 @@ def exact_response(
         stop = int(np.clip(np.ceil(right * sample_rate_hz), n, samples))
         at = left
         if stop > n:
-            z = expm(joined * (n * dt - left)) @ z
-            rows, z = _march(expm(joined * dt), z, stop - n, np.pad(c, ((0, 0), (0, len(start)))))
+            z = exponential(joined * (n * dt - left)) @ z
+            rows, z = _march(exponential(joined * dt), z, stop - n, np.pad(c, ((0, 0), (0, len(start)))))
             outputs[:, n:stop] = rows
             at, n = (stop - 1) * dt, stop
-        state = (expm(joined * (right - at)) @ z)[: len(b)]
+        state = (exponential(joined * (right - at)) @ z)[: len(b)]
     if n < samples:
-        state = expm(a * (n * dt - knots[-1])) @ state
-        outputs[:, n:] = _march(expm(a * dt), state, samples - n, c)[0]
+        state = exponential(a * (n * dt - knots[-1])) @ state
+        outputs[:, n:] = _march(exponential(a * dt), state, samples - n, c)[0]
     if np.any(system.d):
         outputs += np.outer(system.d, pulse(np.arange(samples) * dt - onset_s))
     return outputs
@@ -100,12 +102,43 @@ def _join(
 
 
 @njit(cache=True)
-def _march(step, state, count, c):  # type: ignore[no-untyped-def]
-    """Return outputs (outputs, count) of ``state``, step @ state, ..., and the last of these states.
+def exponential(a):  # type: ignore[no-untyped-def]
+    """Return exp(a) of a balanced (n, n) matrix: Taylor series of a / 2^s, s with a norm below 1/2, squared s times.
 
-    A plain loop: a linear-algebra library would spread it over threads, which takes longer and rounds differently
-    from machine to machine.
+    Plain loops, here and in `_march`: a linear-algebra library would spread such small matrices over threads, which
+    takes longer and may round differently from machine to machine.
     """
+    n = len(a)
+    norm = 0.0
+    for j in range(n):
+        norm = max(norm, np.sum(np.abs(a[:, j])))
+    squarings = max(0, math.ceil(math.log2(norm)) + 1) if norm > 0.0 else 0
+    small = a / 2.0**squarings
+    result = np.eye(n)
+    for term in range(TAYLOR_TERMS, 0, -1):
+        result = _product(small, result) / term
+        for i in range(n):
+            result[i, i] += 1.0
+    for _ in range(squarings):
+        result = _product(result, result)
+    return result
+
+
+@njit(cache=True)
+def _product(a, b):  # type: ignore[no-untyped-def]
+    n = len(a)
+    c = np.zeros((n, n))
+    for i in range(n):
+        for k in range(n):
+            if a[i, k] != 0.0:
+                for j in range(n):
+                    c[i, j] += a[i, k] * b[k, j]
+    return c
+
+
+@njit(cache=True)
+def _march(step, state, count, c):  # type: ignore[no-untyped-def]
+    """Return outputs (outputs, count) of ``state``, step @ state, ..., and the last of these states."""
     n = len(state)
     outputs = np.empty((len(c), count))
     now, following = state.copy(), np.empty(n)

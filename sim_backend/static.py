@@ -38,9 +38,13 @@ class PowerLaw:
             raise ValueError("loads must grow from above zero, and values must be above zero")
         self.exponent = np.diff(np.log(self.value)) / np.diff(np.log(self.load_n))
 
+    def segment(self, load_n: float) -> int:
+        """Return the index of the straight line that holds at a load."""
+        return min(max(int(self.load_n.searchsorted(load_n)) - 1, 0), len(self.exponent) - 1)
+
     def __call__(self, load_n: float) -> float:
         """Return the value at a load above zero, N."""
-        i = int(np.clip(np.searchsorted(self.load_n, load_n) - 1, 0, len(self.exponent) - 1))
+        i = self.segment(load_n)
         return float(self.value[i] * (load_n / self.load_n[i]) ** self.exponent[i])
 
 
@@ -118,7 +122,7 @@ class StaticEquilibrium:
         """Return delta_c, m, at a load, N."""
         if load_n <= SMALLEST_LOAD_N:
             return max(load_n, 0.0) / float(self._law.value[0])
-        i = int(np.clip(np.searchsorted(self._law.load_n, load_n) - 1, 0, len(self._law.exponent) - 1))
+        i = self._law.segment(load_n)
         return float(self._approach[i]) + self._integral(i, load_n)
 
     def overlap(self, load_n: float) -> float:

@@ -114,12 +114,7 @@ def rocking_response(
     omega = 2 * np.pi * rocking.frequency_hz
     a = np.array([[0.0, omega], [-omega, -2 * rocking.damping_ratio * omega]])
     mode = StateSpace(a, np.array([0.0, omega]), a[1:], np.zeros(1))
-    return exact_response(mode.then(analog), pulse.scaled(1 / tap_peak(pulse)), onset_s, samples, sample_rate_hz)[0]
-
-
-def tap_peak(pulse: Pulse) -> float:
-    """Return the largest force of a pulse, N, from a fine grid."""
-    return float(np.max(pulse(np.linspace(0.0, pulse.duration_s, 2001))))
+    return exact_response(mode.then(analog), pulse, onset_s, samples, sample_rate_hz)[0]
 
 
 def tap_record(

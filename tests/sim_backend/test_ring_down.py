@@ -13,6 +13,7 @@ from rig.settings import Filter
 from sim_backend.pulses import SHAPES, half_sine, sampled
 from sim_backend.recorder import analog_filter
 from sim_backend.ring_down import ring_down_linear
+from sim_backend.state_space import exponential
 from sim_backend.two_mass import TwoMass, contact_damping
 
 RATE = 25000.0
@@ -77,6 +78,14 @@ def test_agrees_with_lsim_on_a_fine_grid():
     _, y, _ = lsim((system.a, system.b[:, None], system.c, system.d[:, None]), pulse(fine - 4e-5), fine)
     response = ring_down_linear(TESTER, pulse, 4e-5, 1001, RATE)
     assert_close(response.acceleration, y[::20, 0], 1e-9)
+
+
+def test_matrix_exponential_is_scipys():
+    rng = np.random.default_rng(0)
+    for size in (1e-3, 0.3, 2.0, 20.0):
+        a = size * rng.standard_normal((9, 9)) - size * np.eye(9)
+        assert_close(exponential(a), expm(a), 1e-11)
+    assert np.array_equal(exponential(np.zeros((3, 3))), np.eye(3))
 
 
 def test_free_decay_follows_the_matrix_exponential():

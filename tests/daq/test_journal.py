@@ -1,0 +1,230 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from daq.errors import RecordingError
+from daq.journal import SessionFolder, parse_journal
+from daq.records import Shot
+
+from .same import same
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    with SessionFolder.create(tmp_path / "run", {"seed": 7, "config": "a: µ\n"}) as begun:
+        begun.append({"event": "begin", "n": 0})
+    return tmp_path / "run"
+
+
+def test_header_and_events_come_back(folder: Path) -> None:
+    with SessionFolder.open(folder) as again:
+        again.append({"event": "calibrated", "points": [1.5, None, "µ"]})
+    with SessionFolder.open(folder) as again:
+        assert again.header == {"seed": 7, "config": "a: µ\n"}
+        assert again.events() == [{"event": "begin", "n": 0}, {"event": "calibrated", "points": [1.5, None, "µ"]}]
+
+
+def test_a_shot_and_its_checkpoint_come_back(folder: Path, shot: Shot) -> None:
+    state = {"time": 12.5, "random": list(range(1000))}
+    with SessionFolder.open(folder) as run:
+        run.write_shot(shot, state)
+        run.write_shot(replace(shot, number=0), {})
+    with SessionFolder.open(folder) as run:
+        assert run.shot_numbers() == [0, 3]
+        again, checkpoint = run.read_shot(3)
+        assert same(again, shot)
+        assert checkpoint == state
+        assert same(tuple(run.shots()), (replace(shot, number=0), shot))
+
+
+def test_a_shot_is_never_overwritten(folder: Path, shot: Shot) -> None:
+    with SessionFolder.open(folder) as run:
+        run.write_shot(shot, {})
+        with pytest.raises(RecordingError, match=r"00003\.h5: this shot was recorded already"):
+            run.write_shot(shot, {})
+
+
+def test_leftovers_of_a_kill_are_removed(folder: Path, shot: Shot) -> None:
+    (folder / "shots" / "00005.h5.part").write_bytes(b"half")
+    with SessionFolder.open(folder) as run:
+        assert run.shots() == []
+    assert list((folder / "shots").iterdir()) == []
+
+
+def test_a_damaged_shot_is_named(folder: Path, shot: Shot) -> None:
+    with SessionFolder.open(folder) as run:
+        run.write_shot(shot, {})
+        file = folder / "shots" / "00003.h5"
+        file.write_bytes(file.read_bytes()[:1000])
+        with pytest.raises(RecordingError, match=r"00003\.h5: the file is damaged or truncated"):
+            run.shots()
+
+
+def test_two_programs_cannot_work_in_one_folder(folder: Path) -> None:
+    code = "import sys\nfrom daq.journal import SessionFolder\n"
+    code += "try: SessionFolder.open(sys.argv[1])\nexcept ValueError as e: print(e)"
+    with SessionFolder.open(folder):
+        done = subprocess.run(
+            [sys.executable, "-c", code, str(folder)], capture_output=True, text=True, cwd=ROOT, check=True
+        )
+        assert done.stdout == f"{folder}: another program works on this session; end it first\n"
+        with pytest.raises(RecordingError, match="another program works on this session"):
+            SessionFolder.open(folder)
+    SessionFolder.open(folder).close()
+
+
+def test_a_session_is_not_begun_twice(folder: Path) -> None:
+    with pytest.raises(RecordingError, match="holds a session already"):
+        SessionFolder.create(folder, {})
+
+
+def test_a_session_stopped_before_it_began(folder: Path) -> None:
+    (folder / "session.json").unlink()
+    message = "holds no session: it was stopped before it began; start it again with mesotap run"
+    with pytest.raises(RecordingError, match=message):
+        SessionFolder.open(folder)
+
+
+def test_a_folder_left_before_the_header_can_be_begun(tmp_path: Path) -> None:
+    (tmp_path / "run" / "shots").mkdir(parents=True)
+    (tmp_path / "run" / "session.json.part").write_text("{")
+    SessionFolder.create(tmp_path / "run", {"seed": 1}).close()
+    with SessionFolder.open(tmp_path / "run") as run:
+        assert run.header == {"seed": 1}
+
+
+@pytest.mark.parametrize("content", ["", "{", "[1]", "nothing", "[" * 100_000])
+def test_a_damaged_header_is_named(folder: Path, content: str) -> None:
+    (folder / "session.json").write_text(content)
+    with pytest.raises(RecordingError, match=r"session\.json: is damaged"):
+        SessionFolder.open(folder)
+
+
+def test_what_is_no_session_folder(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="there is no such session folder"):
+        SessionFolder.open(tmp_path / "none")
+    with pytest.raises(RecordingError, match=r"is no session folder: it holds no session\.json"):
+        SessionFolder.open(tmp_path)
+
+
+def test_a_torn_last_line_is_dropped_and_cut_off(folder: Path) -> None:
+    journal = folder / "journal.jsonl"
+    whole = journal.read_bytes()
+    journal.write_bytes(whole + b'{"event": "sh')
+    with SessionFolder.open(folder) as run:
+        assert len(run.events()) == 1
+        run.append({"event": "next"})
+    assert journal.read_bytes() == whole + b'{"event": "next"}\n'
+
+
+@pytest.mark.parametrize("line", [b"rubbish", b"[1]", b'{"no": "event"}', b"\0\0\0", b""])
+def test_a_damaged_line_within_is_named(folder: Path, line: bytes) -> None:
+    journal = folder / "journal.jsonl"
+    journal.write_bytes(journal.read_bytes() + line + b'\n{"event": "later"}\n')
+    with pytest.raises(RecordingError, match=r"journal\.jsonl: line 2 is damaged"):
+        SessionFolder.open(folder)
+
+
+@given(st.lists(st.dictionaries(st.text(), st.integers() | st.text() | st.none(), max_size=3), max_size=5), st.data())
+def test_a_cut_at_any_byte_loses_only_what_was_cut(extras: list[dict[str, object]], data: st.DataObject) -> None:
+    events = [{**extra, "event": i} for i, extra in enumerate(extras)]
+    lines = [json.dumps(event).encode() + b"\n" for event in events]
+    content = b"".join(lines)
+    cut = data.draw(st.integers(0, len(content)))
+    read, length = parse_journal(content[:cut], Path("j"))
+    ends = [sum(map(len, lines[: i + 1])) for i in range(len(lines))]
+    whole = sum(end <= cut for end in ends)
+    assert read == events[:whole]
+    assert length == ([0, *ends])[whole]
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_a_journal_or_a_sentence(content: bytes) -> None:
+    try:
+        events, length = parse_journal(content, Path("j"))
+    except RecordingError:
+        return
+    assert 0 <= length <= len(content)
+    assert all("event" in event for event in events)
+
+
+def test_an_append_that_fails_leaves_the_journal_as_it_was(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = (folder / "journal.jsonl").read_bytes()
+    with SessionFolder.open(folder) as run:
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "fsync", lambda descriptor: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+            with pytest.raises(RecordingError, match="the disk is full"):
+                run.append({"event": "lost"})
+        assert (folder / "journal.jsonl").read_bytes() == before
+        run.append({"event": "kept"})
+        assert [event["event"] for event in run.events()] == ["begin", "kept"]
+
+
+WORKER = """
+import sys
+import numpy as np
+from daq.journal import SessionFolder
+from daq.records import Shot
+path = sys.argv[1]
+try:
+    run = SessionFolder.open(path)
+except ValueError:
+    run = SessionFolder.create(path, {"seed": 1})
+print("ready", flush=True)
+while True:
+    n = len(run.shot_numbers())
+    a = np.full((2, 3000), float(n))
+    run.append({"event": "strike", "shot": n})
+    run.write_shot(Shot(n, 0, 1.0, 1.0, 1.0, "2026-01-01T00:00:00Z", 25000.0, 10, a, True), {"n": n})
+    run.append({"event": "shot", "shot": n})
+    print(n, flush=True)
+"""
+
+
+def test_kills_lose_at_most_the_shot_in_flight(tmp_path: Path) -> None:
+    path = tmp_path / "run"
+    reported = -1
+    for round_ in range(20):
+        child = subprocess.Popen([sys.executable, "-c", WORKER, str(path)], stdout=subprocess.PIPE, text=True, cwd=ROOT)
+        assert child.stdout is not None
+        assert child.stdout.readline() == "ready\n"
+        time.sleep(0.003 + 0.0023 * round_)
+        child.send_signal(signal.SIGKILL)
+        lines = child.communicate()[0].split("\n")[:-1]
+        reported = max([reported, *map(int, lines)])
+        with SessionFolder.open(path) as run:
+            numbers = run.shot_numbers()
+            assert numbers == list(range(len(numbers)))
+            assert len(numbers) in (reported + 1, reported + 2)
+            reported = max(reported, len(numbers) - 1)
+            done = [event["shot"] for event in run.events() if event["event"] == "shot"]
+            assert set(done) <= set(numbers)
+    with SessionFolder.open(path) as run:
+        for number in numbers:
+            shot, checkpoint = run.read_shot(number)
+            assert checkpoint == {"n": number}
+            assert (shot.acceleration == number).all()
+    assert reported > 20
+
+
+def test_a_shot_is_kept_within_milliseconds(tmp_path: Path, shot: Shot) -> None:
+    with SessionFolder.create(tmp_path / "run", {}) as run:
+        times = []
+        for number in range(30):
+            begin = time.perf_counter()
+            run.write_shot(replace(shot, number=number), {"n": number})
+            times.append(time.perf_counter() - begin)
+    assert sorted(times)[15] < 0.05  # 2 ms on a quiet machine; a shared one gets room

@@ -1,0 +1,168 @@
+"""The interlock under faults: the load limit is never passed by more than one allowed step, and every exit is safe."""
+
+from __future__ import annotations
+
+import pytest
+
+from mesotap.bench import simulated_rig
+from mesotap.session.states import State
+from rig import GaugeScale, InterlockRefusal, RigError, StaleReading
+from rig.interlock import Interlock
+from tests.mesotap.benches import new_runner, small_config
+
+STATES = [
+    State.PRE_CALIBRATION,
+    State.APPROACH,
+    State.SET_LOAD,
+    State.LOCK,
+    State.TAP,
+    State.RETRACT,
+    State.POST_CALIBRATION,
+]
+FAULTS = ["frozen", "dropout", "nan", "late", ("scale", 0.3), ("scale", 0.7), ("scale", -1.0), ("offset", -20.0), ("offset", 20.0)]
+DEAD = ("scale", 0.0)  # shows the empty gauge, noise and all
+HIGH_UM = 50.0
+
+
+def allowed_mn(config) -> float:
+    k1, k2 = config.rig.spring_stiffness()
+    step = config.rig.limits.largest_approach_step_um * k1 * k2 / (k1 + k2) * 1e-3
+    return config.rig.limits.load_mn + step
+
+
+class FaultIn:
+    """Breaks the gauge at its n-th reading within a state of the runner."""
+
+    def __init__(self, rig, state: State, reading: int, fault) -> None:
+        self.rig, self.state, self.left, self.fault = rig, state, reading, fault
+        self.runner = None
+        self.read = rig.load_cell.read
+        rig.load_cell.read = self
+
+    def __call__(self, duration_s: float = 0.1):
+        if self.runner is not None and self.runner.progress.state is self.state:
+            if self.left == 0:
+                self.rig.load_cell.fault = self.fault
+            self.left -= 1
+        return self.read(duration_s)
+
+
+def run_with(tmp_path, config, state, reading, fault):
+    rig = simulated_rig(config)
+    breaker = FaultIn(rig, state, reading, fault)
+    folder, runner = new_runner(tmp_path / "session", config, rig)
+    breaker.runner = runner
+    error = None
+    with folder:
+        try:
+            runner.run()
+        except RigError as caught:
+            error = caught
+        shots = folder.shots()
+    return rig, error, shots
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=str)
+@pytest.mark.parametrize("state", STATES, ids=lambda s: s.name)
+@pytest.mark.parametrize("higher_um", [0.0, HIGH_UM])
+def test_limit_holds_whatever_the_gauge_does(tmp_path, state, fault, higher_um):
+    config = small_config(f"sim_backend.contact_position_um={150.0 - higher_um}")
+    for reading in (0, 3):
+        rig, error, _ = run_with(tmp_path / str(reading), config, state, reading, fault)
+        assert rig.peak_true_load_mn <= allowed_mn(config)
+        assert rig.true_load_mn() == 0.0, "the surfaces are not apart"
+        assert not rig.stage.read().locked
+        if error is not None:
+            assert str(error).count("\n") == 0
+            assert len(str(error)) > 20
+
+
+@pytest.mark.parametrize("state", STATES, ids=lambda s: s.name)
+def test_limit_holds_with_a_gauge_that_shows_nothing(tmp_path, state):
+    config = small_config()
+    rig, error, _ = run_with(tmp_path, config, state, 1, DEAD)
+    assert rig.peak_true_load_mn <= allowed_mn(config)
+    assert rig.true_load_mn() == 0.0
+    if state in (State.APPROACH, State.SET_LOAD):
+        assert isinstance(error, RigError)
+
+
+@pytest.mark.parametrize("fault", ["frozen", "dropout", "nan", "late"])
+def test_a_gauge_that_fails_while_loading_is_named(tmp_path, fault):
+    config = small_config()
+    _, error, _ = run_with(tmp_path, config, State.SET_LOAD, 2, fault)
+    assert isinstance(error, StaleReading)
+    assert "gauge" in str(error)
+
+
+def test_contact_higher_than_expected_is_found(tmp_path):
+    config = small_config(f"sim_backend.contact_position_um={150.0 - HIGH_UM}")
+    rig, error, shots = run_with(tmp_path, config, State.DONE, 0, None)
+    assert error is None
+    assert sum(s.accepted for s in shots) == 4
+    assert rig.peak_true_load_mn <= config.rig.limits.load_mn
+
+
+def interlock_of(config):
+    rig = simulated_rig(config)
+    rig.open()
+    true = rig.true_parameters()["sensitivity_mv_per_mn"]
+    scale = GaugeScale(true, config.sim_backend.gauge.offset_mv)
+    return rig, Interlock(rig, config.rig.limits, scale, config.rig.spring_stiffness())
+
+
+def test_contact_lower_than_the_search_is_refused_with_what_to_do():
+    config = small_config("sim_backend.contact_position_um=160")
+    rig, interlock = interlock_of(config)
+    with pytest.raises(InterlockRefusal, match="expected_contact_um"), interlock:
+        interlock.approach()
+    assert rig.true_load_mn() == 0.0
+
+
+def test_no_step_is_made_at_the_limit():
+    config = small_config()
+    rig, interlock = interlock_of(config)
+    with interlock:
+        interlock.approach()
+        interlock.set_load(1085.0, 10.0)
+        for _ in range(20):
+            try:
+                interlock.move_by(0.5)
+            except InterlockRefusal:
+                break
+    assert rig.peak_true_load_mn <= config.rig.limits.load_mn + 5.0  # the gauge's noise and calibration
+
+
+def test_a_target_past_the_limit_is_refused_before_anything_moves():
+    config = small_config()
+    rig, interlock = interlock_of(config)
+    with interlock:
+        interlock.approach()
+        before = rig.stage.read().position_um
+        with pytest.raises(InterlockRefusal, match="past the limit"):
+            interlock.set_load(1200.0, 5.0)
+        assert rig.stage.read().position_um == before
+
+
+def test_every_exit_takes_the_surfaces_apart():
+    config = small_config()
+    rig, interlock = interlock_of(config)
+    with pytest.raises(ZeroDivisionError), interlock:
+        interlock.approach()
+        interlock.set_load(500.0, 10.0)
+        interlock.lock()
+        assert rig.true_load_mn() > 400.0
+        1 / 0  # noqa: B018
+    assert rig.true_load_mn() == 0.0
+
+
+def test_a_stage_that_cannot_retract_is_told_and_not_hidden():
+    config = small_config()
+    rig, interlock = interlock_of(config)
+
+    def stuck(step_um, aim=""):
+        raise RigError("stage: motor stalled")
+
+    with pytest.raises(RigError, match="motor stalled.*by hand"), interlock:
+        interlock.approach()
+        rig.stage.move_by = stuck

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from analysis.modal.modes import ModeEstimate
 from analysis.modal.noise import NoiseModel, noise_model
@@ -104,22 +105,9 @@ def analyse_session(
     history = GaugeHistory(session.pre, session.post, calibration)
     noise = _noise(session)
     load_sets = session.load_sets()
-    modes: dict[int, ImpactModes] = {}
-    for done, load_set in enumerate(load_sets):
-        shots = session.accepted(load_set)
-        for rate in sorted({s.sample_rate_hz for s in shots}):
-            same = [s for s in shots if s.sample_rate_hz == rate]
-            found = identify_impacts(
-                [s.acceleration.mean(axis=0) for s in same],
-                [s.pretrigger for s in same],
-                rate,
-                rig,
-                noise,
-                settings.method,
-            )
-            modes |= {s.number: m for s, m in zip(same, found, strict=True)}
-        if progress is not None:
-            progress(done + 1, len(load_sets))
+    # the matrices are small: further BLAS threads would only get in each other's way
+    with threadpool_limits(limits=1, user_api="blas"):
+        modes = _modes(session, load_sets, noise, settings, progress)
     known, notes = _known_rig(session, modes, settings, masses, springs)
     gauge_reading = _gauge_reading_error(session.shots)
     impacts = [_impact(shot, modes.get(shot.number), known, history, gauge_reading, rig) for shot in session.shots]
@@ -133,6 +121,33 @@ def analyse_session(
         springs_n_per_m=(known.k1, known.k2),
         notes=tuple([*notes, *history.notes]),
     )
+
+
+def _modes(
+    session: Session,
+    load_sets: Sequence[int],
+    noise: NoiseModel,
+    settings: AnalysisSettings,
+    progress: Progress | None,
+) -> dict[int, ImpactModes]:
+    """Both modes of every accepted shot, by its number."""
+    modes: dict[int, ImpactModes] = {}
+    for done, load_set in enumerate(load_sets):
+        shots = session.accepted(load_set)
+        for rate in sorted({s.sample_rate_hz for s in shots}):
+            same = [s for s in shots if s.sample_rate_hz == rate]
+            found = identify_impacts(
+                [s.acceleration.mean(axis=0) for s in same],
+                [s.pretrigger for s in same],
+                rate,
+                session.rig,
+                noise,
+                settings.method,
+            )
+            modes |= {s.number: m for s, m in zip(same, found, strict=True)}
+        if progress is not None:
+            progress(done + 1, len(load_sets))
+    return modes
 
 
 def _noise(session: Session) -> NoiseModel:

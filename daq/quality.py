@@ -18,6 +18,9 @@ __all__ = ["Verdict", "contact_force", "is_clipped", "judge"]
 FLAT_TOP = 4
 """Equal samples in a row at the very top of a record that tell a clipped amplifier."""
 
+SMOOTH_TOP = 1000
+"""Steps of the recorder below which the top of a slow swing is flat by rounding: 115 at 350 Hz and 25 kHz."""
+
 BLOW_SIGNIFICANCE = 6.0
 """Standard deviations over what noise can pass for as a second blow."""
 
@@ -51,7 +54,7 @@ def is_clipped(acceleration: NDArray[np.float64], full_scale_m_s2: float, bits: 
     """Return for each channel (c, n) whether it reached the end of the recorder's scale, or has a flat top.
 
     An unknown full scale (NaN) leaves the flat top: four equal samples in a row at the channel's largest
-    departure from its median, when that is larger than 50 of the channel's smallest steps.
+    departure from its median, when that is larger than 1000 of the channel's smallest steps.
     """
     size = np.abs(acceleration)
     clipped = np.zeros(len(acceleration), dtype=np.bool_)
@@ -64,7 +67,7 @@ def is_clipped(acceleration: NDArray[np.float64], full_scale_m_s2: float, bits: 
             run = np.convolve(at_end, np.ones(FLAT_TOP), "valid").max(initial=0) if samples.size >= FLAT_TOP else 0
             if run >= FLAT_TOP:
                 steps = np.abs(np.diff(np.unique(samples)))
-                clipped[channel] |= steps.size > 0 and abs(end - np.median(samples)) > 50 * float(steps.min())
+                clipped[channel] |= steps.size > 0 and abs(end - np.median(samples)) > SMOOTH_TOP * float(steps.min())
     return clipped
 
 

@@ -203,7 +203,7 @@ def _await_tap(
             )
 
 
-QUIET_S = 0.005
+QUIET_S = 0.001
 """Length of the stretches among which a finished record's quietest is looked for, s."""
 
 PEAK_FRACTION = 0.02
@@ -213,8 +213,8 @@ PEAK_FRACTION = 0.02
 def find_trigger(acceleration: NDArray[np.float64], sample_rate_hz: float, threshold: float | None = None) -> int:
     """Return the index of the sample where the tap begins in a finished record.
 
-    The baseline of each channel is the median of its first 5 ms where these are quiet (no more than twice as loud
-    as the quietest 5 ms), of the whole channel otherwise.
+    The baseline of each channel is the median of its first millisecond where that is quiet (no more than three times
+    as loud as the quietest one), of the whole channel otherwise.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def find_trigger(acceleration: NDArray[np.float64], sample_rate_hz: float, thres
         (c, n) or (n,) samples; any channel can trigger.
     threshold
         Departure from the baseline to pass, in the unit of the samples; by default 2 % of the largest departure,
-        or 6 standard deviations of the noise in the quietest 5 ms where that is more.
+        or 6 standard deviations of the noise where that is more: that of the first millisecond, or of the quietest.
 
     Raises
     ------
@@ -231,15 +231,16 @@ def find_trigger(acceleration: NDArray[np.float64], sample_rate_hz: float, thres
     """
     data = np.atleast_2d(np.asarray(acceleration, dtype=np.float64))
     samples = data.shape[1]
-    length = min(samples, max(4, round(QUIET_S * sample_rate_hz)))
+    length = min(samples, max(8, round(QUIET_S * sample_rate_hz)))
     stretches = data[:, : samples // length * length].reshape(len(data), -1, length)
     loudness = stretches.std(axis=2)
     quietest = loudness.min(axis=1)
-    begins_quiet = loudness[:, 0] <= 2 * quietest
+    begins_quiet = loudness[:, 0] <= 3 * quietest
+    noise = np.where(begins_quiet, loudness[:, 0], quietest)
     baseline = np.where(begins_quiet, np.median(stretches[:, 0], axis=1), np.median(data, axis=1))
     departure = np.abs(data - baseline[:, None])
     level = (
-        np.maximum(PEAK_FRACTION * departure.max(axis=1), NOISE_MULTIPLE * quietest)
+        np.maximum(PEAK_FRACTION * departure.max(axis=1), NOISE_MULTIPLE * noise)
         if threshold is None
         else np.full(len(data), threshold)
     )

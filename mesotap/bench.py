@@ -40,7 +40,7 @@ def simulated_rig(
     rig = SimulatedRig(config.rig, config.sim_backend, _stiffness_from_theory(config), realtime, seed)
     if config.sim_backend.stage.hand_turned:
         person = SimulatedPerson(rig.stage, operator)
-        rig.by_hand(HandStage(person, rig.clock, lambda: f"gauge {rig.load_cell.read().voltage_mv:.2f} mV"))
+        rig.stage = HandStage(person, rig.clock, lambda: f"gauge {rig.load_cell.read().voltage_mv:.2f} mV")
     return rig
 
 

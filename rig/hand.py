@@ -41,7 +41,7 @@ class HandStage(Stage):
         """Ask for one turn and wait until it is done."""
         self._require_unlocked()
         direction = "towards contact" if step_um > 0 else "away from contact"
-        text = f"Turn the micrometer {abs(step_um):.2g} um {direction}{f' ({aim})' if aim else ''}."
+        text = f"Turn the micrometer {abs(step_um):.3g} um {direction}{f' ({aim})' if aim else ''}."
         self._operator.turn(text, step_um, lambda: (self._live_load(), False))
         return self.read()
 

@@ -308,3 +308,35 @@ def exponentials(fit: ExponentialFit, k: NDArray[np.int64], fixed: Complex | Non
     if fixed is not None and fixed.size:
         out = out + (fit.fixed_amplitudes @ (fixed[:, None] ** k[None, :])).real
     return out
+
+
+def foretell(fit: ExponentialFit, k: NDArray[np.int64], n: int, fixed: Complex | None = None) -> tuple[Real, Real]:
+    """Extrapolate a one-channel fit to samples ``k``, with the covariance of the extrapolation per unit noise variance.
+
+    Parameters
+    ----------
+    fit
+        Fit of one channel to ``n`` samples.
+    k
+        Sample numbers relative to the first one fitted, negative before it.
+    fixed
+        The known poles of the fit.
+
+    Returns
+    -------
+    values, covariance
+        (len(k),) and (len(k), len(k)).
+    """
+    known = np.zeros(0, np.complex128) if fixed is None else fixed
+    z = _all_poles(fit.poles, known)
+    amplitude = np.concatenate([fit.amplitudes[0], fit.amplitudes[0].conj()])
+    moving = amplitude.size
+    m0, m1, m2 = _grams(z, n)
+    slope = m1[:, :moving] * amplitude[None, :]
+    corner = amplitude.conj()[:, None] * m2[:moving, :moving] * amplitude[None, :]
+    gram = np.block([[m0, slope], [slope.conj().T, corner]])
+    scale = np.sqrt(np.maximum(np.diagonal(gram).real, 1e-300))
+    inverse = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale)
+    powers = z[None, :] ** k[:, None]
+    columns = np.concatenate([powers, k[:, None] * powers[:, :moving] * amplitude[None, :]], axis=1)
+    return exponentials(fit, k, known)[0], (columns @ inverse @ columns.conj().T).real

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.modal.era import Realisation, hankel, realise
-from analysis.modal.exponentials import ExponentialFit, FitFailure, exponentials, fit_exponentials
+from analysis.modal.exponentials import ExponentialFit, FitFailure, fit_exponentials, foretell
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole, sampled_pole
 from analysis.modal.noise import NoiseModel
 from daq.records import RigDescription
@@ -122,7 +122,7 @@ def _fit(y: Real, start: int, poles: Complex, known: Complex) -> ExponentialFit 
     except FitFailure:
         return None
     order = np.argsort(np.abs(np.log(fit.poles)))
-    fit = ExponentialFit(
+    return ExponentialFit(
         fit.poles[order],
         fit.amplitudes[:, order],
         fit.fixed_amplitudes,
@@ -131,7 +131,6 @@ def _fit(y: Real, start: int, poles: Complex, known: Complex) -> ExponentialFit 
         fit.residual_sum,
         fit.dof,
     )
-    return fit
 
 
 def _consensus(
@@ -143,7 +142,7 @@ def _consensus(
     best: tuple[float, Complex] | None = None
     for i in strongest:
         tail = white[i][starts[i] :]
-        for candidate in _candidates(tail, expected, sample_rate_hz, known):
+        for candidate in _candidates(tail, expected, sample_rate_hz, known, grid=i == strongest[0]):
             fit = _fit(white[i], starts[i], candidate, known)
             if fit is None or not _plausible(fit.poles, expected, sample_rate_hz):
                 continue
@@ -171,8 +170,8 @@ def _plausible(poles: Complex, expected_hz: float, sample_rate_hz: float) -> boo
     )
 
 
-def _candidates(y: Real, expected_hz: float, sample_rate_hz: float, known: Complex) -> list[Complex]:
-    """Starting poles: the system mode at its spectral peak, and the contact mode from ERA and from a grid."""
+def _candidates(y: Real, expected_hz: float, sample_rate_hz: float, known: Complex, grid: bool) -> list[Complex]:
+    """Starting poles: the system mode at its spectral peak, the contact mode from ERA, the spectrum and a grid."""
     n = y.size
     padded = 8 * n
     spectrum = np.abs(np.fft.rfft(y * np.hanning(2 * n)[n:], padded))
@@ -190,7 +189,8 @@ def _candidates(y: Real, expected_hz: float, sample_rate_hz: float, known: Compl
     above = np.flatnonzero((frequency > CONTACT_MODE_ABOVE * expected_hz) & (frequency < highest))
     peak = float(frequency[above[np.argmax(spectrum[above])]])
     contact += [sampled_pole(peak, zeta, sample_rate_hz) for zeta in (0.001, 0.005, 0.02)]
-    contact += _heavy_grid(y, system, expected_hz, highest, sample_rate_hz, known)
+    if grid:
+        contact += _heavy_grid(y, system, expected_hz, highest, sample_rate_hz, known)
     return [np.array([system, z]) for z in contact]
 
 
@@ -282,9 +282,9 @@ def _earliest_start(
     while start > trigger + 2:
         block = min(max(2, (start - trigger) // 6), start - trigger - 1)
         k = -np.arange(1, block + 1)
-        columns, covariance = _extrapolation(fit, known, k, y.size - start)
-        error = y[start + k] - exponentials(fit, k, known)[0]
-        spread = variance * np.eye(block) + variance * (columns @ covariance @ columns.conj().T).real
+        foretold, covariance = foretell(fit, k, y.size - start, known)
+        error = y[start + k] - foretold
+        spread = variance * (np.eye(block) + covariance)
         chi = float(error @ np.linalg.solve(spread, error))
         if chi > block + EXTENSION_LEVEL * np.sqrt(2 * block):
             break
@@ -293,26 +293,6 @@ def _earliest_start(
             break
         fit, start = earlier, start - block
     return fit, start
-
-
-def _extrapolation(fit: ExponentialFit, known: Complex, k: NDArray[np.int64], n: int) -> tuple[Complex, Complex]:
-    """Columns of amplitude and pole at samples ``k``, and the covariance of those parameters per unit noise."""
-    z = np.concatenate([fit.poles, fit.poles.conj(), known])
-    amplitude = np.concatenate([fit.amplitudes[0], fit.amplitudes[0].conj()])
-    inside = np.arange(n)
-
-    def design(at: NDArray[np.int64]) -> Complex:
-        powers = z[None, :] ** at[:, None]
-        slopes = at[:, None] * powers[:, : amplitude.size] * amplitude[None, :]
-        out: Complex = np.concatenate([powers, slopes], axis=1)
-        return out
-
-    full = design(inside)
-    scale = np.linalg.norm(full, axis=0)
-    scale[scale == 0] = 1.0
-    gram = (full / scale).conj().T @ (full / scale)
-    covariance = np.linalg.pinv(gram, rcond=1e-13, hermitian=True) / (scale[:, None] * scale[None, :])
-    return design(k), covariance
 
 
 def _era_modes(y: Real, fit: ExponentialFit, sample_rate_hz: float) -> list[ModeEstimate] | None:

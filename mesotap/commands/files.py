@@ -156,12 +156,12 @@ def published(report: Path | None, json_path: Path | None, console: Console) -> 
             title=f"Table {table.number}: k1 = k2 = {table.k1_n_per_m * 1e-6:.4f} MN/m from "
             f"{table.system_resonance_hz:g} Hz; k_c grows as load^{table.log_slope:.2f}"
         )
-        for heading in ("load, mN", "f2, Hz", "k_c, MN/m", *(f"over {law.name}" for law in table.theories)):
+        for heading in ("load, mN", "f2, Hz", "k_c, MN/m", *(f"over {law.equation}" for law in table.theories)):
             shown.add_column(heading, justify="right")
         for i, load in enumerate(table.load_mn):
             ratios = [f"{law.measured_over_theory[i]:.2f}" for law in table.theories]
             stiffness = table.contact_stiffness_n_per_m[i] * 1e-6
-            shown.add_row(f"{load:.1f}", f"{table.f2_hz[i]:.0f}", f"{stiffness:.4g}", *ratios)
+            shown.add_row(f"{load:.1f}", f"{table.f2_hz[i]:.0f}", f"{stiffness:.3f}", *ratios)
         console.print(shown)
     console.print("Conflicts in the paper's text:")
     for conflict in answer.conflicts:

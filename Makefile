@@ -1,0 +1,54 @@
+# Two commands on a fresh machine with Python 3.11: `make demo` and `make test`.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+DEMO := demo
+SEED := 1
+
+.PHONY: demo test check unit lint types layers kills recovery clean
+
+demo: $(VENV)/.installed
+	rm -rf $(DEMO)
+	$(BIN)/mesotap run --simulate --seed $(SEED) --config config.yaml --output $(DEMO)/session --json $(DEMO)/results.json
+	$(BIN)/mesotap published --report $(DEMO)/published --json $(DEMO)/published.json
+	@echo
+	@echo "The session's report:          $(CURDIR)/$(DEMO)/session/report.html"
+	@echo "The published tables, anew:    $(CURDIR)/$(DEMO)/published/report.html"
+
+test: $(VENV)/.tested
+	$(BIN)/python -m pytest -n 2 tests
+
+# everything that continuous integration holds against a change
+check: lint types layers test
+
+lint: $(VENV)/.tested
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(VENV)/.tested
+	$(BIN)/mypy
+
+layers: $(VENV)/.tested
+	$(BIN)/lint-imports
+
+# 200 sessions killed at random moments and resumed
+kills: $(VENV)/.tested
+	MESOTAP_KILLS=200 $(BIN)/python -m pytest tests/mesotap/test_killed.py
+
+# 200 seeded loads: does every interval cover as often as it says?
+recovery: $(VENV)/.installed
+	$(BIN)/python benchmarks/recovery.py
+
+$(VENV)/bin/python:
+	$(PYTHON) -m venv $(VENV) || { echo "mesotap: '$(PYTHON) -m venv' failed; on Debian: apt-get install python3-venv" >&2; rm -rf $(VENV); exit 2; }
+
+$(VENV)/.installed: $(VENV)/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	touch $@
+
+$(VENV)/.tested: $(VENV)/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	touch $(VENV)/.installed $@
+
+clean:
+	rm -rf $(VENV) $(DEMO) build *.egg-info .mypy_cache .ruff_cache .hypothesis .import_linter_cache

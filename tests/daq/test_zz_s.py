@@ -1,0 +1,292 @@
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from daq.errors import RecordingError
+from daq.records import RigDescription, Session
+from daq.session_file import read_session, write_session
+
+from .same import same
+
+
+@pytest.fixture
+def file(tmp_path: Path, session: Session) -> Path:
+    path = tmp_path / "case.h5"
+    write_session(path, session)
+    return path
+
+
+def test_a_session_comes_back_as_it_was_written(file: Path, session: Session) -> None:
+    assert same(read_session(file), replace(session, source=str(file)))
+
+
+def test_a_session_without_calibration_strain_or_rig_comes_back(tmp_path: Path, session: Session) -> None:
+    bare = replace(session, pre=None, rig=RigDescription(filter_family=""), shots=session.shots[:1], config="")
+    path = tmp_path / "bare.h5"
+    write_session(path, bare)
+    assert same(read_session(path), replace(bare, source=str(path)))
+
+
+def test_channels_of_another_rig_come_back(tmp_path: Path, session: Session) -> None:
+    channels = np.arange(900.0).reshape(3, 300)
+    shot = replace(session.shots[0], channels=channels, channel_names=("acc1", "acc2", "hammer µ"))
+    path = tmp_path / "other.h5"
+    write_session(path, replace(session, shots=(shot,)))
+    assert same(read_session(path).shots[0], shot)
+
+
+def test_extra_beyond_an_attribute_comes_back(tmp_path: Path, session: Session) -> None:
+    shot = replace(session.shots[0], extra={"state": list(range(30_000))})
+    path = tmp_path / "big.h5"
+    write_session(path, replace(session, shots=(shot,)))
+    assert read_session(path).shots[0].extra == shot.extra
+
+
+def test_a_written_file_keeps_format_1(file: Path) -> None:
+    with h5py.File(file) as f:
+        assert (f.attrs["format"], f.attrs["format_version"], bool(f.attrs["complete"])) == ("mesotap-session", 1, True)
+        assert f["config"].shape == ()
+        assert set(f) >= {"config", "rig", "impacts", "calibration"}
+        group = f["impacts/00003"]
+        assert group["acceleration"].attrs["units"] == "m/s2"
+        assert group["acceleration"].dtype == np.float64
+        assert group["acceleration"].compression == "gzip"
+        assert group.attrs["reject_reason"] == "too weak; noisy – µ"
+
+
+def test_an_unwritable_session_is_refused_before_a_file_appears(tmp_path: Path, session: Session) -> None:
+    bad = session.shots[1].acceleration.copy()
+    bad[0, 17] = np.nan
+    broken = replace(session, shots=(replace(session.shots[1], acceleration=bad),))
+    with pytest.raises(RecordingError, match=r"/impacts/00003/acceleration holds a NaN at channel A, sample 17"):
+        write_session(tmp_path / "x.h5", broken)
+    assert list(tmp_path.iterdir()) == []
+
+
+def _delete(name: str) -> Callable[[h5py.File], None]:
+    def change(f: h5py.File) -> None:
+        del f[name]
+
+    return change
+
+
+def _replace(name: str, data: Any, **attributes: Any) -> Callable[[h5py.File], None]:
+    def change(f: h5py.File) -> None:
+        del f[name]
+        f[name] = data
+        f[name].attrs.update(attributes)
+
+    return change
+
+
+def _attribute(name: str, key: str, value: Any = None) -> Callable[[h5py.File], None]:
+    def change(f: h5py.File) -> None:
+        if value is None:
+            del f[name].attrs[key]
+        else:
+            f[name].attrs[key] = value
+
+    return change
+
+
+def _nan(f: h5py.File) -> None:
+    f["impacts/00003/acceleration"][1, 5] = np.nan
+
+
+I3 = "impacts/00003"
+A3 = f"{I3}/acceleration"
+FAULTS = [
+    (_nan, "/impacts/00003/acceleration holds a NaN at channel B, sample 5"),
+    (_delete("config"), "/config is missing"),
+    (_delete("rig"), "/rig is missing"),
+    (_delete("impacts"), "/impacts is missing"),
+    (_delete(A3), "/impacts/00003/acceleration is missing"),
+    (_delete("calibration/pre/voltage_mv"), "/calibration/pre/voltage_mv is missing"),
+    (_replace("config", [1, 2]), "/config is not a scalar string"),
+    (_replace("rig", 3), "/rig is not a group"),
+    (_replace(I3, 3), "/impacts/00003 is not a group"),
+    (_replace(A3, np.zeros((3, 9)), units="m/s2"), r"acceleration has shape \(3, 9\), expected \(2, n\)"),
+    (_replace(A3, np.zeros(9), units="m/s2"), r"acceleration has shape \(9,\), expected \(2, n\)"),
+    (_replace(A3, np.zeros((2, 0)), units="m/s2"), "acceleration is empty"),
+    (_replace(A3, np.zeros((2, 9), int), units="m/s2"), "acceleration is not an array of floating-point numbers"),
+    (_replace(A3, b"abc", units="m/s2"), "acceleration is not an array"),
+    (_attribute(A3, "units", "g"), "units are 'g', expected 'm/s2'"),
+    (_attribute(A3, "units"), "units are None, expected 'm/s2'"),
+    (_replace(f"{I3}/strain_mv", np.zeros(7)), r"strain_mv has shape \(7,\), expected \(300,\)"),
+    (_attribute(I3, "pretrigger", 300), "pretrigger 300 lies outside the 300 samples"),
+    (_attribute(I3, "pretrigger", -1), "attribute pretrigger of /impacts/00003 is -1"),
+    (_attribute(I3, "pretrigger", 2.5), "pretrigger of /impacts/00003 is 2.5, expected a whole number"),
+    (_attribute(I3, "sample_rate_hz", 0.0), "sample_rate_hz of /impacts/00003 is 0, expected above 0"),
+    (_attribute(I3, "sample_rate_hz", np.nan), "sample_rate_hz is NaN"),
+    (_attribute(I3, "sample_rate_hz", "fast"), "sample_rate_hz of /impacts/00003 is not a number but 'fast'"),
+    (_attribute(I3, "sample_rate_hz", 12500.0), "sample_rate_hz is 12500 but /rig says 25000"),
+    (_attribute(I3, "load_set"), "attribute load_set of /impacts/00003 is missing"),
+    (_attribute(I3, "load_set", -2), "load_set of /impacts/00003 is -2"),
+    (_attribute(I3, "target_load_mn", np.inf), "target_load_mn of /impacts/00003 is infinite"),
+    (_attribute(I3, "accepted", "yes"), "accepted of /impacts/00003 is neither true nor false"),
+    (_attribute(I3, "time", "yesterday"), "time of /impacts/00003 is 'yesterday', not an ISO 8601 date"),
+    (_attribute(I3, "reject_reason", 4), "reject_reason of /impacts/00003 is not a text"),
+    (_attribute("/", "format", "other"), "is no session file"),
+    (_attribute("/", "format"), "is no session file"),
+    (_attribute("/", "format_version", 2), "format_version of / is 2, this program reads 1"),
+    (_attribute("/", "complete"), "attribute complete of / is missing"),
+    (_attribute("/", "operator", 3), "attribute operator of / is not a text"),
+    (_attribute("/", "created", "noon"), "created of / is 'noon', not an ISO 8601 date"),
+    (_attribute("rig", "m1_kg", -0.1), "attribute m1_kg of /rig is -0.1, expected above 0"),
+    (_attribute("rig", "k2_n_per_m", "stiff"), "attribute k2_n_per_m of /rig is not a number"),
+    (_attribute("rig", "filter_family", "bessel"), "filter_family is 'bessel'"),
+    (_attribute("rig", "m1_kg", [0.1, 0.2]), "attribute m1_kg of /rig is not a number"),
+    (_replace("calibration/pre/load_mn", [1.0, 2.0]), "load_mn has 2 values but voltage_mv has 3"),
+    (_attribute("calibration/pre", "time"), "attribute time of /calibration/pre is missing"),
+    (lambda f: f.move("impacts/00003", "impacts/3"), "/impacts/3: an impact's name has five digits"),
+]
+
+
+@pytest.mark.parametrize(("fault", "message"), FAULTS)
+def test_a_fault_is_named(file: Path, fault: Callable[[h5py.File], None], message: str) -> None:
+    with h5py.File(file, "r+") as f:
+        fault(f)
+    with pytest.raises(RecordingError, match=message) as caught:
+        read_session(file)
+    assert str(caught.value).startswith(str(file))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_shape_too_large_to_be_true_is_refused_without_reading_it(file: Path) -> None:
+    with h5py.File(file, "r+") as f:
+        del f[A3]
+        f.create_dataset(A3, (2, 10**12), dtype="f8", chunks=(2, 1024)).attrs["units"] = "m/s2"
+    with pytest.raises(RecordingError, match="/impacts/00003"):
+        read_session(file)
+
+
+def test_attributes_as_other_programs_write_them_are_read(file: Path) -> None:
+    with h5py.File(file, "r+") as f:
+        f.attrs["operator"] = np.bytes_("N. N.")
+        f.attrs["format"] = np.array(["mesotap-session"], dtype=h5py.string_dtype())
+        f.attrs["complete"] = np.uint8(1)
+        f.attrs["title"] = h5py.Empty("S1")
+        f[I3].attrs["pretrigger"] = np.array([50.0])
+        f[A3].attrs["units"] = np.bytes_("m/s2")
+        for name in ("bits", "m1_kg", "filter_family"):
+            del f["rig"].attrs[name]
+        f["notes"] = "anything"
+        f["impacts"].create_group("summary")
+        f[I3].attrs["extra"] = "no JSON"
+    session = read_session(file)
+    assert (session.operator, session.complete, session.title, session.rig.bits) == ("N. N.", True, "", 0)
+    assert session.shots[1].pretrigger == 50
+    assert np.isnan(session.rig.m1_kg)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda p: None, "there is no such file"),
+        (lambda p: p.mkdir(), "is a folder"),
+        (lambda p: p.write_bytes(b""), "the file is empty"),
+        (lambda p: p.write_text("Dear Sir,"), "is no HDF5 file"),
+    ],
+)
+def test_what_is_no_session_file_gets_one_sentence(
+    tmp_path: Path, make: Callable[[Path], object], message: str
+) -> None:
+    path = tmp_path / "x.h5"
+    make(path)
+    with pytest.raises(RecordingError, match=message):
+        read_session(path)
+
+
+def test_a_truncated_file_is_refused(file: Path) -> None:
+    content = file.read_bytes()
+    for fraction in (0.1, 0.5, 0.9, 0.999):
+        file.write_bytes(content[: int(len(content) * fraction)])
+        with pytest.raises(RecordingError, match="damaged or truncated"):
+            read_session(file)
+
+
+@settings(max_examples=1500, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(where=st.integers(0, 10**6), what=st.binary(min_size=1, max_size=8))
+def test_a_damaged_file_is_read_or_refused_in_one_sentence(
+    tmp_path: Path, session: Session, where: int, what: bytes
+) -> None:
+    path = tmp_path / "fuzz.h5"
+    write_session(path, session)
+    content = bytearray(path.read_bytes())
+    where %= len(content)
+    content[where : where + len(what)] = what
+    path.write_bytes(content)
+    with contextlib.suppress(RecordingError):
+        read_session(path)
+
+
+@pytest.mark.parametrize(("number", "message"), [(errno.ENOSPC, "the disk is full"), (errno.EROFS, "is read-only")])
+def test_a_write_that_fails_leaves_the_old_file(
+    file: Path, session: Session, monkeypatch: pytest.MonkeyPatch, number: int, message: str
+) -> None:
+    before = file.read_bytes()
+
+    def fail(descriptor: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(RecordingError, match=message):
+        write_session(file, replace(session, title="new"))
+    assert file.read_bytes() == before
+    assert [p.name for p in file.parent.iterdir()] == ["case.h5"]
+
+
+def test_a_full_disk_is_told_in_a_sentence(file: Path, session: Session) -> None:
+    """A real limit on the size of files stands for the full disk."""
+    code = (
+        "import resource, signal, sys\n"
+        "from daq.session_file import read_session, write_session\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "session = read_session(sys.argv[1])\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))\n"
+        "try:\n    write_session(sys.argv[1], session)\n"
+        "except ValueError as error:\n    print(type(error).__name__, error)\n"
+    )
+    before = file.read_bytes()
+    root = Path(__file__).parents[2]
+    done = subprocess.run([sys.executable, "-c", code, str(file)], capture_output=True, text=True, cwd=root, check=True)
+    assert (
+        done.stdout == f"RecordingError {file}: cannot be written: it would grow beyond the largest file allowed here\n"
+    )
+    assert file.read_bytes() == before
+
+
+def test_a_missing_folder_is_told_in_a_sentence(tmp_path: Path, session: Session) -> None:
+    with pytest.raises(RecordingError, match="the folder does not exist"):
+        write_session(tmp_path / "none" / "x.h5", session)
+
+
+@pytest.mark.data
+def test_the_practice_sessions_load(recordings: Path) -> None:
+    files = sorted((recordings / "concealed-practice").glob("*.h5"))
+    assert len(files) == 44
+    for file in files:
+        session = read_session(file)
+        assert session.shots
+        assert all(shot.acceleration.dtype == np.float64 for shot in session.shots)
+
+
+@pytest.mark.data
+def test_a_practice_session_survives_a_round_trip(recordings: Path, tmp_path: Path) -> None:
+    session = read_session(recordings / "concealed-practice" / "case-007.h5")
+    write_session(tmp_path / "copy.h5", session)
+    assert same(read_session(tmp_path / "copy.h5"), replace(session, source=str(tmp_path / "copy.h5")))

@@ -6,6 +6,7 @@ Nothing in a file is believed before it was looked at: not a kind, a shape, a co
 from __future__ import annotations
 
 import math
+import mmap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,6 +21,8 @@ from daq.errors import RecordingError
 
 LARGEST_ARRAY = 100_000_000
 """Values in one array beyond which a file is not believed (an hour of two channels at 14 kHz)."""
+
+_HEAP = b"GCOL\x01\0\0\0"
 
 _BROKEN = (
     OSError,
@@ -54,9 +57,37 @@ def open_hdf5(path: Path) -> Iterator[Node]:
             pass
         if not h5py.is_hdf5(path):
             raise RecordingError(f"{path}: is no HDF5 file")
+        if not _heaps_are_sound(path):
+            raise RecordingError(f"{path}: the file is {damaged}")
         file = h5py.File(path, "r")
     with reading(path, "", damaged), file:
         yield Node(path, "", file)
+
+
+def _heaps_are_sound(path: Path) -> bool:
+    """Walk the global heaps, where HDF5 keeps texts: a damaged one has the library loop for ever.
+
+    A heap is the signature, version 1, three zeros and its size (8 bytes); then objects, each an index (2 bytes), a count
+    of references (2), four zeros and a size (8), followed by the content, padded to 8. Object 0 is the rest, and its
+    size counts its own header.
+    """
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        heap = content.find(_HEAP)
+        while heap >= 0:
+            if heap + 16 <= len(content):
+                size = int.from_bytes(content[heap + 8 : heap + 16], "little")
+                at, end = heap + 16, heap + size
+                if not 16 <= size <= len(content) - heap:
+                    return False
+                while at + 16 <= end:
+                    index = int.from_bytes(content[at : at + 2], "little")
+                    length = int.from_bytes(content[at + 8 : at + 16], "little")
+                    step = 16 + (length + 7) // 8 * 8 if index else length
+                    if not 16 <= step <= end - at:
+                        return False
+                    at += step
+            heap = content.find(_HEAP, heap + 8)
+    return True
 
 
 @contextmanager

@@ -16,7 +16,6 @@ from sim_backend.settings import SimulatedGauge
 
 READING_RATE_HZ = 100.0
 LATE_BY_S = 5.0  # age of a reading with the fault "late"
-WEIGHT_STD_MN = 0.03
 SETTLING_S = 5.0  # a weight coming to rest
 SMALLEST_WEIGHT_MN = 1e-6
 
@@ -111,7 +110,8 @@ class SimulatedLoadCell(LoadCell):
 class SimulatedWeights(DeadWeights):
     """A set of weights, each a little off its nominal value, and by the same amount every time it is used."""
 
-    def __init__(self, clock: VirtualClock, contact_load_mn: Callable[[], float], seed: int):
+    def __init__(self, error_mn: float, clock: VirtualClock, contact_load_mn: Callable[[], float], seed: int):
+        self._error_mn = error_mn
         self._clock = clock
         self._contact_load_mn = contact_load_mn
         self._seed = seed
@@ -123,7 +123,7 @@ class SimulatedWeights(DeadWeights):
         if self._nominal_mn < SMALLEST_WEIGHT_MN:
             return 0.0
         rng = np.random.default_rng([self._seed, 4, round(self._nominal_mn * 1000)])
-        return self._nominal_mn + WEIGHT_STD_MN * float(rng.standard_normal())
+        return self._nominal_mn + self._error_mn * float(rng.standard_normal())
 
     def place(self, load_mn: float) -> None:
         """Hang this load on the gauge in place of what hung there; the surfaces must be apart."""

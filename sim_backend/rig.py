@@ -84,7 +84,7 @@ class SimulatedRig(Rig):
         # the physics keeps to its own micrometer, also when `stage` is put into somebody's hand
         self._micrometer = SimulatedStage(settings.stage, self.clock, self._note_load)
         self.stage = self._micrometer
-        self.weights = SimulatedWeights(self.clock, self.true_load_mn, seed)
+        self.weights = SimulatedWeights(settings.gauge.weight_error_mn, self.clock, self.true_load_mn, seed)
         self.load_cell = SimulatedLoadCell(
             settings.gauge,
             self._truth.parameters.sensitivity_mv_per_mn,

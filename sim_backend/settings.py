@@ -42,7 +42,7 @@ class SimulatedPulse(Section):
 
     duration_ms: Positive = 0.3
     shape: Literal["half_sine", "haversine", "triangle"] = "half_sine"
-    peak_force_ratio: Positive = 0.4
+    peak_force_ratio: Positive = 0.45
     strength_scatter_percent: NonNegative = 20.0
 
 
@@ -59,7 +59,7 @@ class BadTaps(Section):
 class SimulatedNoise(Section):
     """Noise of the accelerometer channels: white plus a low-frequency share (first-order, power above falls off)."""
 
-    rms_m_s2: NonNegative = 0.002
+    rms_m_s2: NonNegative = 0.001
     coloured_share: Rate = 0.3
     corner_hz: Positive = 500.0
 
@@ -71,6 +71,7 @@ class SimulatedGauge(Section):
     noise_mv: Positive = 0.02
     drift_mv_per_hour: Finite = 0.0
     sensitivity_drift_percent_per_hour: Finite = 0.0
+    weight_error_mn: NonNegative = 0.1
 
 
 class SimulatedStage(Section):

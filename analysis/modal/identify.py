@@ -24,6 +24,8 @@ SMALLEST_EMAC = 0.5
 WEAKEST = 1e-3  # of the strongest mode's energy
 COLUMNS = 20_000  # samples of the record that the realisation looks at; the likelihood sees them all
 REFINEMENTS = 15  # steps of least squares: from stable poles it settles at once or not at all
+SWEEPS = 3
+TOGETHER = 5  # modes up to which least squares takes all of them at once
 REPEATS = 8  # stretches of the record over which the scatter of a fit's score is taken
 
 
@@ -193,19 +195,72 @@ def _track(
 
 
 def _refine(tail: Real, poles: Complex, notes: list[str]) -> ExponentialFit | None:
-    """Fit all modes together; a mode that drives the fit astray is left as realised (all are, then)."""
+    """Least squares from the stable poles: all modes together where they are few, else one after another."""
     variance = tail.var(axis=1)
+    floor = np.maximum(variance, variance.max() * 1e-9)
     try:
-        floor = np.maximum(variance, variance.max() * 1e-9)
+        if poles.size > TOGETHER:
+            return _refine_in_turn(tail, poles, floor)
         fit = fit_exponentials(tail, poles, noise_variance=floor, iterations=REFINEMENTS)
     except FitFailure as error:
         notes.append(f"the modes are as ERA realised them: {error}")
         return None
-    moved = np.abs(np.abs(np.log(fit.poles)) / np.abs(np.log(poles)) - 1)
-    if (moved > 5 * SAME_FREQUENCY).any() or (np.abs(fit.poles) >= 1).any():
+    if _strayed(fit.poles, poles).any():
         notes.append("the modes are as ERA realised them: least squares drifts off to other ones")
         return None
     return fit
+
+
+def _strayed(poles: Complex, start: Complex) -> NDArray[np.bool_]:
+    """Which poles left the mode that they were started at."""
+    moved = np.abs(np.abs(np.log(poles)) / np.abs(np.log(start)) - 1)
+    strayed: NDArray[np.bool_] = (moved > SAME_FREQUENCY) | (np.abs(poles) >= 1)
+    return strayed
+
+
+def _refine_in_turn(tail: Real, start: Complex, floor: Real) -> ExponentialFit:
+    """Fit each mode to what the others leave, a few times round; one that never holds its own is dropped."""
+    c, n = tail.shape
+    k = np.arange(n)
+    poles = start.copy()
+    covariance = np.zeros((poles.size, 2, 2))
+    for _ in range(SWEEPS):
+        columns = poles[:, None] ** k[None, :]
+        amplitudes = _amplitudes(tail, columns)
+        rest = tail - 2.0 * (amplitudes @ columns).real
+        for m in range(poles.size):
+            own = rest + 2.0 * (amplitudes[:, m : m + 1] * columns[m]).real
+            try:
+                fit = fit_exponentials(own, poles[m : m + 1], noise_variance=floor, iterations=REFINEMENTS)
+            except FitFailure:
+                continue
+            if not _strayed(fit.poles, start[m : m + 1])[0]:
+                poles[m], covariance[m] = fit.poles[0], fit.log_pole_covariance[0]
+    found = covariance.any(axis=(1, 2))
+    if not found.any():
+        raise FitFailure("no mode can be refined by itself")
+    poles, covariance = poles[found], covariance[found]
+    columns = poles[:, None] ** k[None, :]
+    amplitudes = _amplitudes(tail, columns)
+    rest = tail - 2.0 * (amplitudes @ columns).real
+    return ExponentialFit(
+        poles=poles,
+        amplitudes=amplitudes,
+        fixed_amplitudes=np.zeros((c, 0)),
+        noise_variance=(rest**2).mean(axis=1),
+        log_pole_covariance=covariance,
+        residual_sum=float((rest**2 / floor[:, None]).sum()),
+        dof=c * n - 2 * poles.size * (c + 1),
+    )
+
+
+def _amplitudes(tail: Real, columns: Complex) -> Complex:
+    """Complex amplitudes (c, J) of given poles' columns (J, n) by least squares over the modes and their conjugates."""
+    both = np.concatenate([columns, columns.conj()])
+    gram = both.conj() @ both.T
+    solved = np.linalg.solve(gram, both.conj() @ tail.T)
+    out: Complex = np.ascontiguousarray(solved[: columns.shape[0]].T)
+    return out
 
 
 def _robust_spread(tail: Real, fit: ExponentialFit) -> Real:

@@ -67,7 +67,7 @@ def sort_arrays(path: Path, found: NamedArrays) -> Columns:
     if times:
         time_name = times[0][0]
         unit = _unit(found.texts, time_name, 0, len(channels))
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):
             time = np.ascontiguousarray(times[0][1]) * time_scale(time_name.rpartition(".")[2], unit)
     leaves = [name.rpartition(".")[2] for name, _ in channels]
     names = [leaf if leaves.count(leaf) == 1 else name for leaf, (name, _) in zip(leaves, channels, strict=True)]

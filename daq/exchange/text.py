@@ -151,7 +151,7 @@ def _with_time(names: list[str], units: list[str], table: NDArray[np.float64]) -
         where = 0
     time = None
     if where is not None:
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):
             time = table[:, where] * time_scale(names[where], units[where])
     rest = [i for i in range(table.shape[1]) if i != where]
     return Columns(

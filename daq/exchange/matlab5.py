@@ -1,0 +1,161 @@
+"""MAT files of version 5 (the default of MATLAB's ``save``): numeric arrays, texts, structs and cells.
+
+Read here, not by scipy: its reader crashes or loops for minutes on damaged files. The layout is MathWorks'
+"MAT-File Format": elements of a tag (type, size) and a content padded to 8 bytes; an array is an element that holds
+elements: flags, dimensions, name, and its data.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import RecordingError
+from daq.exchange.arrays import NamedArrays, sort_arrays
+from daq.exchange.recording import Columns
+from daq.hdf5 import LARGEST_ARRAY
+
+HEADER = 128
+MATRIX, COMPRESSED = 14, 15
+CELL, STRUCT, OBJECT, CHAR = 1, 2, 3, 4
+NUMERIC = range(6, 16)
+COMPLEX_FLAG = 0x0800
+_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
+
+DEEPEST = 8
+"""Structs within structs beyond which nothing is looked for."""
+
+MOST_ELEMENTS = 100_000
+"""Elements of structs and cells beyond which a file is not taken for a recording."""
+
+LARGEST_CONTENT = 8 * LARGEST_ARRAY
+"""Bytes that one compressed variable may unpack to."""
+
+
+class _Damaged(Exception):
+    """Where the layout is broken; told to the user as one sentence about the file."""
+
+
+@dataclass(slots=True)
+class _Reader:
+    """Steps through the elements in ``content``."""
+
+    content: memoryview
+    order: str  # "<" or ">"
+    at: int = 0
+
+    def more(self) -> bool:
+        return self.at < len(self.content)
+
+    def element(self) -> tuple[int, memoryview]:
+        """Return type and content of the next element, and step over it."""
+        if self.at + 8 > len(self.content):
+            raise _Damaged
+        first, second = np.frombuffer(self.content[self.at : self.at + 8], self.order + "u4").tolist()
+        if first >> 16:  # a small element: size and type share a word, the content is in the tag
+            kind, size, begin, step = first & 0xFFFF, first >> 16, self.at + 4, 8
+            if size > 4:
+                raise _Damaged
+        else:
+            kind, size, begin = first, second, self.at + 8
+            step = 8 + (size if kind == COMPRESSED else (size + 7) // 8 * 8)
+        if begin + size > len(self.content):
+            raise _Damaged
+        self.at += step
+        return kind, self.content[begin : begin + size]
+
+    def numbers(self) -> NDArray[np.generic]:
+        """Return the next element as numbers."""
+        kind, content = self.element()
+        if kind not in _NUMBERS:
+            raise _Damaged
+        dtype = np.dtype(self.order + _NUMBERS[kind])
+        if len(content) % dtype.itemsize:
+            raise _Damaged
+        return np.frombuffer(content, dtype)
+
+    def text(self) -> str:
+        """Return the next element as text; zeros at its end are padding."""
+        kind, content = self.element()
+        coding = _TEXTS.get(kind, "latin-1")
+        if coding != "latin-1" and coding != "utf-8":
+            coding += "-le" if self.order == "<" else "-be"
+        return bytes(content).decode(coding, "replace").rstrip("\0")
+
+
+def read_mat5(path: Path, content: bytes) -> Columns:
+    """Return the channels in a MAT file of version 5.
+
+    Raises
+    ------
+    RecordingError
+        The file is damaged, of another version, or holds no array that could be a channel.
+    """
+    order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
+    if len(content) < HEADER or order is None:
+        raise RecordingError(f"{path}: is damaged, truncated, or no MAT file of version 5 or 7.3")
+    found = NamedArrays()
+    try:
+        reader = _Reader(memoryview(content), order, HEADER)
+        while reader.more():
+            kind, inner = reader.element()
+            if kind == COMPRESSED:
+                kind, inner = _Reader(_unpack(inner), order).element()
+            if kind == MATRIX:
+                _take(found, _Reader(inner, order), "", 0)
+    except (_Damaged, zlib.error, ValueError, OverflowError) as error:
+        raise RecordingError(f"{path}: is a damaged or truncated MAT file") from error
+    return sort_arrays(path, found)
+
+
+def _unpack(content: memoryview) -> memoryview:
+    unpacker = zlib.decompressobj()
+    unpacked = unpacker.decompress(content, LARGEST_CONTENT)
+    if not unpacker.eof:
+        raise _Damaged
+    return memoryview(unpacked)
+
+
+def _take(found: NamedArrays, reader: _Reader, name: str, depth: int) -> None:
+    """Take in one array, and what is inside it; ``name`` is that of a field or cell, which hold none of their own."""
+    if not reader.more():
+        return
+    flags = reader.numbers()
+    if not flags.size:
+        raise _Damaged
+    word = int(flags[0])
+    kind = word & 0xFF
+    if kind not in (CELL, STRUCT, CHAR, *NUMERIC) or depth > DEEPEST:
+        return
+    shape = [int(size) for size in reader.numbers()]
+    own = reader.text()
+    name = name or own
+    count = 1
+    for size in shape:
+        count *= size
+    if min(shape, default=-1) < 0 or count > LARGEST_ARRAY:
+        raise _Damaged
+    if kind == CHAR:
+        found.texts[name] = reader.text() if count else ""
+    elif kind in NUMERIC:
+        values = reader.numbers()
+        if values.size != count:
+            raise _Damaged
+        if not word & COMPLEX_FLAG:
+            found.add(name, values.reshape(shape, order="F"))
+    elif count > MOST_ELEMENTS:
+        raise _Damaged
+    elif kind == CELL:
+        for i in range(count):
+            _take_next(found, reader, f"{name}{{{i}}}" if count > 1 else name, depth)
+    else:
+        for i in range(count):
+            for field in _fields(reader) if i == 0 else fields:
+                if i == 0 and not field:
+                    raise _Damaged
+            fields = fields if i else []

@@ -1,0 +1,125 @@
+"""config.yaml: the shipped one, every kind of fault, and that what is said names key, value and what is allowed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mesotap.config import Config, ConfigError, default_text, effective_text, load_config, parse_config
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_shipped_configuration_spells_out_the_defaults():
+    shipped = load_config(ROOT / "config.yaml")
+    defaults = Config()
+    assert shipped.model_copy(update={"mesotap": defaults.mesotap}) == defaults
+    assert shipped.mesotap.load_plan_mn == defaults.mesotap.load_plan_mn
+
+
+def test_the_shipped_configuration_names_every_key():
+    given_keys = yaml.safe_load(default_text())
+    in_force = yaml.safe_load(effective_text(Config()))
+    assert given_keys.keys() == in_force.keys()
+    for section, keys in in_force.items():
+        if section not in ("rig", "analysis"):
+            assert given_keys[section].keys() == keys.keys(), section
+
+
+def test_what_is_in_force_reads_back_as_itself():
+    config = parse_config("", changes=["mesotap.dwell_s=3", "analysis.contact=paper-sphere"])
+    assert parse_config(effective_text(config)) == config
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("rig: {masses: {m1_kg: -1}}", ["rig.masses.m1_kg", "-1", "greater than 0"]),
+        ("rig:\n  masses:\n    m1: 3", ["line 3", "rig.masses.m1", "m1_kg, m2_kg, uncertainty_kg"]),
+        ("mesotap: {load_plan: [1]}", ["mesotap.load_plan", "did you mean load_plan_mn?"]),
+        ("mesotap: {impacts_per_load: eight}", ["mesotap.impacts_per_load", "'eight'", "integer"]),
+        ("mesotap: {load_plan_mn: []}", ["mesotap.load_plan_mn", "at least one load"]),
+        ("mesotap: {load_plan_mn: [2000]}", ["2006 mN", "rig.limits.load_mn (1100)"]),
+        ("rig: {springs: {k1_n_per_m: 3}}", ["rig.springs", "system_resonance_hz", "k2_n_per_m"]),
+        ("rig: {limits: {search_beyond_um: 100}}", ["search_beyond_um", "26893 mN", "limits.load_mn (1100)"]),
+        ("rig: {wiring: {strain_gauge_input: 0}}", ["rig.wiring", "share one input"]),
+        ("calibration: {weights_mn: [0, 100]}", ["calibration.weights_mn", "three different weights"]),
+        ("analysis: {contact: gold}", ["analysis.contact", "'gold'", "paper-flat, paper-sphere"]),
+        ("analysis: {contact: {geometry: sphere, radius: 3}}", ["analysis.contact.radius", "did you mean radius_um?"]),
+        ("analysis: {method: magic}", ["analysis.method", "'magic'", "'ml' or 'era'"]),
+        ("sim_backend: {contact: {load_mn: [3, 2]}}", ["sim_backend.contact", "one length"]),
+        ("nonsense: 3", ["nonsense is no known key", "allowed here: analysis, calibration, daq"]),
+        ("daq: {trigger: {pretrigger_samples: 4000}}", ["pretrigger_samples", "less than half"]),
+        ("rig: {masses: {m1_kg: .nan}}", ["rig.masses.m1_kg", "nan"]),
+        ("- a\n- b", ["is no configuration"]),
+        ("rig: [1", ["line 1", "is not YAML"]),
+        ("rig: 3", ["rig is 3"]),
+    ],
+)
+def test_a_fault_is_one_sentence_that_names_it(text, expected):
+    with pytest.raises(ConfigError) as caught:
+        parse_config(text, "my.yaml")
+    sentence = str(caught.value)
+    assert sentence.startswith("my.yaml")
+    assert "\n" not in sentence
+    for part in expected:
+        assert part in sentence
+
+
+def test_every_fault_has_its_line():
+    with pytest.raises(ConfigError) as caught:
+        parse_config("rig:\n  masses: {m1_kg: 0}\nmesotap:\n  dwell_s: -1\n", "my.yaml")
+    assert [line.split(":")[0] for line in str(caught.value).splitlines()] == ["my.yaml, line 4", "my.yaml, line 2"]
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [("dwell", "section.key=value"), ("mesotap.dwell_s.x=1", "dwell_s holds no further keys"), ("a.b=[", "not YAML")],
+)
+def test_a_wrong_change_says_what_to_write(change, expected):
+    with pytest.raises(ConfigError, match=expected):
+        parse_config("mesotap: {dwell_s: 3}", changes=[change])
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\x00bad", None])
+def test_an_unreadable_file_is_named(tmp_path, content):
+    path = tmp_path / "c.yaml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"c\.yaml: (is not a text|cannot be read)"):
+        load_config(path)
+
+
+def test_springs_from_the_system_resonance():
+    k1, k2 = parse_config("rig: {springs: {system_resonance_hz: 356}}").rig.spring_stiffness()
+    assert k1 == k2 == pytest.approx(0.5379e6, rel=1e-4)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.text(max_size=200))
+def test_no_text_is_more_than_refused(text):
+    try:
+        parse_config(text)
+    except ConfigError as refusal:
+        assert str(refusal)
+
+
+plain = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=10),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=8,
+)
+SECTIONS = ["mesotap", "rig", "daq", "calibration", "analysis", "sim_backend"]
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.dictionaries(st.sampled_from(SECTIONS), plain, max_size=3))
+def test_no_structure_is_more_than_refused(content):
+    try:
+        parse_config(yaml.safe_dump(content))
+    except ConfigError as refusal:
+        assert str(refusal)

@@ -99,7 +99,9 @@ def analyse_session(
     """
     rig = session.rig
     if not rig.is_tester:
-        raise AnalysisError(f"{session.source or 'session'}: masses and springs are unknown, so there is no k_c to find")
+        raise AnalysisError(
+            f"{session.source or 'session'}: masses and springs are unknown, so there is no k_c to find"
+        )
     if not session.shots:
         raise AnalysisError(f"{session.source or 'session'}: holds no impacts")
     history = GaugeHistory(session.pre, session.post, calibration)
@@ -119,7 +121,7 @@ def analyse_session(
         impacts=tuple(impacts),
         calibration=history.result(),
         springs_n_per_m=(known.k1, known.k2),
-        notes=tuple([*notes, *history.notes]),
+        notes=(*notes, *history.notes),
     )
 
 
@@ -363,7 +365,9 @@ def _load_notes(used: Sequence[ImpactResult], found: Sequence[ImpactModes], hist
         )
     split = sum(any("disagree" in n for n in i.notes) for i in used)
     if split > len(used) / 4:
-        notes.append(f"ERA and maximum likelihood disagree beyond their uncertainties on {split} of {len(used)} impacts")
+        notes.append(
+            f"ERA and maximum likelihood disagree beyond their uncertainties on {split} of {len(used)} impacts"
+        )
     return notes
 
 

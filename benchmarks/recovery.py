@@ -99,7 +99,8 @@ def main() -> None:
     print(f"\n{chosen.specimen}, seeds {seeds[0]} to {seeds[-1]}")
     for name, row in summary.items():
         share = row["inside"] / row["of"]
-        print(f"{name:28s} {row['inside']:4d} of {row['of']} inside ({share:6.1%}), at most {row['largest_deviation_percent']:.4g} % off")
+        off = row["largest_deviation_percent"]
+        print(f"{name:28s} {row['inside']:4d} of {row['of']} inside ({share:6.1%}), at most {off:.4g} % off")
     if chosen.json:
         chosen.json.write_text(json.dumps(summary, indent=1) + "\n")
 

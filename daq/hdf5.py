@@ -19,6 +19,12 @@ from numpy.typing import NDArray
 
 from daq.errors import RecordingError
 
+CHECKSUMMED = ("v108", "v110")
+"""Bounds on the layout of files written here: readable since HDF5 1.8, and damage to their structure is noticed.
+
+The library crashes or loops on damage to the structure of files in the older layout, which has no checksums.
+"""
+
 LARGEST_ARRAY = 100_000_000
 """Values in one array beyond which a file is not believed (an hour of two channels at 14 kHz)."""
 
@@ -67,9 +73,9 @@ def open_hdf5(path: Path) -> Iterator[Node]:
 def _heaps_are_sound(path: Path) -> bool:
     """Walk the global heaps, where HDF5 keeps texts: a damaged one has the library loop for ever.
 
-    A heap is the signature, version 1, three zeros and its size (8 bytes); then objects, each an index (2 bytes), a count
-    of references (2), four zeros and a size (8), followed by the content, padded to 8. Object 0 is the rest, and its
-    size counts its own header.
+    A heap is the signature, version 1, three zeros and its size (8 bytes); then objects, each an index (2 bytes), a
+    count of references (2), four zeros and a size (8), followed by the content, padded to 8. Object 0 is the rest,
+    and its size counts its own header.
     """
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         heap = content.find(_HEAP)

@@ -23,7 +23,7 @@ import h5py
 
 from daq.durable import PART, sync_folder, write_error, write_whole
 from daq.errors import RecordingError
-from daq.hdf5 import open_hdf5, reading
+from daq.hdf5 import CHECKSUMMED, open_hdf5, reading
 from daq.impact_group import check_shot, read_impact, scalar_text, to_json, write_impact
 from daq.records import Shot
 
@@ -135,7 +135,7 @@ class SessionFolder:
             raise RecordingError(f"{path}: this shot was recorded already")
         check_shot(shot, str(path))
         try:
-            with h5py.File("shot", "w", driver="core", backing_store=False) as file:
+            with h5py.File("shot", "w", driver="core", backing_store=False, libver=CHECKSUMMED) as file:
                 file.attrs["format"] = SHOT_FORMAT
                 file.attrs["number"] = shot.number
                 write_impact(file.create_group("shot"), shot, compress=False)

@@ -11,7 +11,7 @@ import numpy as np
 
 from daq.durable import write_whole
 from daq.errors import RecordingError
-from daq.hdf5 import LARGEST_ARRAY, Node, open_hdf5, reading, refuse_non_finite
+from daq.hdf5 import CHECKSUMMED, LARGEST_ARRAY, Node, open_hdf5, reading, refuse_non_finite
 from daq.impact_group import ATTRIBUTE_LIMIT, check_shot, check_time, read_impact, scalar_text, write_impact
 from daq.records import CalibrationPoints, RigDescription, Session, Shot
 
@@ -77,7 +77,7 @@ def _is_utf8(text: str) -> bool:
 
 def _image(session: Session) -> bytes:
     """Return the bytes of the session file. Built in memory, so that a full disk meets plain file writing only."""
-    with h5py.File("session", "w", driver="core", backing_store=False) as file:
+    with h5py.File("session", "w", driver="core", backing_store=False, libver=CHECKSUMMED) as file:
         file.attrs["format"] = FORMAT
         file.attrs["format_version"] = VERSION
         for name in _TEXTS:

@@ -1,4 +1,4 @@
-"""``mesotap`` and ``python -m mesotap``: runs a command; what a person can cause ends in one sentence and exit code 2."""
+"""``mesotap`` and ``python -m mesotap``: run a command; what a person can cause ends in a sentence and exit code 2."""
 
 from __future__ import annotations
 

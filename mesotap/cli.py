@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="mesotap",
-    help="Contact stiffness and damping from contact resonance: run the tester, analyse its sessions, write the report.",
+    help="Contact stiffness and damping from contact resonance: run the tester, analyse sessions, write the report.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -22,25 +22,25 @@ config_app = typer.Typer(help="Check, show or begin a config.yaml.", no_args_is_
 app.add_typer(config_app, name="config")
 
 ConfigPath = Annotated[
-    Optional[Path],
+    Path | None,
     typer.Option("--config", "-c", help="Configuration; config.yaml of this folder by default.", show_default=False),
 ]
 Changes = Annotated[
-    Optional[list[str]],
+    list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Override one key, such as mesotap.dwell_s=0.", show_default=False),
 ]
 JsonPath = Annotated[
-    Optional[Path],
+    Path | None,
     typer.Option("--json", metavar="OUT.json", help="Also write the answer for programs.", show_default=False),
 ]
 Simulate = Annotated[bool, typer.Option("--simulate", help="On the simulated rig instead of the real one.")]
 Seed = Annotated[
-    Optional[int],
+    int | None,
     typer.Option("--seed", min=0, help="Seed of the simulated rig, instead of the one configured.", show_default=False),
 ]
 Session = Annotated[Path, typer.Argument(help="Session file, or the folder of a session.", show_default=False)]
 Report = Annotated[
-    Optional[Path],
+    Path | None,
     typer.Option("--report", metavar="FOLDER", help="Also write the report into this folder.", show_default=False),
 ]
 
@@ -73,13 +73,11 @@ def run(
     simulate: Simulate = False,
     config: ConfigPath = None,
     output: Annotated[
-        Optional[Path],
+        Path | None,
         typer.Option("--output", "-o", help="Folder of the session; sessions/<time> by default.", show_default=False),
     ] = None,
     seed: Seed = None,
-    realtime: Annotated[
-        bool, typer.Option("--realtime", help="Let simulated time pass as on the bench.")
-    ] = False,
+    realtime: Annotated[bool, typer.Option("--realtime", help="Let simulated time pass as on the bench.")] = False,
     changes: Changes = None,
     json: JsonPath = None,
 ) -> None:
@@ -123,11 +121,11 @@ def analyze(
         list[Path], typer.Argument(help="Session files, session folders, or other recordings.", show_default=False)
     ],
     method: Annotated[
-        Optional[str],
+        str | None,
         typer.Option("--method", metavar="ml|era", help="Instead of the configured one.", show_default=False),
     ] = None,
     rate: Annotated[
-        Optional[float],
+        float | None,
         typer.Option("--rate", help="Sampling rate in Hz of a recording that does not say.", show_default=False),
     ] = None,
     config: ConfigPath = None,
@@ -145,8 +143,10 @@ def analyze(
 def report(
     session: Session,
     output: Annotated[
-        Optional[Path],
-        typer.Option("--output", "-o", help="Folder for the report; beside the session by default.", show_default=False),
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Folder for the report; beside the session by default.", show_default=False
+        ),
     ] = None,
     config: ConfigPath = None,
     changes: Changes = None,
@@ -185,15 +185,15 @@ def published(report: Report = None, json: JsonPath = None) -> None:
 def import_(
     file: Annotated[Path, typer.Argument(help="CSV, MAT or UFF58 file.", show_default=False)],
     output: Annotated[
-        Optional[Path],
+        Path | None,
         typer.Argument(help="Session file to write; the same name with .h5 by default.", show_default=False),
     ] = None,
     rate: Annotated[
-        Optional[float],
+        float | None,
         typer.Option("--rate", help="Sampling rate in Hz, where the file does not say.", show_default=False),
     ] = None,
     channel: Annotated[
-        Optional[list[str]],
+        list[str] | None,
         typer.Option("--channel", help="A, then B: name or number; the first two by default.", show_default=False),
     ] = None,
     json: JsonPath = None,
@@ -217,7 +217,7 @@ def info(
 
 @config_app.command("check")
 def config_check(
-    file: Annotated[Optional[Path], typer.Argument(help="config.yaml by default.", show_default=False)] = None,
+    file: Annotated[Path | None, typer.Argument(help="config.yaml by default.", show_default=False)] = None,
     changes: Changes = None,
 ) -> None:
     """Hold a configuration against what is allowed."""

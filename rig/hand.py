@@ -93,5 +93,7 @@ class HandWeights(DeadWeights):
 
     def place(self, load_mn: float) -> None:
         """Ask for a weight and give it time to come to rest."""
-        self._operator.wait_ready(f"Hang {load_mn:g} mN on the gauge." if load_mn else "Take all weights off the gauge.")
+        self._operator.wait_ready(
+            f"Hang {load_mn:g} mN on the gauge." if load_mn else "Take all weights off the gauge."
+        )
         self._clock.sleep(self._settle_s)

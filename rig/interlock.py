@@ -93,8 +93,8 @@ class Interlock:
         self._last_voltage = reading.voltage_mv
         if self._frozen >= self._limits.frozen_readings:
             raise StaleReading(
-                f"strain gauge: {self._frozen + 1} readings are the same to the last digit ({reading.voltage_mv:.4f} mV); "
-                "the amplifier is frozen: restart it"
+                f"strain gauge: {self._frozen + 1} readings are the same to the last digit "
+                f"({reading.voltage_mv:.4f} mV); the amplifier is frozen: restart it"
             )
         return reading
 
@@ -187,7 +187,8 @@ class Interlock:
             room = (self._limits.load_mn - before) / self._mn_per_um
             if room <= 0:
                 raise InterlockRefusal(
-                    f"step: the load, {before:.0f} mN, is at the limit of {self._limits.load_mn:g} mN; the stage only retracts"
+                    f"step: the load, {before:.0f} mN, is at the limit of {self._limits.load_mn:g} mN; "
+                    "the stage only retracts"
                 )
             step_um = min(step_um, room)
             self._check_travel(step_um)

@@ -125,8 +125,8 @@ class RigSettings(Section):
         worst = self.limits.search_beyond_um * k1 * k2 / (k1 + k2) * 1e-3
         if worst > self.limits.load_mn:
             raise ValueError(
-                f"limits.search_beyond_um of {self.limits.search_beyond_um:g} could load the specimen with {worst:.0f} mN "
-                f"if the gauge failed, more than limits.load_mn ({self.limits.load_mn:g})"
+                f"limits.search_beyond_um of {self.limits.search_beyond_um:g} could load the specimen with "
+                f"{worst:.0f} mN if the gauge failed, more than limits.load_mn ({self.limits.load_mn:g})"
             )
         return self
 

@@ -214,9 +214,7 @@ def _phase_collinearity(shapes: Complex) -> Real:
     return mpc if shapes.shape[0] > 1 else np.ones(shapes.shape[1])
 
 
-def _pole_covariance(
-    decomposed: Hankel, u: Real, root: Real, left: Complex, right: Complex, pole: complex
-) -> Real:
+def _pole_covariance(decomposed: Hankel, u: Real, root: Real, left: Complex, right: Complex, pole: complex) -> Real:
     """Covariance of log z for unit white noise: first-order perturbation of an eigenvalue of ERA.
 
     ``dz = p^T (dH1 - z dH0) q`` with ``p = U S^-1/2 l`` and ``q = V S^-1/2 r`` is linear in the noise samples;

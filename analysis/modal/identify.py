@@ -1,7 +1,8 @@
-"""Modes of any sampled ring-down: ERA over a range of orders, a stabilisation diagram, maximum likelihood at the end."""
+"""Modes of any sampled ring-down: ERA over a range of orders, a stabilisation diagram, then maximum likelihood."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -281,13 +282,17 @@ def _robust_spread(tail: Real, fit: ExponentialFit) -> Real:
         slope = k * columns[m]
         score = np.array(
             [
-                (weight[:, None] * residual[:, a:b] * (fit.amplitudes[:, m].conj()[:, None] * slope[None, a:b].conj())).sum()
-                for a, b in zip(edges, edges[1:], strict=False)
+                (
+                    weight[:, None]
+                    * residual[:, a:b]
+                    * (fit.amplitudes[:, m].conj()[:, None] * slope[None, a:b].conj())
+                ).sum()
+                for a, b in itertools.pairwise(edges)
             ]
         )
         expected = sum(
             float((weight * np.abs(fit.amplitudes[:, m]) ** 2).sum() * (np.abs(slope[a:b]) ** 2).sum())
-            for a, b in zip(edges, edges[1:], strict=False)
+            for a, b in itertools.pairwise(edges)
         )
         factors[m] = max(1.0, float((np.abs(score) ** 2).sum()) / max(expected, 1e-300))
     return factors

@@ -310,7 +310,9 @@ def _era_modes(y: Real, fit: ExponentialFit, sample_rate_hz: float) -> list[Mode
             continue
         picked = [int(np.argmin(np.abs(np.log(realised.poles) - np.log(z)))) for z in fit.poles]
         # twice the same pole, or one far from where the likelihood puts it: not found at this order
-        far = [abs(np.log(realised.poles[i] / z)) > 0.5 * abs(np.log(z)) for i, z in zip(picked, fit.poles, strict=True)]
+        far = [
+            abs(np.log(realised.poles[i] / z)) > 0.5 * abs(np.log(z)) for i, z in zip(picked, fit.poles, strict=True)
+        ]
         if picked[0] != picked[1] and not any(far):
             return [
                 mode_from_sampled_pole(
@@ -325,7 +327,10 @@ def _disagreements(likely: list[ModeEstimate], realised: list[ModeEstimate]) -> 
     """Sentences where ERA and maximum likelihood differ beyond their uncertainties."""
     notes = []
     for name, a, b in zip(("system", "contact"), likely, realised, strict=True):
-        for what, x, y in (("frequency", a.frequency_hz, b.frequency_hz), ("damping", a.damping_ratio, b.damping_ratio)):
+        for what, x, y in (
+            ("frequency", a.frequency_hz, b.frequency_hz),
+            ("damping", a.damping_ratio, b.damping_ratio),
+        ):
             allowed = DISAGREEMENT * np.hypot(x.standard_error, y.standard_error)
             if abs(x.value - y.value) > allowed:
                 notes.append(

@@ -34,7 +34,7 @@ def import_recording(
     channels: Sequence[str | int] | None = None,
     unit: str | None = None,
 ) -> Recording:
-    """Read a recording from a CSV, MAT (up to 7.3) or universal file, told apart by content.
+    """Read a recording from a CSV, MAT (5 to 7.3) or universal file, told apart by content.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def import_recording(
 
 
 def _read(path: Path) -> Columns:
-    # The readers are imported where they are used: a CSV file should not wait for scipy, h5py and pyuff.
+    # The readers are imported where they are used: a CSV file should not wait for pyuff.
     try:
         if path.is_dir():
             raise RecordingError(f"{path}: is a folder, not a file")
@@ -73,11 +73,11 @@ def _read(path: Path) -> Columns:
         if content.startswith(start):
             raise RecordingError(f"{path}: is no recording but {kind}")
     if content.startswith(_HDF5) or content[512:520] == _HDF5:
-        from daq.exchange.matlab import read_mat73
+        from daq.exchange.matlab73 import read_mat73
 
         return read_mat73(path)
     if content.startswith(b"MATLAB") or path.suffix.lower() == ".mat":
-        from daq.exchange.matlab import read_mat5
+        from daq.exchange.matlab5 import read_mat5
 
         return read_mat5(path, content)
     from daq.exchange.universal import BEGINS, read_universal

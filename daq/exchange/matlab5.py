@@ -154,8 +154,24 @@ def _take(found: NamedArrays, reader: _Reader, name: str, depth: int) -> None:
         for i in range(count):
             _take_next(found, reader, f"{name}{{{i}}}" if count > 1 else name, depth)
     else:
+        fields = _fields(reader)
         for i in range(count):
-            for field in _fields(reader) if i == 0 else fields:
-                if i == 0 and not field:
-                    raise _Damaged
-            fields = fields if i else []
+            for inner in fields:
+                _take_next(found, reader, f"{name}{f'({i})' if count > 1 else ''}.{inner}", depth)
+
+
+def _take_next(found: NamedArrays, reader: _Reader, name: str, depth: int) -> None:
+    kind, content = reader.element()
+    if kind == MATRIX:
+        _take(found, _Reader(content, reader.order), name, depth + 1)
+
+
+def _fields(reader: _Reader) -> list[str]:
+    """Return the names of a struct's fields: a length, then that many bytes for each."""
+    lengths = reader.numbers()
+    _, names = reader.element()
+    length = int(lengths[0]) if lengths.size else 0
+    if length < 1 or len(names) % length:
+        raise _Damaged
+    parts = (bytes(names[i : i + length]) for i in range(0, len(names), length))
+    return [part.split(b"\0")[0].decode("latin-1") for part in parts]

@@ -199,7 +199,8 @@ def make_recording(
             raise RecordingError(f"{path}: channel {names[i]} holds {what} at sample {sample}")
         said, factor = to_si(columns.units[i] if unit is None else unit)
         units.add(said)
-        rows.append(columns.data[i] * factor)
+        with np.errstate(over="ignore"):
+            rows.append(columns.data[i] * factor)
     data = np.ascontiguousarray(rows, dtype=np.float64)
     if not np.isfinite(data).all():
         raise RecordingError(f"{path}: holds values too large to be accelerations")

@@ -128,7 +128,9 @@ def write_session_report(
     """Write the report of a session file or folder."""
     opened = _opened(source, None)
     if not isinstance(opened, Session) or not opened.rig.is_tester:
-        raise RecordingError(f"{source}: is no session of the tester; 'mesotap analyze --report' reports any other file")
+        raise RecordingError(
+            f"{source}: is no session of the tester; 'mesotap analyze --report' reports any other file"
+        )
     default = source if source.is_dir() else source.parent / f"{source.stem}-report"
     config = _config_for(opened, config_path, changes)
     results = _session_report(source, opened, config, output or default, console)
@@ -211,10 +213,7 @@ def _chosen(channels: Sequence[str]) -> tuple[str | int, str | int] | None:
 def info(file: Path, json_path: Path | None, console: Console) -> None:
     """Say what a file holds."""
     opened = _opened(file, None)
-    if isinstance(opened, Session):
-        answer = _session_info(opened, file)
-    else:
-        answer = _recording_info(opened, file)
+    answer = _session_info(opened, file) if isinstance(opened, Session) else _recording_info(opened, file)
     for key, value in answer.items():
         shown = ", ".join(map(str, value)) if isinstance(value, list) else value
         console.print(f"{key.replace('_', ' ')}: {escape(str(shown))}", highlight=False)
@@ -289,7 +288,9 @@ def _show_modes(modes: RecordingModes, console: Console) -> None:
     for heading in ("frequency, Hz", "damping, %", "largest amplitude"):
         shown.add_column(heading, justify="right")
     for mode in modes.modes:
-        shown.add_row(with_uncertainty(mode.frequency_hz), with_uncertainty(mode.damping_ratio, 100), f"{max(mode.amplitude):.4g}")
+        shown.add_row(
+            with_uncertainty(mode.frequency_hz), with_uncertainty(mode.damping_ratio, 100), f"{max(mode.amplitude):.4g}"
+        )
     console.print(shown)
     for note in modes.notes:
         console.print(f"- {escape(note)}", highlight=False)

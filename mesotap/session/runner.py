@@ -219,8 +219,8 @@ class SessionRunner:
         tries = self._tries_since_start(shots)
         if tries >= self._config.mesotap.tries_per_load:
             raise RigError(
-                f"load {self._target():.0f} mN: {tries} taps gave {accepted} good ones of {wanted}; the last was not used: "
-                f"{shots[-1]['reject_reason'] or 'accepted'}; change the tap, then resume"
+                f"load {self._target():.0f} mN: {tries} taps gave {accepted} good ones of {wanted}; "
+                f"the last was not used: {shots[-1]['reject_reason'] or 'accepted'}; change the tap, then resume"
             )
         before = self._interlock.read_load()
         if abs(before[0] - self._target()) > 2 * self._largest_change(self._target()):

@@ -66,9 +66,7 @@ def test_standard_errors_are_those_of_repeated_records(f1, f2, zeta2):
         noisy = y + 0.01 * rng.normal(size=y.size)
         fit = fit_exponentials(noisy, z, known)
         for i in range(2):
-            mode = mode_from_sampled_pole(
-                complex(fit.poles[i]), fit.log_pole_covariance[i], fit.amplitudes[:, i], RATE
-            )
+            mode = mode_from_sampled_pole(complex(fit.poles[i]), fit.log_pole_covariance[i], fit.amplitudes[:, i], RATE)
             true = abs(np.log(z[i])) * RATE / (2 * np.pi), -np.log(z[i]).real / abs(np.log(z[i]))
             for estimate, value in zip((mode.frequency_hz, mode.damping_ratio), true, strict=True):
                 scores.append((estimate.value - value) / estimate.standard_error)

@@ -128,6 +128,27 @@ def test_mat_with_a_matrix_and_a_rate(tmp_path: Path) -> None:
     assert (recording.rate_hz, recording.names) == (RATE, ("y(0)", "y(1)"))
 
 
+@pytest.mark.parametrize("compressed", [False, True])
+def test_mat_5_of_any_kind_of_number(tmp_path: Path, compressed: bool) -> None:
+    counts = np.round(1000 * A).astype(np.int16)
+    cells = np.empty((1, 2), dtype=object)
+    cells[0, 0], cells[0, 1] = A.astype(np.float32), 7.0
+    variables = {"t": TIME, "counts": counts, "cells": cells, "z": A + 1j * A}
+    savemat(tmp_path / "x.mat", variables, do_compression=compressed)
+    recording = import_recording(tmp_path / "x.mat", channels=["counts", "cells{0}"])
+    np.testing.assert_array_equal(recording.data, [counts, A.astype(np.float32)])
+    with pytest.raises(RecordingError, match="has no channel z"):
+        import_recording(tmp_path / "x.mat", channels=["z"])
+
+
+def test_mat_5_with_an_array_of_structs(tmp_path: Path) -> None:
+    runs = np.array([(A,), (B,)], dtype=[("a", object)])
+    savemat(tmp_path / "x.mat", {"runs": runs, "dt": 1 / RATE})
+    recording = import_recording(tmp_path / "x.mat")
+    np.testing.assert_array_equal(recording.data, [A, B])
+    assert (recording.names, recording.rate_hz) == (("runs(0).a", "runs(1).a"), RATE)
+
+
 def test_mat_73_with_a_group(tmp_path: Path) -> None:
     arrays = {"H/time": TIME, "H/acc1": A, "H/acc2": B[:, None], "H/units": "s, g", "#refs#/a": np.zeros(9999)}
     recording = import_recording(mat73(tmp_path / "x.mat", arrays))
@@ -217,8 +238,8 @@ PROSE = "Call me Ishmael. Some years ago, never mind how long, I had 1, 2 or\n3 
         ("x.txt", PROSE.encode(), "is no recording: it holds no table of numbers"),
         ("x.csv", b"", "the file is empty"),
         ("x.csv", b"\n\n \n", "the file is empty"),
-        ("x.mat", b"MATLAB 5.0 MAT-file, but not really", "is damaged, truncated, or no MAT file"),
-        ("x.mat", PROSE.encode(), "is damaged, truncated, or no MAT file"),
+        ("x.mat", b"MATLAB 5.0 MAT-file, but not really", "is damaged, truncated, or no MAT file of version 5 or 7.3"),
+        ("x.mat", PROSE.encode(), "is damaged, truncated, or no MAT file of version 5 or 7.3"),
         ("x.uff", b"    -1\n    58\nrubbish\n    -1\n", "is a damaged or truncated universal file"),
         ("x.uff", b"    -1\n    58\nrubbish\n", "is truncated: its last data set does not end"),
         ("x.uff", b"    -1\n   151\nrubbish\n    -1\n", "damaged|no time response"),

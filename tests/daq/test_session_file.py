@@ -234,6 +234,18 @@ def test_a_damaged_file_is_read_or_refused_in_one_sentence(
         read_session(path)
 
 
+def test_a_damaged_heap_is_refused_before_the_library_loops_in_it(tmp_path: Path) -> None:
+    path = tmp_path / "old.h5"
+    with h5py.File(path, "w") as f:
+        f.attrs["format"] = "mesotap-session"
+    content = bytearray(path.read_bytes())
+    heap = content.find(b"GCOL")
+    content[heap + 24 : heap + 32] = b"\xff" * 8
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match="damaged or truncated"):
+        read_session(path)
+
+
 @pytest.mark.parametrize(("number", "message"), [(errno.ENOSPC, "the disk is full"), (errno.EROFS, "is read-only")])
 def test_a_write_that_fails_leaves_the_old_file(
     file: Path, session: Session, monkeypatch: pytest.MonkeyPatch, number: int, message: str

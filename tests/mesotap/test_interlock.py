@@ -19,7 +19,17 @@ STATES = [
     State.RETRACT,
     State.POST_CALIBRATION,
 ]
-FAULTS = ["frozen", "dropout", "nan", "late", ("scale", 0.3), ("scale", 0.7), ("scale", -1.0), ("offset", -20.0), ("offset", 20.0)]
+FAULTS = [
+    "frozen",
+    "dropout",
+    "nan",
+    "late",
+    ("scale", 0.3),
+    ("scale", 0.7),
+    ("scale", -1.0),
+    ("offset", -20.0),
+    ("offset", 20.0),
+]
 DEAD = ("scale", 0.0)  # shows the empty gauge, noise and all
 HIGH_UM = 50.0
 
@@ -163,6 +173,6 @@ def test_a_stage_that_cannot_retract_is_told_and_not_hidden():
     def stuck(step_um, aim=""):
         raise RigError("stage: motor stalled")
 
-    with pytest.raises(RigError, match="motor stalled.*by hand"), interlock:
+    with pytest.raises(RigError, match=r"motor stalled.*by hand"), interlock:
         interlock.approach()
         rig.stage.move_by = stuck

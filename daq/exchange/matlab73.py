@@ -1,15 +1,11 @@
-"""MAT files: version 5 and older through scipy, version 7.3 as the HDF5 it is."""
+"""MAT files of version 7.3, which are HDF5 files, and HDF5 files of other programs."""
 
 from __future__ import annotations
 
-import io
-import warnings
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
-from scipy.io import loadmat
 
 from daq.errors import RecordingError
 from daq.exchange.arrays import NamedArrays, sort_arrays
@@ -18,43 +14,6 @@ from daq.hdf5 import LARGEST_ARRAY, open_hdf5, reading
 
 DEEPEST = 8
 """Structs within structs beyond which nothing is looked for."""
-
-
-def read_mat5(path: Path, content: bytes) -> Columns:
-    """Return the channels in a MAT file of version 5 or older.
-
-    Raises
-    ------
-    RecordingError
-        The file is damaged or holds no array that could be a channel.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            variables = loadmat(io.BytesIO(content))  # type: ignore[arg-type]
-    except Exception as error:  # scipy raises whatever its parser stumbles over
-        raise RecordingError(f"{path}: is damaged, truncated, or no MAT file") from error
-    found = NamedArrays()
-    for name, value in variables.items():
-        if not name.startswith("__"):
-            _walk(found, name, value, 0)
-    return sort_arrays(path, found)
-
-
-def _walk(found: NamedArrays, name: str, value: Any, depth: int) -> None:
-    if depth > DEEPEST or not isinstance(value, np.ndarray):
-        return
-    if value.dtype.names:
-        for i, element in enumerate(value.reshape(-1)[:1000]):
-            for inner in value.dtype.names:
-                _walk(found, f"{name}{f'({i})' if value.size > 1 else ''}.{inner}", element[inner], depth + 1)
-    elif value.dtype.kind == "O":
-        for i, element in enumerate(value.reshape(-1)[:1000]):
-            _walk(found, f"{name}{{{i}}}" if value.size > 1 else name, element, depth + 1)
-    elif value.dtype.kind in "US":
-        found.texts[name] = "".join(str(part) for part in value.reshape(-1)[:100])
-    else:
-        found.add(name, value)
 
 
 def read_mat73(path: Path) -> Columns:

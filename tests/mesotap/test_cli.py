@@ -1,0 +1,278 @@
+"""The command line as a person and a program use it: what is answered, and one sentence for whatever is wrong."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import jsonschema
+import numpy as np
+import pytest
+import scipy.io
+
+from tests.mesotap.benches import SMALL
+
+CONTRACTS = Path(__file__).parents[1] / "contracts"
+COMMANDS = ["run", "resume", "calibrate", "analyze", "report", "simulate", "published", "import", "config", "info"]
+QUICK = [part for change in SMALL for part in ("--set", change)]
+
+
+def mesotap(*arguments, cwd=None, code=0):
+    done = subprocess.run(
+        [sys.executable, "-m", "mesotap", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        stdin=subprocess.DEVNULL,
+        env={**os.environ, "COLUMNS": "200"},
+        check=False,
+    )
+    assert done.returncode == code, done.stdout + done.stderr
+    return done
+
+
+def refused(*arguments, cwd=None) -> str:
+    """Return the one sentence on standard error of a command that ends with code 2."""
+    done = mesotap(*arguments, cwd=cwd, code=2)
+    assert "Traceback" not in done.stderr
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("mesotap: ")
+    return lines[0]
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("run") / "session"
+    mesotap("run", "--simulate", "--seed", 4, "-o", folder, "--json", folder.parent / "run.json", *QUICK)
+    return folder
+
+
+def test_help_names_every_command():
+    text = mesotap("--help").stdout
+    for command in COMMANDS:
+        assert command in text
+        assert "Usage" in mesotap(command, "--help").stdout
+    assert mesotap("--version").stdout.startswith("mesotap ")
+
+
+def test_a_run_leaves_all_it_should(session):
+    for name in ("session.h5", "report.html", "results.json", "results.csv", "impacts.csv", "journal.jsonl"):
+        assert (session / name).stat().st_size > 0
+    assert json.loads((session.parent / "run.json").read_text()) == json.loads((session / "results.json").read_text())
+
+
+@pytest.mark.parametrize("method", ["ml", "era"])
+def test_analyze_answers_by_its_contract(session, tmp_path, method):
+    out = tmp_path / "out.json"
+    mesotap("analyze", session / "session.h5", "--method", method, "--json", out)
+    answer = json.loads(out.read_text())
+    jsonschema.validate(answer, json.loads((CONTRACTS / "results.schema.json").read_text()))
+    assert answer["method"] == method
+    assert [load["impacts_used"] for load in answer["loads"]] == [2, 2]
+    assert answer["calibration"]["sensitivity_mv_per_mn"]["value"] == pytest.approx(0.042, rel=0.08)
+    for load in answer["loads"]:
+        for key in ("f1_hz", "f2_hz", "zeta2", "contact_stiffness_n_per_m", "contact_damping_n_s_per_m", "load_mn"):
+            assert load[key]["low"] < load[key]["value"] < load[key]["high"]
+
+
+def test_several_files_give_a_list(session, tmp_path):
+    out = tmp_path / "out.json"
+    file = session / "session.h5"
+    mesotap("analyze", file, file, "--json", out)
+    assert len(json.loads(out.read_text())) == 2
+
+
+def test_resume_of_a_finished_session_answers_again(session):
+    before = (session / "session.h5").read_bytes()
+    mesotap("resume", session)
+    with h5py.File(session / "session.h5") as file:
+        assert file.attrs["complete"]
+    assert len((session / "session.h5").read_bytes()) == len(before)
+
+
+def test_report_of_a_folder_and_of_a_file(session, tmp_path):
+    mesotap("report", session, "-o", tmp_path / "a")
+    mesotap("report", session / "session.h5", "-o", tmp_path / "b")
+    for folder in "ab":
+        assert (tmp_path / folder / "report.html").exists()
+
+
+def test_published_by_its_contract(tmp_path):
+    out = tmp_path / "p.json"
+    text = mesotap("published", "--json", out).stdout
+    answer = json.loads(out.read_text())
+    assert answer["format"] == "mesotap-published"
+    assert answer["version"] == 1
+    flat, sphere = answer["tables"]
+    assert (flat["table"], sphere["table"]) == (5, 3)
+    assert flat["k1_n_per_m"] == pytest.approx(0.538e6, rel=1e-3)
+    assert sphere["k1_n_per_m"] == pytest.approx(0.335e6, rel=1e-3)
+    measured = [round(k * 1e-6, 2) for k in flat["contact_stiffness_n_per_m"]]
+    assert measured == [3.95, 5.87, 7.03, 7.59, 8.04, 8.90, 9.50, 10.32]
+    measured = [round(k * 1e-6, 3) for k in sphere["contact_stiffness_n_per_m"]]
+    assert measured == [0.591, 0.680, 0.920, 0.973, 1.232, 1.380, 1.544, 1.768]
+    assert len(answer["conflicts"]) >= 5
+    assert answer["conflicts"][0][:40] in text.replace("\n", " ")
+
+
+def test_simulate_and_info(tmp_path):
+    file = tmp_path / "one.h5"
+    mesotap("simulate", file, "--load", 500, "--seed", 2, "--json", tmp_path / "truth.json")
+    truth = json.loads((tmp_path / "truth.json").read_text())["truth"]
+    mesotap("analyze", file, "--json", tmp_path / "a.json")
+    load = json.loads((tmp_path / "a.json").read_text())["loads"][0]
+    assert load["f2_hz"]["value"] == pytest.approx(truth["f2_hz"], rel=2e-3)
+    mesotap("info", file, "--json", tmp_path / "i.json")
+    info = json.loads((tmp_path / "i.json").read_text())
+    assert info["impacts"] == 1
+
+
+def test_calibrate(tmp_path):
+    text = mesotap("calibrate", "--simulate", "--json", tmp_path / "c.json").stdout
+    assert "mV/mN" in text
+    answer = json.loads((tmp_path / "c.json").read_text())
+    assert answer["sensitivity_mv_per_mn"]["low"] < answer["sensitivity_mv_per_mn"]["high"]
+    assert len(answer["load_mn"]) == 14
+
+
+def test_config_init_check_show(tmp_path):
+    mesotap("config", "init", cwd=tmp_path)
+    assert "good" in mesotap("config", "check", cwd=tmp_path).stdout
+    assert "m1_kg: 0.107" in mesotap("config", "show", cwd=tmp_path).stdout
+    assert "left as it is" in refused("config", "init", cwd=tmp_path)
+
+
+def decay(path, columns=2, rate=5000.0, spoil=None):
+    t = np.arange(4000) / rate
+    data = [t] + [
+        (0.5 + c) * np.exp(-8 * t) * np.sin(2 * np.pi * 120 * t) + np.exp(-20 * t) * np.sin(2 * np.pi * 700 * t + c)
+        for c in range(columns)
+    ]
+    table = np.stack(data, axis=1)
+    if spoil is not None:
+        spoil(table)
+    header = "time," + ",".join(f"acc{c + 1}" for c in range(columns))
+    np.savetxt(path, table, delimiter=",", header=header, comments="")
+    return path
+
+
+def test_import_and_analyze_a_csv(tmp_path):
+    file = decay(tmp_path / "r.csv")
+    mesotap("import", file, tmp_path / "r.h5")
+    mesotap("analyze", tmp_path / "r.h5", "--report", tmp_path / "page", "--json", tmp_path / "m.json")
+    answer = json.loads((tmp_path / "m.json").read_text())
+    assert answer["format"] == "mesotap-modes"
+    f = [m["frequency_hz"]["value"] for m in answer["modes"]]
+    assert f == pytest.approx([np.hypot(120, 8 / 2 / np.pi), np.hypot(700, 20 / 2 / np.pi)], rel=1e-4)
+    assert (tmp_path / "page" / "report.html").exists()
+
+
+def spoiled_nan(table):
+    table[1234, 2] = np.nan
+
+
+def test_what_is_wrong_with_a_recording(tmp_path):
+    assert "NaN" in refused("import", decay(tmp_path / "n.csv", spoil=spoiled_nan))
+    one = refused("import", decay(tmp_path / "one.csv", columns=1))
+    assert "one.csv" in one
+    assert "channel" in one
+    good = decay(tmp_path / "good.csv")
+    missing = refused("import", good, "--channel", "acc1", "--channel", "acc7")
+    assert "acc7" in missing
+    assert "acc1" in missing
+    assert "rate" in refused("import", good, "--rate", "25000")
+    mesotap("import", good)
+    whole = (tmp_path / "good.h5").read_bytes()
+    (tmp_path / "cut.h5").write_bytes(whole[: len(whole) // 2])
+    assert "cut.h5" in refused("analyze", tmp_path / "cut.h5")
+    scipy.io.savemat(tmp_path / "m.mat", {"time": np.arange(500) / 1e3, "a": np.ones(500), "b": np.ones(500)})
+    (tmp_path / "cut.mat").write_bytes((tmp_path / "m.mat").read_bytes()[:3000])
+    assert "cut.mat" in refused("import", tmp_path / "cut.mat")
+    (tmp_path / "letter.csv").write_text("Dear reader,\nthis is no recording at all.\nYours\n")
+    assert "letter.csv" in refused("import", tmp_path / "letter.csv")
+    (tmp_path / "picture.mat").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 20)
+    assert "picture.mat" in refused("import", tmp_path / "picture.mat")
+
+
+def test_what_is_wrong_with_a_session_file(session, tmp_path):
+    def broken(name, change):
+        path = tmp_path / f"{name}.h5"
+        path.write_bytes((session / "session.h5").read_bytes())
+        with h5py.File(path, "r+") as file:
+            change(file)
+        return refused("analyze", path)
+
+    def nan(file):
+        file["impacts/00001/acceleration"][0, 7] = np.nan
+
+    def no_channel(file):
+        values = file["impacts/00001/acceleration"][:1]
+        del file["impacts/00001/acceleration"]
+        file["impacts/00001/acceleration"] = values
+
+    def wrong_rate(file):
+        file["impacts/00001"].attrs["sample_rate_hz"] = -25000.0
+
+    for name, change in (("nan", nan), ("channel", no_channel), ("rate", wrong_rate)):
+        sentence = broken(name, change)
+        assert "/impacts/00001" in sentence, sentence
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["analyze", "absent.h5"], "absent.h5"),
+        (["info", "."], "session"),
+        (["resume", "nowhere"], "nowhere"),
+        (["run"], "--simulate"),
+        (["run", "--simulate", "--set", "mesotap.load_plan_mn=[5000]"], "rig.limits.load_mn"),
+        (["run", "--simulate", "--config", "absent.yaml"], "absent.yaml"),
+        (["analyze", "x.h5", "--method", "guess"], "ml and era"),
+        (["simulate", "x.h5", "--load", "5000"], "rig.limits.load_mn"),
+        (["simulate", "no/such/folder/x.h5"], "no/such/folder"),
+        (["published", "--json", "no/such/folder/x.json"], "no/such/folder"),
+    ],
+)
+def test_one_sentence_for_what_a_person_can_cause(arguments, expected, tmp_path):
+    assert expected in refused(*arguments, cwd=tmp_path)
+
+
+def test_a_second_program_in_one_session_is_refused(session):
+    from daq.journal import SessionFolder
+
+    with SessionFolder.open(session):
+        assert "another program" in refused("resume", session)
+
+
+def test_nothing_is_begun_over_a_session(session):
+    assert "resume it" in refused("run", "--simulate", "-o", session)
+
+
+@pytest.mark.slow
+def test_control_c_ends_safely_and_resume_goes_on(tmp_path):
+    import signal
+    import time
+
+    folder = tmp_path / "s"
+    running = subprocess.Popen(
+        [sys.executable, "-m", "mesotap", "run", "--simulate", "-o", str(folder), *QUICK, "--realtime"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    journal = folder / "journal.jsonl"
+    for _ in range(600):
+        if journal.exists() and "connected" in journal.read_text():
+            break
+        time.sleep(0.1)
+    running.send_signal(signal.SIGINT)
+    _, errors = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert "resume" in errors
+    assert "Traceback" not in errors
+    assert json.loads(journal.read_text().splitlines()[-1])["event"] == "safe"

@@ -59,7 +59,7 @@ def judged_shot(
         strain_mv=record.strain_mv,
         voltage_before_mv=before[1],
         voltage_after_mv=after[1],
-        extra=dict(verdict.numbers),
+        extra={name: None if value != value else value for name, value in verdict.numbers.items()},  # NaN: unknown
     )
 
 

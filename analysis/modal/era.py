@@ -79,10 +79,7 @@ def _hankel_products(y: Real, lags: int, columns: int) -> tuple[Real, Real]:
                         g1[i * c + a, j * c + b] = g1[(i - 1) * c + a, (j - 1) * c + b] + gain
                     else:
                         g0[a, j * c + b] = g0[j * c + b, a]
-                        total = 0.0
-                        for k in range(columns):
-                            total += y[a, k + 1] * y[b, k + j]
-                        g1[a, j * c + b] = total
+                        g1[a, j * c + b] = np.dot(y[a, 1 : 1 + columns], y[b, j : j + columns])
     return g0, g1
 
 
@@ -99,7 +96,7 @@ class Hankel:
     shifted
         ``H1 H0^T``.
     record
-        (c, n) the record itself.
+        (c, n) the record itself; of several, the first.
     lags, columns
         Block rows and columns of the Hankel matrix.
     """
@@ -113,12 +110,12 @@ class Hankel:
 
 
 def hankel(y: Real, lags: int | None = None) -> Hankel:
-    """Decompose the block Hankel matrix of a ring-down.
+    """Decompose the block Hankel matrix of a ring-down, or of several ring-downs side by side.
 
     Parameters
     ----------
     y
-        (c, n) ring-down, free decay only.
+        (c, n) ring-down, free decay only; or (m, c, n), m of them with the same modes.
     lags
         Block rows; by default a third of the record, at most 240 / sqrt(c).
 
@@ -128,17 +125,22 @@ def hankel(y: Real, lags: int | None = None) -> Hankel:
         If the record is too short for the lags or holds nothing but zeros.
     """
     y = np.ascontiguousarray(np.atleast_2d(y), dtype=np.float64)
-    c, n = y.shape
+    several = y if y.ndim == 3 else y[None]
+    c, n = several.shape[1:]
     rows = lags if lags is not None else min(n // 3, int(240 / np.sqrt(c)))
     columns = n - rows
     if rows < 4 or columns < rows:
         raise FitFailure(f"{n} samples are too few for the Eigensystem Realization Algorithm")
-    g0, g1 = _hankel_products(y, rows, columns)
+    g0, g1 = _hankel_products(several[0], rows, columns)
+    for record in several[1:]:
+        more0, more1 = _hankel_products(record, rows, columns)
+        g0 += more0
+        g1 += more1
     values, vectors = np.linalg.eigh(g0)
     singular = np.sqrt(np.clip(values[::-1], 0.0, None))
     if not singular[0] > 0:
         raise FitFailure("the record holds nothing but zeros")
-    return Hankel(np.ascontiguousarray(vectors[:, ::-1]), singular, g1, y, rows, columns)
+    return Hankel(np.ascontiguousarray(vectors[:, ::-1]), singular, g1, several[0], rows, columns)
 
 
 def realise(decomposed: Hankel, order: int, noise_variance: float = 0.0) -> Realisation:

@@ -363,6 +363,8 @@ def _load_notes(used: Sequence[ImpactResult], found: Sequence[ImpactModes], hist
         notes.append(
             f"the two modes leave {np.median(ratios):.1f} times the noise's variance: the model is not complete here"
         )
+    for sentence in sorted({n for m in found for n in m.notes if n.startswith("a further mode")}):
+        notes.append(sentence)
     split = sum(any("disagree" in n for n in i.notes) for i in used)
     if split > len(used) / 4:
         notes.append(

@@ -161,7 +161,9 @@ def fit_free_decays(y: Real, start: Complex, sample_rate_hz: float, known: Compl
     for _ in range(3):  # a record whose poles lie out of the series' reach is done again about its own
         tables = _tables(reference, known)
         moments = (padded.reshape(m * c * blocks, BLOCK) @ tables).reshape(m, c, blocks, tables.shape[1])
-        _fit_all(left, moments, padded.reshape(m, c, -1), n, reference, known, poles, amplitudes, covariance, residual, good)
+        _fit_all(
+            left, moments, padded.reshape(m, c, -1), n, reference, known, poles, amplitudes, covariance, residual, good
+        )
         left = np.flatnonzero(~good)
         if left.size == 0:
             break
@@ -325,7 +327,12 @@ def _search(
         within = True
         for a in range(j):
             away = np.abs(np.log(trial[a] / reference[a])) * 0.5 * BLOCK
-            if not np.isfinite(trial[a].real) or away > REACH or np.abs(trial[a]) > LARGEST_GROWTH or trial[a].imag <= 0:
+            if (
+                not np.isfinite(trial[a].real)
+                or away > REACH
+                or np.abs(trial[a]) > LARGEST_GROWTH
+                or trial[a].imag <= 0
+            ):
                 within = False
         fenced = fenced or not within
         if within:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from analysis.modal.era import Realisation, hankel, realise
 from analysis.modal.exponentials import ExponentialFit, FitFailure, fit_exponentials, foretell
+from analysis.modal.further import Decay, with_further_modes
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole, sampled_pole
 from analysis.modal.noise import NoiseModel
 from daq.records import RigDescription
@@ -30,6 +31,9 @@ GRID_SAMPLES = 1000  # a heavily damped mode is over by then
 CONTACT_MODE_ABOVE = 1.25  # the contact resonance lies at least this factor above the system resonance
 HIGHEST_SHARE = 0.4  # of the sampling rate: no contact resonance is looked for above
 DISAGREEMENT = 5.0  # standard errors (of ERA) between ERA and maximum likelihood that are flagged
+UNSURE_FREQUENCY, UNSURE_DAMPING = 0.05, 0.5  # relative standard errors beyond which no estimate is given
+LEAST_DAMPING_ERROR = 1e-3  # standard error of a damping ratio that is always good enough
+OCTAVE = 0.05  # within which a further mode counts as twice the contact resonance
 EXTENSION_LEVEL = 3.0  # standard deviations of chi-squared by which an earlier start may fit worse
 
 
@@ -110,10 +114,39 @@ def identify_impacts(
     if found is None:
         reason = "no system and contact mode can be told from the noise"
         return [ImpactModes(None, None, s, float("nan"), (reason,)) for s in safe]
-    return [
-        _one_impact(y, p, s, noise, sample_rate_hz, known, found, method)
-        for y, p, s in zip(white, pretrigger, safe, strict=True)
+    decays = [
+        _decay(y, p - noise.order, s, noise, known, found) for y, p, s in zip(white, pretrigger, safe, strict=True)
     ]
+    carried, added = with_further_modes([d for d in decays if d is not None], known) if any(decays) else ([], found[:0])
+    contact = [abs(np.log(d.fit.poles[1])) for d in carried]
+    notes = [_further_note(complex(z), float(np.median(contact)), sample_rate_hz) for z in added]
+    fitted = iter(carried)
+    return [
+        ImpactModes(None, None, s, float("nan"), ("this record cannot carry a fit of two modes",))
+        if d is None
+        else _modes_of(next(fitted), noise, sample_rate_hz, method, notes)
+        for d, s in zip(decays, safe, strict=True)
+    ]
+
+
+def _decay(y: Real, trigger: int, safe: int, noise: NoiseModel, known: Complex, poles: Complex) -> Decay | None:
+    """Fit one whitened record from where the pulse has ended; None if it does not carry two modes."""
+    fit = _fit(y, safe, poles, known)
+    if fit is None or abs(np.angle(fit.poles[1])) < abs(np.angle(fit.poles[0])):
+        return None
+    fit, start = _earliest_start(y, trigger, safe, fit, known, noise)
+    return Decay(y, start, fit)
+
+
+def _further_note(z: complex, contact: float, sample_rate_hz: float) -> str:
+    """Sentence about a further mode; ``contact`` is the size of the contact mode's log pole."""
+    s = np.log(z)
+    frequency, damping = abs(s) * sample_rate_hz / (2 * np.pi), -s.real / abs(s)
+    octave = abs(abs(s) / (2 * contact) - 1) < OCTAVE
+    twice = ", twice the contact resonance, as a nonlinear contact makes it," if octave else ""
+    return (
+        f"a further mode at {frequency:.0f} Hz with damping {100 * damping:.2g} %{twice} is in the records, fitted too"
+    )
 
 
 def _fit(y: Real, start: int, poles: Complex, known: Complex) -> ExponentialFit | None:
@@ -234,37 +267,38 @@ def _heavy_grid(
     return [] if best is None else [best[1]]
 
 
-def _one_impact(
-    y: Real,
-    pretrigger: int,
-    safe: int,
-    noise: NoiseModel,
-    sample_rate_hz: float,
-    known: Complex,
-    poles: Complex,
-    method: Method,
+def _modes_of(
+    decay: Decay, noise: NoiseModel, sample_rate_hz: float, method: Method, further: Sequence[str]
 ) -> ImpactModes:
-    """Fit one whitened record: find where the pulse has ended, then both methods from there."""
-    fit = _fit(y, safe, poles, known)
-    if fit is None or abs(np.angle(fit.poles[1])) < abs(np.angle(fit.poles[0])):
-        return ImpactModes(None, None, safe, float("nan"), ("this record cannot carry a fit of two modes",))
-    fit, start = _earliest_start(y, pretrigger - noise.order, safe, fit, known, noise)
+    """Both modes of one fitted record, with ERA of the same stretch beside them."""
+    fit, first = decay.fit, decay.start + noise.order
     ratio = float(fit.noise_variance[0] / noise.variance) if noise.variance > 0 else float("nan")
     likely = [
         mode_from_sampled_pole(complex(fit.poles[i]), fit.log_pole_covariance[i], fit.amplitudes[:, i], sample_rate_hz)
         for i in range(2)
     ]
-    realised = _era_modes(y[start:], fit, sample_rate_hz)
-    notes: list[str] = []
+    realised = _era_modes(decay.y[decay.start :], fit, sample_rate_hz)
+    notes = list(further)
     if realised is None:
         notes.append("ERA alone does not find both modes in this record")
     else:
         notes += _disagreements(likely, realised)
     if method == "era":
-        if realised is None:
-            return ImpactModes(None, None, start + noise.order, ratio, tuple(notes))
-        return ImpactModes(realised[0], realised[1], start + noise.order, ratio, tuple(notes))
-    return ImpactModes(likely[0], likely[1], start + noise.order, ratio, tuple(notes))
+        system, contact = (None, None) if realised is None else (realised[0], realised[1])
+    else:
+        system, contact = likely[0], likely[1]
+    if contact is not None and not _determined(contact):
+        notes.append("this record does not determine the contact mode: its uncertainty is as large as its damping")
+        contact = None
+    return ImpactModes(system, contact, first, ratio, tuple(notes))
+
+
+def _determined(mode: ModeEstimate) -> bool:
+    """Whether a mode's uncertainty leaves anything to say."""
+    f, zeta = mode.frequency_hz, mode.damping_ratio
+    return f.standard_error < UNSURE_FREQUENCY * f.value and zeta.standard_error < max(
+        UNSURE_DAMPING * abs(zeta.value), LEAST_DAMPING_ERROR
+    )
 
 
 def _earliest_start(
@@ -308,10 +342,11 @@ def _era_modes(y: Real, fit: ExponentialFit, sample_rate_hz: float) -> list[Mode
         realised = realise(decomposed, tried, variance)
         if realised.poles.size < 2:
             continue
-        picked = [int(np.argmin(np.abs(np.log(realised.poles) - np.log(z)))) for z in fit.poles]
+        picked = [int(np.argmin(np.abs(np.log(realised.poles) - np.log(z)))) for z in fit.poles[:2]]
         # twice the same pole, or one far from where the likelihood puts it: not found at this order
         far = [
-            abs(np.log(realised.poles[i] / z)) > 0.5 * abs(np.log(z)) for i, z in zip(picked, fit.poles, strict=True)
+            abs(np.log(realised.poles[i] / z)) > 0.5 * abs(np.log(z))
+            for i, z in zip(picked, fit.poles[:2], strict=True)
         ]
         if picked[0] != picked[1] and not any(far):
             return [

@@ -7,20 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.modal.amplitude import AmplitudePoint
+from analysis.modal.spectrum import SpectralMode
+from analysis.statistics import BoxStatistics
 from calibration.estimate import Estimate
 from calibration.gauge import GaugeResult
-
-
-@dataclass(frozen=True, slots=True)
-class BoxStatistics:
-    """Box-and-whisker numbers of one quantity at one load (as Fig. 7, 8)."""
-
-    lower_quartile: float
-    median: float
-    upper_quartile: float
-    lower_whisker: float
-    upper_whisker: float
-    outliers: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +44,11 @@ class Spectrum:
 
 @dataclass(frozen=True, slots=True)
 class LoadResult:
-    """One load: the accepted impacts combined. f in Hz is abs(s) / 2 pi, zeta is -Re s / abs(s) of the pole s."""
+    """One load: the accepted impacts combined. f in Hz is abs(s) / 2 pi, zeta is -Re s / abs(s) of the pole s.
+
+    ``spectral_mode`` is the contact mode from the spectra alone, an independent check; ``along_decay`` the contact
+    mode against its amplitude.
+    """
 
     load_set: int
     target_load_mn: float
@@ -69,6 +64,8 @@ class LoadResult:
     damping_box: BoxStatistics | None
     spectrum: Spectrum | None
     notes: tuple[str, ...] = ()
+    spectral_mode: SpectralMode | None = None
+    along_decay: tuple[AmplitudePoint, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +88,7 @@ class Mode:
     frequency_hz: Estimate
     damping_ratio: Estimate
     amplitude: tuple[float, ...]
+    along_decay: tuple[AmplitudePoint, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from analysis.modal.amplitude import AmplitudePoint, along_the_decay, combined_curve, varies
 from analysis.modal.modes import ModeEstimate
 from analysis.modal.noise import NoiseModel, noise_model
-from analysis.modal.tester import ImpactModes, identify_impacts
+from analysis.modal.spectrum import SpectralMode, spectral_mode
+from analysis.modal.tester import (
+    CONTACT_MODE_ABOVE,
+    DISAGREEMENT,
+    HIGHEST_SHARE,
+    ImpactModes,
+    filter_poles,
+    identify_impacts,
+    system_resonance_hz,
+)
 from analysis.results import ImpactResult, LoadResult, SessionResults, Spectrum
 from analysis.settings import AnalysisSettings
 from analysis.statistics import box_statistics, combine
@@ -32,6 +42,9 @@ from daq.records import RigDescription, Session, Shot
 from rig.settings import Masses, Springs
 
 GUARD_SAMPLES = 8  # before the trigger that may already belong to the tap
+VARIES_LEVEL = 1e-4  # chance of calling a mode that is constant along its decay a changing one, each load
+BROAD = 0.1  # damping ratio from which a peak is too broad to be read off a spectrum
+SPECTRAL_BIAS = 2e-3, 0.05  # of frequency and damping, relative, that reading a spectrum may have
 POOR_FIT = 1.3  # residual variance over noise variance from which the model is said to be incomplete
 
 Progress = Callable[[int, int], None]
@@ -332,6 +345,10 @@ def _load(
     else:
         notes += sorted({n for i in accepted for n in i.notes})
     notes += _load_notes(used, [modes[s.number] for s in shots if s.number in modes], history)
+    spectral, curve, found_along = _along(shots, modes, session.rig)
+    notes += found_along
+    if spectral is not None and f2 is not None and zeta2 is not None:
+        notes += _spectral_notes(spectral, f2, zeta2)
     rejected = [s for s in session.shots if s.load_set == load_set]
     target = (shots or rejected)[0].target_load_mn
     return LoadResult(
@@ -351,6 +368,8 @@ def _load(
         damping_box=box_statistics([i.zeta2.value for i in used if i.zeta2 is not None]),
         spectrum=_averaged_spectrum(shots),
         notes=tuple(notes),
+        spectral_mode=spectral,
+        along_decay=tuple(curve),
     )
 
 
@@ -370,6 +389,51 @@ def _load_notes(used: Sequence[ImpactResult], found: Sequence[ImpactModes], hist
         notes.append(
             f"ERA and maximum likelihood disagree beyond their uncertainties on {split} of {len(used)} impacts"
         )
+    return notes
+
+
+def _along(
+    shots: Sequence[Shot], modes: dict[int, ImpactModes], rig: RigDescription
+) -> tuple[SpectralMode | None, list[AmplitudePoint], list[str]]:
+    """Contact mode of a load from its spectra, and against its amplitude along the ring-downs, with what that says."""
+    decays, curves = [], []
+    rate = shots[0].sample_rate_hz if shots else math.nan
+    for shot in shots:
+        found = modes.get(shot.number)
+        if found is None or found.system is None or found.contact is None or shot.sample_rate_hz != rate:
+            continue
+        decay = shot.acceleration.mean(axis=0)[found.start :]
+        poles = np.exp(np.array([found.system.pole, found.contact.pole]) / rate)
+        decays.append(decay)
+        curves.append(along_the_decay(decay, rate, poles, 1, filter_poles(rig, rate)))
+    band = CONTACT_MODE_ABOVE * system_resonance_hz(rig), HIGHEST_SHARE * rate
+    spectral = spectral_mode(decays, rate, *band) if decays else None
+    curve = combined_curve(curves)
+    notes = []
+    for probability, what, unit, scale in zip(
+        varies(curves), ("frequency_hz", "damping_ratio"), ("Hz", "%"), (1.0, 100.0), strict=True
+    ):
+        if probability < VARIES_LEVEL and len(curve) > 1:
+            ends = [getattr(point, what).value * scale for point in (curve[0], curve[-1])]
+            notes.append(
+                f"the {what.split('_')[0]} of the contact mode changes along the ring-down (p = {probability:.1g}): "
+                f"{ends[0]:.5g} {unit} at {curve[0].amplitude:.2g} m/s2, {ends[1]:.5g} {unit} at "
+                f"{curve[-1].amplitude:.2g} m/s2"
+            )
+    return spectral, curve, notes
+
+
+def _spectral_notes(spectral: SpectralMode, f2: Estimate, zeta2: Estimate) -> list[str]:
+    """Sentences where the spectra contradict the time domain by more than both uncertainties and the check's bias."""
+    if spectral.damping_ratio.value > BROAD:
+        return []
+    notes = []
+    for name, a, b, bias in (
+        ("frequency", spectral.frequency_hz, f2, SPECTRAL_BIAS[0] * f2.value),
+        ("damping ratio", spectral.damping_ratio, zeta2, SPECTRAL_BIAS[1] * abs(zeta2.value)),
+    ):
+        if abs(a.value - b.value) > DISAGREEMENT * math.hypot(a.standard_error, b.standard_error) + bias:
+            notes.append(f"the averaged spectra give the contact mode a {name} of {a.value:.5g}, not {b.value:.5g}")
     return notes
 
 

@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, stats
 
-from analysis.results import BoxStatistics
 from calibration.estimate import Estimate
 
 FloatArray = NDArray[np.float64]
 WHISKER = 1.5  # interquartile ranges
 TAU_QUANTILE = 0.25  # of chi^2, for the scatter between impacts
+
+
+@dataclass(frozen=True, slots=True)
+class BoxStatistics:
+    """Box-and-whisker numbers of one quantity at one load (as Fig. 7, 8)."""
+
+    lower_quartile: float
+    median: float
+    upper_quartile: float
+    lower_whisker: float
+    upper_whisker: float
+    outliers: tuple[float, ...]
 
 
 def box_statistics(values: ArrayLike) -> BoxStatistics | None:

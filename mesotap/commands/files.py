@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from analysis.modal.amplitude import along_the_decay
 from analysis.modal.identify import identify_ring_down
 from analysis.results import Mode, RecordingModes, SessionResults
 from daq.errors import RecordingError
@@ -80,11 +81,19 @@ def _analyze_one(
 def modes_of(recording: Recording, method: str) -> RecordingModes:
     """Modes of a recording that is no session of the tester."""
     found = identify_ring_down(recording.data, recording.rate_hz, method=method)
+    poles = np.array([np.exp(m.pole / recording.rate_hz) for m in found.modes], np.complex128)
+    decay = recording.data[:, found.start :] - recording.data.mean(axis=1, keepdims=True)
     return RecordingModes(
         source=recording.source,
         method=method,
         modes=tuple(
-            Mode(m.frequency_hz, m.damping_ratio, tuple(2 * float(a) for a in np.abs(m.amplitude))) for m in found.modes
+            Mode(
+                m.frequency_hz,
+                m.damping_ratio,
+                tuple(2 * float(a) for a in np.abs(m.amplitude)),
+                tuple(along_the_decay(decay, recording.rate_hz, poles, i)),
+            )
+            for i, m in enumerate(found.modes)
         ),
         notes=(*found.notes, f"the modes leave {100 * found.residual_share:.2g} % of the decay's energy unexplained"),
     )

@@ -13,7 +13,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from analysis.contact.theory import TheoryCurve
-from analysis.results import BoxStatistics, LoadResult, SessionResults
+from analysis.results import LoadResult, SessionResults
+from analysis.statistics import BoxStatistics
 from calibration.estimate import Estimate
 from mesotap.figures._style import BLACK, BLUE, COLUMN_MM, DASHES, GREY, PALETTE, blank, plain, styled
 

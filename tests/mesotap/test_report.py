@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from analysis.contact.theory import TheoryCurve
 from analysis.published import reanalyse
 from analysis.results import (
-    BoxStatistics,
     ImpactResult,
     LoadResult,
     Mode,
@@ -29,6 +28,7 @@ from analysis.results import (
     SessionResults,
     Spectrum,
 )
+from analysis.statistics import BoxStatistics
 from calibration.estimate import Estimate
 from calibration.gauge import GaugeResult
 from daq.records import CalibrationPoints, RigDescription, Session, Shot

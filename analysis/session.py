@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,9 @@ GUARD_SAMPLES = 8  # before the trigger that may already belong to the tap
 VARIES_LEVEL = 1e-4  # chance of calling a mode that is constant along its decay a changing one, each load
 BROAD = 0.1  # damping ratio from which a peak is too broad to be read off a spectrum
 SPECTRAL_BIAS = 2e-3, 0.05  # of frequency and damping, relative, that reading a spectrum may have
+TUBE_SHARE_UNSURE = 0.1  # standard error of what is taken off for tube damping, relative: it may not be viscous
+TUBE_DAMPING_SCORE = 5.0  # standard errors of zeta1 from which the system mode counts as decaying
+LEAST_TUBE_DAMPING = 1e-5  # and the smallest zeta1 that does
 POOR_FIT = 1.3  # residual variance over noise variance from which the model is said to be incomplete
 
 Progress = Callable[[int, int], None]
@@ -59,6 +62,8 @@ class KnownRig:
     """Masses and springs as known beforehand, with their standard errors, and how k1 and k2 hang together.
 
     ``covariance`` is that of (m1, m2, k1, k2): springs that were measured through the system mode follow the masses.
+    ``tube_damping`` is a viscous damper beside each tube spring, N s/m, which Eq. 9 leaves out: zero unless the system
+    mode is seen to decay. Its share is taken off k_c and c_c, and counts in part as uncertain.
     """
 
     m1: Estimate
@@ -66,20 +71,38 @@ class KnownRig:
     k1: Estimate
     k2: Estimate
     covariance: NDArray[np.float64]
+    tube_damping: float = 0.0
 
     def contact(self, mode: ModeEstimate) -> ContactEstimate:
         """k_c and c_c of one impact."""
         both = _correlation_block(mode)
         full = np.zeros((6, 6))
         full[:2, :2], full[2:, 2:] = both, self.covariance
-        return contact_estimate(mode.frequency_hz, mode.damping_ratio, self.m1, self.m2, self.k1, self.k2, full)
+        return self._without_tubes(mode.frequency_hz, mode.damping_ratio, full)
 
     def contact_of_load(self, f2: Estimate, zeta2: Estimate) -> ContactEstimate:
         """k_c and c_c of the combined impacts of a load."""
         full = np.zeros((6, 6))
         full[0, 0], full[1, 1] = f2.standard_error**2, zeta2.standard_error**2
         full[2:, 2:] = self.covariance
-        return contact_estimate(f2, zeta2, self.m1, self.m2, self.k1, self.k2, full)
+        return self._without_tubes(f2, zeta2, full)
+
+    def _without_tubes(self, f2: Estimate, zeta2: Estimate, covariance: NDArray[np.float64]) -> ContactEstimate:
+        """k_c and c_c by Eq. 10, less what dampers beside the tube springs add: each k_i becomes k_i + c s."""
+        plain = contact_estimate(f2, zeta2, self.m1, self.m2, self.k1, self.k2, covariance)
+        if self.tube_damping == 0.0:
+            return plain
+        s = pole(f2.value, zeta2.value)
+        a = self.m1.value * s * s + self.tube_damping * s + self.k1.value
+        b = self.m2.value * s * s + self.tube_damping * s + self.k2.value
+        interface = -a * b / (a + b)
+        damping = interface.imag / s.imag
+        stiffness = interface.real - damping * s.real
+        corrected = [
+            Estimate(value, math.hypot(e.standard_error, TUBE_SHARE_UNSURE * (value - e.value)), e.dof)
+            for value, e in ((stiffness, plain.stiffness_n_per_m), (damping, plain.damping_n_s_per_m))
+        ]
+        return replace(plain, stiffness_n_per_m=corrected[0], damping_n_s_per_m=corrected[1])
 
 
 def analyse_session(
@@ -166,8 +189,9 @@ def _modes(
 
 
 def _noise(session: Session) -> NoiseModel:
-    """Noise of the mean of A and B, from all records before their triggers."""
-    quiet = [s.acceleration[:, : max(0, s.pretrigger - GUARD_SAMPLES)].mean(axis=0) for s in session.shots]
+    """Noise of the mean of A and B, from the accepted records before their triggers."""
+    good = [s for s in session.shots if s.accepted]
+    quiet = [s.acceleration[:, : max(0, s.pretrigger - GUARD_SAMPLES)].mean(axis=0) for s in good]
     return noise_model(quiet)
 
 
@@ -221,7 +245,21 @@ def _known_rig(
             f"the declared springs are {100 * declared:+.1f} % off what the system mode of this session says; "
             "its own are used"
         )
-    return KnownRig(m1, m2, k1, k2, covariance), notes
+    return KnownRig(m1, m2, k1, k2, covariance, _tube_damping(modes, m1.value + m2.value, f1.value, notes)), notes
+
+
+def _tube_damping(modes: dict[int, ImpactModes], mass: float, f1: float, notes: list[str]) -> float:
+    """Damper beside each tube spring that makes the system mode decay as it does, N s/m; zero if it hardly does."""
+    systems = [m.system.damping_ratio for m in modes.values() if m.system is not None]
+    zeta1 = combine([e.value for e in systems], [e.standard_error for e in systems])
+    if zeta1 is None or zeta1.value < max(TUBE_DAMPING_SCORE * zeta1.standard_error, LEAST_TUBE_DAMPING):
+        return 0.0
+    notes.append(
+        f"the system mode decays (zeta1 = {100 * zeta1.value:.3g} %), which Eq. 9 leaves out: equal dampers beside the "
+        "tube springs are taken off k_c and c_c"
+    )
+    # both masses move together: 2 zeta1 omega1 = 2 c / (m1 + m2)
+    return zeta1.value * 2 * math.pi * f1 * mass
 
 
 def _spring_values(session: Session, modes: dict[int, ImpactModes], f1: float, ratio: float) -> tuple[float, float]:
@@ -446,8 +484,10 @@ def _mean_load(shots: Sequence[Shot], history: GaugeHistory, reading: float) -> 
     if all(map(math.isfinite, voltage)):
         spread = float(np.std(voltage, ddof=1)) if len(voltage) > 1 else reading
         by_gauge = history.load_at(float(np.mean(voltage)), middle, max(spread, reading / 2) / math.sqrt(len(voltage)))
-        if by_gauge is not None:
-            return by_gauge
+        each = [load for load in (_shot_load(s, history, reading) for s in shots) if load is not None]
+        if by_gauge is not None and each:
+            # each tap has its own place between the calibrations
+            return replace(by_gauge, value=float(np.mean([load.value for load in each])))
     written = [w for w in map(_written_load, shots) if math.isfinite(w)]
     if not written:
         return None

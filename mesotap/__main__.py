@@ -28,14 +28,14 @@ def main() -> None:
         sentence = _sentence(error)
         if sentence is None:
             raise
-        sys.stderr.write(f"mesotap: {sentence}\n")
-        for note in getattr(error, "__notes__", ()):
-            sys.stderr.write(f"mesotap: {note}\n")
+        whole = "; ".join([sentence, *getattr(error, "__notes__", ())])
+        sys.stderr.write(f"mesotap: {whole}\n")
         sys.exit(INTERRUPTED if type(error).__name__ == "SessionAborted" else REFUSED)
 
 
 def _sentence(error: Exception) -> str | None:
     """Return the sentence of an error that is meant for a person, None for a fault of the program."""
+    from analysis.contact.inversion import TheoryError
     from analysis.modal.exponentials import FitFailure
     from analysis.session import AnalysisError
     from analysis.stiffness import ResonanceError
@@ -44,7 +44,16 @@ def _sentence(error: Exception) -> str | None:
     from mesotap.config import ConfigError
     from rig import RigError
 
-    meant = (AnalysisError, CalibrationError, ConfigError, FitFailure, RecordingError, ResonanceError, RigError)
+    meant = (
+        AnalysisError,
+        CalibrationError,
+        ConfigError,
+        FitFailure,
+        RecordingError,
+        ResonanceError,
+        RigError,
+        TheoryError,
+    )
     if isinstance(error, meant):
         return str(error)
     if isinstance(error, OSError) and error.filename is not None:

@@ -38,7 +38,7 @@ def simulated_rig(
 ) -> SimulatedRig:
     """Build the simulated rig; where its stage is turned by hand, a simulated person follows the prompts."""
     rig = SimulatedRig(config.rig, config.sim_backend, _stiffness_from_theory(config), realtime, seed)
-    if config.sim_backend.stage.hand_turned:
+    if config.rig.parts.stage == "hand":
         person = SimulatedPerson(rig.stage, operator)
         rig.stage = HandStage(person, rig.clock, lambda: f"gauge {rig.load_cell.read().voltage_mv:.2f} mV")
     return rig

@@ -45,10 +45,17 @@ Report = Annotated[
 ]
 
 
-def _console() -> Console:
+PIPED_WIDTH = 160  # of tables where no terminal says how wide it is
+
+
+def _console(json: Path | None) -> Console:
+    """Where a command talks to a person: not where its answer for programs goes."""
     from rich.console import Console
 
-    return Console()
+    console = Console(stderr=str(json) == "-")
+    if not console.is_terminal:
+        console.width = PIPED_WIDTH
+    return console
 
 
 def _version(wanted: bool) -> None:
@@ -87,7 +94,7 @@ def run(
     """
     from mesotap.commands.session import run as begin
 
-    begin(config, changes or (), simulate, seed, realtime, output, json, _console())
+    begin(config, changes or (), simulate, seed, realtime, output, json, _console(json))
 
 
 @app.command()
@@ -98,7 +105,7 @@ def resume(
     """Go on with a session that was ended, interrupted or killed; nothing accepted is lost."""
     from mesotap.commands.session import resume as go_on
 
-    go_on(folder, json, _console())
+    go_on(folder, json, _console(json))
 
 
 @app.command()
@@ -112,7 +119,7 @@ def calibrate(
     """Calibrate the strain gauge with the dead weights, apart from a session."""
     from mesotap.commands.session import calibrate_gauge
 
-    calibrate_gauge(config, changes or (), simulate, seed, json, _console())
+    calibrate_gauge(config, changes or (), simulate, seed, json, _console(json))
 
 
 @app.command()
@@ -136,7 +143,7 @@ def analyze(
     """Find the modes of every impact and k_c and zeta of every load; of any other ring-down, its modes."""
     from mesotap.commands.files import analyze as answer
 
-    answer(files, method, rate, config, changes or (), report, json, _console())
+    answer(files, method, rate, config, changes or (), report, json, _console(json))
 
 
 @app.command()
@@ -155,7 +162,7 @@ def report(
     """Write the report of a session, finished or not."""
     from mesotap.commands.files import write_session_report
 
-    write_session_report(session, output, config, changes or (), json, _console())
+    write_session_report(session, output, config, changes or (), json, _console(json))
 
 
 @app.command()
@@ -170,7 +177,7 @@ def simulate(
     """Record one ring-down of the simulated rig into a session file."""
     from mesotap.commands.session import simulate_one
 
-    simulate_one(config, changes or (), output, load, seed, json, _console())
+    simulate_one(config, changes or (), output, load, seed, json, _console(json))
 
 
 @app.command()
@@ -178,7 +185,7 @@ def published(report: Report = None, json: JsonPath = None) -> None:
     """Analyse the paper's Tables 3 and 5 again, and list where its text contradicts itself."""
     from mesotap.commands.files import published as answer
 
-    answer(report, json, _console())
+    answer(report, json, _console(json))
 
 
 @app.command("import")
@@ -201,7 +208,7 @@ def import_(
     """Make a session file of a recording by another program."""
     from mesotap.commands.files import import_file
 
-    import_file(file, output, rate, channel or (), json, _console())
+    import_file(file, output, rate, channel or (), json, _console(json))
 
 
 @app.command()
@@ -212,7 +219,7 @@ def info(
     """Say what a file holds."""
     from mesotap.commands.files import info as describe
 
-    describe(file, json, _console())
+    describe(file, json, _console(json))
 
 
 @config_app.command("check")

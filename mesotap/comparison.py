@@ -27,12 +27,24 @@ class Ratio:
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """One quantity of one load against the truth of the simulated rig; ``inside`` its 95 % interval or not."""
+    """One quantity of one load against the truth of the simulated rig; ``inside`` its 95 % interval or not.
+
+    The deviation is None where the true value is smaller than half of the interval: a share of next to nothing.
+    """
 
     estimate: Estimate | None
     true: float | None
     deviation_percent: float | None
     inside: bool | None
+
+
+@dataclass(frozen=True, slots=True)
+class SpectralCheck:
+    """Contact mode of one load from the spectra alone, in % of the fitted one."""
+
+    load: LoadResult
+    frequency_percent: float | None
+    damping_percent: float | None
 
 
 def theory_ratios(results: SessionResults, theory: Sequence[TheoryCurve]) -> list[Ratio]:
@@ -65,10 +77,27 @@ def recovered_against(
     ]
 
 
+def spectral_check(load: LoadResult) -> SpectralCheck | None:
+    """Hold the contact mode that was fitted against the one read off the spectra; None where one of them is missing."""
+    spectral, f2, zeta2 = load.spectral_mode, load.f2_hz, load.zeta2
+    if spectral is None or f2 is None or zeta2 is None:
+        return None
+    return SpectralCheck(
+        load,
+        _difference_percent(spectral.frequency_hz.value, f2.value),
+        _difference_percent(spectral.damping_ratio.value, zeta2.value),
+    )
+
+
+def _difference_percent(value: float, reference: float) -> float | None:
+    return 100 * (value / reference - 1) if reference else None
+
+
 def _recovery(estimate: Estimate | None, true: float | None) -> Recovery:
     if estimate is None or true is None or not math.isfinite(true):
         return Recovery(estimate, true, None, None)
-    deviation = 100 * (estimate.value / true - 1) if true else None
+    nothing = true == 0 or abs(true) < estimate.half_width
+    deviation = None if nothing else 100 * (estimate.value / true - 1)
     return Recovery(estimate, true, deviation, estimate.low <= true <= estimate.high)
 
 

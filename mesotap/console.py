@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import select
 import signal
 import sys
@@ -132,10 +133,10 @@ class KeyControl:
     def check(self, hold: Callable[[], None]) -> None:
         """Return at once, or stay while paused, or raise `SessionAborted`."""
         if self._ended:
-            raise SessionAborted(f"session ended by {self._ended}; the surfaces are apart, 'mesotap resume' goes on")
+            raise SessionAborted(f"session ended by {self._ended}")
         key = self._key()
         if key == ABORT_KEY:
-            raise SessionAborted("session ended by the operator; the surfaces are apart, 'mesotap resume' goes on")
+            raise SessionAborted("session ended by the operator")
         if key == PAUSE_KEY:
             self._pause(hold)
 
@@ -149,12 +150,13 @@ class KeyControl:
                 self._console.print("Going on.")
                 return
             if key == ABORT_KEY or self._ended:
-                raise SessionAborted("session ended while paused; the surfaces are apart, 'mesotap resume' goes on")
+                raise SessionAborted("session ended while paused")
 
     def _key(self) -> str:
         if not sys.stdin.isatty() or not select.select([sys.stdin], [], [], 0)[0]:
             return ""
-        return sys.stdin.read(1).lower()
+        # past Python's own buffer, which select does not see
+        return os.read(sys.stdin.fileno(), 1).decode(errors="ignore").lower()
 
     @contextmanager
     def listening(self) -> Iterator[KeyControl]:
@@ -177,4 +179,4 @@ class KeyControl:
         if self._ended:
             return
         self._ended = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
-        raise SessionAborted(f"session ended by {self._ended}; the surfaces are apart, 'mesotap resume' goes on")
+        raise SessionAborted(f"session ended by {self._ended}")

@@ -22,7 +22,7 @@ from calibration.estimate import LEVEL
 from daq.durable import write_whole
 from daq.records import Session, Shot
 from mesotap import figures
-from mesotap.comparison import count_inside, recovered_against, theory_ratios
+from mesotap.comparison import count_inside, recovered_against, spectral_check, theory_ratios
 from mesotap.figures import Recording
 from mesotap.results_files import impacts_csv, json_text, loads_csv, modes_json, results_json
 from mesotap.rounding import UNKNOWN, significant, with_uncertainty
@@ -31,6 +31,7 @@ from mesotap.summary import summary
 __all__ = ["published_report", "recording_report", "results_json", "with_uncertainty", "write_report"]
 
 FIGURE_FOLDER = "figures"
+SIMULATED = "(simulated rig)"  # in the software that a session file names
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,16 +93,20 @@ def write_report(
     ratios = theory_ratios(results, theory)
     recovered = None if truth is None else recovered_against(results, truth)
     page = _environment().get_template("report.html")
+    drift = results.calibration is not None and results.calibration.drifted
     html = page.render(
         session=session,
         results=results,
         theory=theory,
-        drifted=results.calibration is not None and results.calibration.drifted,
-        simulated=truth is not None,
+        drifted=drift,
+        drift_footnote=figures.DRIFT_FOOTNOTE,
+        simulated=truth is not None or SIMULATED in session.software,
         summary=summary(results, theory, ratios),
-        plates={name: Plate(Markup(figures.inline_svg(drawn[name], name, LABELS[name]))) for name in drawn},
+        plates={n: Plate(Markup(figures.inline_svg(drawn[n], n, _label(n, drift)))) for n in drawn},
         typical=_typical_shot(session),
         spectra=figures.shown_spectra(results),
+        amplitudes=figures.shown_amplitudes(results),
+        checked=[c for load in results.loads if (c := spectral_check(load)) is not None],
         marks=_note_marks(results.loads),
         ratios=ratios,
         taps=_taps(results),
@@ -117,6 +122,8 @@ def write_report(
 
 def recording_report(folder: Path, recording: Recording, modes: RecordingModes) -> Path:
     """Write the page of a recording that is no session: ``report.html``, ``modes.json`` and ``modes.pdf``.
+
+    Where a mode could be followed along the ring-down, ``amplitude.pdf`` too.
 
     Parameters
     ----------
@@ -135,6 +142,12 @@ def recording_report(folder: Path, recording: Recording, modes: RecordingModes) 
     folder.mkdir(parents=True, exist_ok=True)
     figure = figures.modes_figure(recording, modes)
     figures.save(figure, folder / "modes.pdf")
+    followed = figures.shown_modes(modes)
+    along = None
+    if followed:
+        drawn = figures.mode_amplitude_figure(recording, modes)
+        figures.save(drawn, folder / "amplitude.pdf")
+        along = Plate(Markup(figures.inline_svg(drawn, "mode-amplitude", LABELS["mode-amplitude"])))
     _written(folder / "modes.json", json_text(modes_json(modes)))
     data = np.atleast_2d(np.asarray(recording.data))
     names = [str(recording.names[c]) if c < len(recording.names) else f"channel {c}" for c in range(data.shape[0])]
@@ -145,6 +158,9 @@ def recording_report(folder: Path, recording: Recording, modes: RecordingModes) 
         duration_s=data.shape[1] / recording.rate_hz,
         modes=modes,
         plate=Plate(Markup(figures.inline_svg(figure, "modes", LABELS["modes"]))),
+        followed=followed,
+        along=along,
+        many=sum(len(mode.along_decay) >= figures.FEWEST_POINTS for mode in modes.modes),
         level_percent=round(100 * LEVEL),
     )  # fmt: skip
     return _written(folder / "report.html", html)
@@ -188,8 +204,18 @@ LABELS = {
     "stiffness": "Contact stiffness against load with theory",
     "damping": "Damping ratio of the contact mode against load",
     "impacts": "Contact stiffness of each impact in order, as deviation from the combined estimate of its load",
+    "amplitude": "Frequency change and damping ratio of the contact mode against its amplitude along the ring-down",
+    "mode-amplitude": "Frequency change and damping ratio of modes against their amplitude along the ring-down",
     "modes": "Record against time, and spectrum with the identified modes",
 }
+
+
+WITH_LOADS = {"spectra", "stiffness", "damping", "impacts", "amplitude"}  # figures that say at which load
+
+
+def _label(name: str, drifted: bool) -> str:
+    """Return what a screen reader says of a figure, whose text is outlines."""
+    return LABELS[name] + (f". {figures.DRIFT_FOOTNOTE}" if drifted and name in WITH_LOADS else "")
 
 
 def _written(path: Path, text: str) -> Path:
@@ -238,6 +264,8 @@ def _session_figures(session: Session, results: SessionResults, theory: Sequence
         drawn["damping"] = figures.damping_figure(results)
     if any(impact.contact_stiffness_n_per_m is not None for impact in results.impacts):
         drawn["impacts"] = figures.impacts_figure(results)
+    if figures.shown_amplitudes(results):
+        drawn["amplitude"] = figures.amplitude_figure(results)
     return drawn
 
 

@@ -9,6 +9,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from analysis.modal.amplitude import AmplitudePoint
+from analysis.modal.spectrum import SpectralMode
 from analysis.results import ImpactResult, LoadResult, RecordingModes, SessionResults
 from calibration.estimate import Estimate
 from calibration.gauge import GaugeResult
@@ -17,17 +19,19 @@ RESULTS_FORMAT, MODES_FORMAT, VERSION = "mesotap-results", "mesotap-modes", 1
 MODAL = ("f1_hz", "f2_hz", "zeta1", "zeta2")
 CONTACT = ("contact_stiffness_n_per_m", "contact_damping_n_s_per_m")
 QUANTITIES = ("load_mn", *MODAL, *CONTACT)
+DRIFT_NOTE = "the strain gauge drifted during the test: the load is in doubt"
 
 
 def results_json(results: SessionResults) -> dict[str, Any]:
     """Return the session's results as the ``mesotap-results`` mapping: finite numbers, None where there is none."""
+    drift = _drifted(results)
     return {
         "format": RESULTS_FORMAT,
         "version": VERSION,
         "source": results.source,
         "method": results.method,
-        "loads": [_load(load) for load in results.loads],
-        "impacts": [_impact(impact) for impact in results.impacts],
+        "loads": [_load(load, drift) for load in results.loads],
+        "impacts": [_impact(impact, drift) for impact in results.impacts],
         "calibration": None if results.calibration is None else _calibration(results.calibration),
         "springs_n_per_m": [_estimate(spring) for spring in results.springs_n_per_m],
         "notes": list(results.notes),
@@ -46,6 +50,7 @@ def modes_json(modes: RecordingModes) -> dict[str, Any]:
                 "frequency_hz": _estimate(mode.frequency_hz),
                 "damping_ratio": _estimate(mode.damping_ratio),
                 "amplitude": [_number(a) for a in mode.amplitude],
+                "along_decay": [_point(point, "amplitude") for point in mode.along_decay],
             }
             for mode in modes.modes
         ],
@@ -61,13 +66,14 @@ def json_text(mapping: dict[str, Any]) -> str:
 def loads_csv(results: SessionResults) -> str:
     """Return a table of one row a load: each quantity with the ends of its 95 % interval, units in the header."""
     header = ["load_set", "target_load_mn", "impacts_used", *_columns(QUANTITIES), "notes"]
+    drift = _drifted(results)
     rows = [
         [
             load.load_set,
             _number(load.target_load_mn),
             load.impacts_used,
             *_cells(load, QUANTITIES),
-            "; ".join(load.notes),
+            "; ".join(_with_drift(load.notes, drift)),
         ]
         for load in results.loads
     ]
@@ -78,12 +84,13 @@ def impacts_csv(results: SessionResults) -> str:
     """Return a table of one row an impact, the rejected ones with their reason."""
     peaks = ["peak_acceleration_m_s2", "peak_contact_force_n"]
     header = ["id", "load_set", "accepted", "reject_reason", *_columns(QUANTITIES), *peaks, "notes"]
+    drift = _drifted(results)
     rows = [
         [
             *(impact.name, impact.load_set, int(impact.accepted), impact.reject_reason),
             *_cells(impact, QUANTITIES),
             *(_number(impact.peak_acceleration_m_s2), _number(impact.peak_contact_force_n)),
-            "; ".join(impact.notes),
+            "; ".join(_with_drift(impact.notes, drift)),
         ]
         for impact in results.impacts
     ]
@@ -116,18 +123,45 @@ def _reasons(source: LoadResult | ImpactResult, estimates: dict[str, dict[str, f
     return notes
 
 
-def _load(load: LoadResult) -> dict[str, Any]:
+def _drifted(results: SessionResults) -> bool:
+    return results.calibration is not None and results.calibration.drifted
+
+
+def _with_drift(notes: Sequence[str], drift: bool) -> list[str]:
+    """Notes of a load or an impact, with the gauge's drift among them where there was one."""
+    said = any(note.startswith(DRIFT_NOTE.partition(":")[0]) for note in notes)
+    return [*notes, *([DRIFT_NOTE] if drift and not said else [])]
+
+
+def _spectral(mode: SpectralMode | None) -> dict[str, Any] | None:
+    if mode is None:
+        return None
+    return {"frequency_hz": _estimate(mode.frequency_hz), "damping_ratio": _estimate(mode.damping_ratio)}
+
+
+def _point(point: AmplitudePoint, amplitude: str) -> dict[str, Any]:
+    return {
+        amplitude: _number(point.amplitude),
+        "time_s": _number(point.time_s),
+        "frequency_hz": _estimate(point.frequency_hz),
+        "damping_ratio": _estimate(point.damping_ratio),
+    }
+
+
+def _load(load: LoadResult, drift: bool) -> dict[str, Any]:
     estimates = _estimates(load, QUANTITIES)
     return {
         "load_set": int(load.load_set),
         "target_load_mn": _number(load.target_load_mn),
         "impacts_used": int(load.impacts_used),
         **estimates,
-        "notes": _reasons(load, estimates),
+        "spectral_mode": _spectral(load.spectral_mode),
+        "along_decay": [_point(point, "amplitude_m_s2") for point in load.along_decay],
+        "notes": _with_drift(_reasons(load, estimates), drift),
     }
 
 
-def _impact(impact: ImpactResult) -> dict[str, Any]:
+def _impact(impact: ImpactResult, drift: bool) -> dict[str, Any]:
     estimates = _estimates(impact, QUANTITIES)
     notes = _reasons(impact, estimates) if impact.accepted else list(impact.notes)
     peak = _number(impact.peak_acceleration_m_s2)
@@ -141,7 +175,7 @@ def _impact(impact: ImpactResult) -> dict[str, Any]:
         **estimates,
         "peak_acceleration_m_s2": 0.0 if peak is None else peak,
         "peak_contact_force_n": _number(impact.peak_contact_force_n),
-        "notes": notes,
+        "notes": _with_drift(notes, drift),
     }
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, field_validator
 
-from rig.settings import NonNegative, Positive, Section
+from rig.settings import Positive, Section
 
 
 class SessionSettings(Section):
@@ -19,7 +19,7 @@ class SessionSettings(Section):
     load_tolerance_mn: Positive = 6.0
     impacts_per_load: Annotated[int, Field(ge=1, le=100)] = 8
     tries_per_load: Annotated[int, Field(ge=1, le=1000)] = 40
-    dwell_s: NonNegative = 10.0
+    dwell_s: Annotated[float, Field(ge=0, le=86400)] = 10.0
 
     @field_validator("load_plan_mn")
     @classmethod

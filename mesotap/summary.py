@@ -42,6 +42,10 @@ def summary(results: SessionResults, theory: Sequence[TheoryCurve], ratios: Sequ
     elif results.calibration is not None:
         tested = results.calibration.drift_p_value is not None
         sentences[-1] += " The strain gauge did not drift." if tested else " The gauge's drift could not be tested."
+    else:
+        written = any(load.load_mn is not None for load in results.loads)
+        loads = "those written in the session file" if written else "targets"
+        sentences[-1] += f" There is no calibration of the strain gauge: loads are {loads}."
     return [_typographic_words(sentence) for sentence in sentences]
 
 

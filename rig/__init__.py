@@ -1,4 +1,4 @@
-"""What a tester is: the abstract `Rig`, its parts and readings, the interlock, the drivers."""
+"""What a tester is: the abstract `Rig`, its parts and readings, the interlock, and the parts that are hands."""
 
 from rig.errors import InterlockRefusal, RigError, SessionAborted, StaleReading
 from rig.interface import Accelerometers, Clock, DeadWeights, Impactor, LoadCell, Operator, Rig, Stage

@@ -26,6 +26,8 @@ RESPONSE_FROM_THRESHOLDS = 5.0  # contact thresholds of load from which the resp
 RESPONSE_TRAVEL_UM = 0.4  # travel over which it is judged
 SHORTFALL = 0.8  # of the remaining load that one step closes: the target is approached from below
 LARGEST_TRIES = 400
+RETRACTIONS = 3
+LEFT_THRESHOLDS = 3.0  # load, in contact thresholds, that a gauge may show with the surfaces apart
 CAREFUL_READING_S = 0.2
 STANDING_CHANGE_THRESHOLDS = 4.0  # load change, in contact thresholds, that cannot happen while the stage stands
 
@@ -56,6 +58,7 @@ class Interlock:
         self._last_voltage = math.nan
         self._contact: tuple[float, float] | None = None  # position and load where contact was felt
         self._judged_from: tuple[float, float] | None = None  # position and load where the response began
+        self._turned_at: float | None = None  # where the stage last turned back, until its play is used up
 
     @property
     def contact(self) -> tuple[float, float] | None:
@@ -193,13 +196,15 @@ class Interlock:
             step_um = min(step_um, room)
             self._check_travel(step_um)
         else:
-            self._judged_from = None  # backlash: the next steps towards contact say nothing at first
+            self._judged_from = None
         standing = self.load_mn()
         if abs(standing - before) > STANDING_CHANGE_THRESHOLDS * self._limits.contact_threshold_mn:
             raise StaleReading(
                 f"strain gauge: the load changed from {before:.0f} to {standing:.0f} mN while the stage stood still"
             )
         position = self._rig.stage.move_by(step_um, aim).position_um
+        if step_um < 0 and math.isfinite(position):
+            self._turned_at = position
         after = self.load_mn()
         self._check_limit(after)
         if step_um > 0:
@@ -207,12 +212,30 @@ class Interlock:
         return after
 
     def retract(self, progress: Progress | None = None) -> None:
-        """Take the surfaces apart by the clearance; allowed whatever the gauge says."""
+        """Take the surfaces apart by the clearance, whatever the gauge says, and look whether it agrees.
+
+        Raises
+        ------
+        InterlockRefusal
+            If a gauge that can be believed still shows a load after some tries.
+        """
         if progress is not None:
             progress("taking the surfaces apart")
         self._rig.stage.unlock()
-        self._rig.stage.move_by(-self._limits.clearance_um, "taking the surfaces apart")
-        self._contact = self._judged_from = None
+        load = math.nan
+        for _ in range(RETRACTIONS):
+            self._rig.stage.move_by(-self._limits.clearance_um, "taking the surfaces apart")
+            try:
+                load = self.load_mn()
+            except StaleReading:
+                load = math.nan  # the travel has to do as the only witness
+            if not load > LEFT_THRESHOLDS * self._limits.contact_threshold_mn:
+                self._contact = self._judged_from = self._turned_at = None
+                return
+        raise InterlockRefusal(
+            f"retract: the gauge still shows {load:.0f} mN after {RETRACTIONS} times {self._limits.clearance_um:g} um; "
+            "look whether the surfaces are apart, and back the micrometer off by hand"
+        )
 
     def lock(self) -> None:
         """Clamp the stage at its load."""
@@ -272,6 +295,11 @@ class Interlock:
             return
         response = (load - self._judged_from[1]) / (travel * self._mn_per_um)
         self._judged_from = (position, load)
+        if self._turned_at is not None:
+            # the play of a stage that was turned back comes first: until it is used up a step may do nothing
+            if response < SOFTEST_RESPONSE and position - self._turned_at < self._limits.largest_backlash_um:
+                return
+            self._turned_at = None
         if not SOFTEST_RESPONSE < response < STIFFEST_RESPONSE:
             raise StaleReading(
                 f"strain gauge: {travel:.2f} um of travel changed it by {response:.0%} of what the springs allow; "
@@ -283,14 +311,13 @@ class Interlock:
     def make_safe(self) -> list[str]:
         """Bring the rig into its safe state, whatever works; returns a sentence for each thing that did not."""
         troubles = []
-        for what, action in (
-            ("the stream of samples", self._rig.accelerometers.stop),
-            ("the stage", self.retract),
-        ):
+        for action in (self._rig.accelerometers.stop, self.retract):
             try:
                 action()
+            except InterlockRefusal as error:
+                troubles.append(str(error))
             except Exception as error:  # every part gets its chance, whatever ails another
-                troubles.append(f"{what} could not be made safe: {error}; back the micrometer off by hand")
+                troubles.append(f"not made safe: {error}; back the micrometer off by hand")
         return troubles
 
     def __enter__(self) -> Interlock:

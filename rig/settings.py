@@ -11,6 +11,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 STANDARD_GRAVITY = 9.80665  # m/s2
+SAFE_CLEARANCES = 2.0  # clearance over the travel that the springs need for the load limit: contacts are soft
 
 
 class Section(BaseModel):
@@ -85,6 +86,12 @@ class Filter(Section):
     lowpass_hz: Positive = 10000.0
     lowpass_order: Annotated[int, Field(ge=1, le=8)] = 4
 
+    @model_validator(mode="after")
+    def _passes_something(self) -> Filter:
+        if self.family != "none" and self.highpass_hz >= self.lowpass_hz:
+            raise ValueError(f"highpass_hz ({self.highpass_hz:g}) must lie below lowpass_hz ({self.lowpass_hz:g})")
+        return self
+
 
 class Limits(Section):
     """What the interlock holds to."""
@@ -95,16 +102,15 @@ class Limits(Section):
     frozen_readings: Annotated[int, Field(ge=2)] = 3
     contact_threshold_mn: Positive = 15.0
     clearance_um: Positive = 100.0
+    largest_backlash_um: NonNegative = 5.0
     expected_contact_um: Finite = 150.0
     search_beyond_um: Positive = 3.0
 
 
 class Parts(Section):
-    """Which implementation stands behind each part of a real rig."""
+    """Which kind of implementation stands behind a part."""
 
-    stage: Literal["hand"] = "hand"
-    impactor: Literal["hand"] = "hand"
-    weights: Literal["hand"] = "hand"
+    stage: Literal["motor", "hand"] = "motor"
 
 
 class RigSettings(Section):
@@ -122,7 +128,15 @@ class RigSettings(Section):
     def _survivable(self) -> RigSettings:
         """Hold the search past the expected contact to what the specimen survives should the gauge be dead."""
         k1, k2 = self.spring_stiffness()
-        worst = self.limits.search_beyond_um * k1 * k2 / (k1 + k2) * 1e-3
+        mn_per_um = k1 * k2 / (k1 + k2) * 1e-3
+        needed = SAFE_CLEARANCES * self.limits.load_mn / mn_per_um + self.limits.largest_backlash_um
+        if self.limits.clearance_um < needed:
+            raise ValueError(
+                f"limits.clearance_um of {self.limits.clearance_um:g} would not take the surfaces apart from "
+                f"{self.limits.load_mn:g} mN with {self.limits.largest_backlash_um:g} um of backlash; give at least "
+                f"{needed:.3g}"
+            )
+        worst = self.limits.search_beyond_um * mn_per_um
         if worst > self.limits.load_mn:
             raise ValueError(
                 f"limits.search_beyond_um of {self.limits.search_beyond_um:g} could load the specimen with "

@@ -40,7 +40,7 @@ class SimulatedContact(Section):
 class SimulatedPulse(Section):
     """The tap: a smooth pulse of this length and of a strength relative to the preload."""
 
-    duration_ms: Positive = 0.3
+    duration_ms: Annotated[float, Field(gt=0, le=20)] = 0.3
     shape: Literal["half_sine", "haversine", "triangle"] = "half_sine"
     peak_force_ratio: Positive = 0.45
     strength_scatter_percent: NonNegative = 20.0
@@ -80,7 +80,6 @@ class SimulatedStage(Section):
     resolution_um: Positive = 0.02
     backlash_um: NonNegative = 2.0
     speed_um_per_s: Positive = 50.0
-    hand_turned: bool = False
 
 
 class SimBackendSettings(Section):

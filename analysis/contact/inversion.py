@@ -12,6 +12,10 @@ CLOSEST, FARTHEST = -20.0, 35.0  # separations in R_q; beyond, all asperities ar
 GRID = np.linspace(CLOSEST, FARTHEST, 1101)
 
 
+class TheoryError(ValueError):
+    """A contact theory does not cover what it was asked for; one sentence."""
+
+
 def separation_for_load(
     P: ArrayLike,
     table: FloatArray,
@@ -33,15 +37,15 @@ def separation_for_load(
 
     Raises
     ------
-    ValueError
+    TheoryError
         A negative load, or one beyond what separations from -20 to 35 R_q carry.
     """
     wanted = np.asarray(P, dtype=np.float64)
     if not np.all(wanted >= 0):
-        raise ValueError("surfaces in contact carry no negative load")
+        raise TheoryError("surfaces in contact carry no negative load")
     outside = (wanted > table[0]) | ((wanted < table[-1]) & (wanted > 0))
     if outside.any():
-        raise ValueError(
+        raise TheoryError(
             f"a load of {float(wanted[outside].flat[0]):.3g} N is outside the {table[-1]:.3g} to {table[0]:.3g} N that "
             "the asperity model covers for these surfaces"
         )

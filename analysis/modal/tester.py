@@ -210,6 +210,11 @@ def _candidates(y: Real, expected_hz: float, sample_rate_hz: float, known: Compl
     spectrum = np.abs(np.fft.rfft(y * np.hanning(2 * n)[n:], padded))
     frequency = np.fft.rfftfreq(padded, 1 / sample_rate_hz)
     near = np.flatnonzero((frequency > 0.9 * expected_hz) & (frequency < 1.1 * expected_hz))
+    above = np.flatnonzero(
+        (frequency > CONTACT_MODE_ABOVE * expected_hz) & (frequency < HIGHEST_SHARE * sample_rate_hz)
+    )
+    if not near.size or not above.size:
+        return []  # the sampling rate leaves no room for these modes
     system = sampled_pole(float(frequency[near[np.argmax(spectrum[near])]]), 0.002, sample_rate_hz)
     highest = HIGHEST_SHARE * sample_rate_hz
     contact: list[complex] = []
@@ -219,7 +224,6 @@ def _candidates(y: Real, expected_hz: float, sample_rate_hz: float, known: Compl
             contact += _contact_poles(realise(decomposed, order), expected_hz, sample_rate_hz)
     except FitFailure:
         pass
-    above = np.flatnonzero((frequency > CONTACT_MODE_ABOVE * expected_hz) & (frequency < highest))
     peak = float(frequency[above[np.argmax(spectrum[above])]])
     contact += [sampled_pole(peak, zeta, sample_rate_hz) for zeta in (0.001, 0.005, 0.02)]
     if grid:

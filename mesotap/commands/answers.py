@@ -8,13 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn
+from rich.table import Table
 
 from analysis.results import SessionResults
 from analysis.session import analyse_session
 from daq.durable import write_whole
+from daq.errors import RecordingError
 from daq.records import Session
+from daq.session_file import read_session
 from mesotap.config import Config
+from mesotap.rounding import with_uncertainty
 
 
 def write_json(path: Path | None, answer: Any) -> None:
@@ -40,3 +45,41 @@ def analysed(session: Session, config: Config, console: Console) -> SessionResul
             config.rig.springs,
             lambda done, total: shown.update(task, description=f"analysed {done} of {total} loads"),
         )
+
+
+def refuse_to_overwrite(path: Path) -> None:
+    """Raise where a file is there that cannot be made again: anything but one imported or simulated ring-down."""
+    if not path.exists() or (path.is_file() and path.stat().st_size == 0):
+        return
+    try:
+        there = read_session(path)
+    except RecordingError:
+        there = None
+    if there is None or there.pre is not None or len(there.shots) > 1:
+        raise RecordingError(f"{path}: exists already and is left as it is; name another file")
+
+
+def show_session(results: SessionResults, console: Console) -> None:
+    """Print the table of a session's loads, and what there is to say of them."""
+    shown = Table(title=f"{escape(results.source)}: {results.method}, 95 % intervals")
+    for heading in ("load, mN", "impacts", "f1, Hz", "f2, Hz", "zeta1, %", "zeta2, %", "k_c, MN/m", "c_c, N s/m"):
+        shown.add_column(heading, justify="right")
+    for load in results.loads:
+        shown.add_row(
+            with_uncertainty(load.load_mn),
+            str(load.impacts_used),
+            with_uncertainty(load.f1_hz),
+            with_uncertainty(load.f2_hz),
+            with_uncertainty(load.zeta1, 100),
+            with_uncertainty(load.zeta2, 100),
+            with_uncertainty(load.contact_stiffness_n_per_m, 1e-6),
+            with_uncertainty(load.contact_damping_n_s_per_m),
+        )
+    console.print(shown)
+    for note in results.notes:
+        console.print(f"- {escape(note)}", highlight=False)
+    for load in results.loads:
+        for note in load.notes:
+            console.print(f"- load {load.target_load_mn:.0f} mN: {escape(note)}", highlight=False)
+    if results.calibration is not None:
+        console.print(escape(results.calibration.statement), highlight=False)

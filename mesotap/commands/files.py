@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,13 +14,15 @@ from rich.markup import escape
 from rich.table import Table
 
 from analysis.modal.amplitude import along_the_decay
+from analysis.modal.exponentials import FitFailure
 from analysis.modal.identify import identify_ring_down
 from analysis.results import Mode, RecordingModes, SessionResults
+from analysis.session import AnalysisError
 from daq.errors import RecordingError
 from daq.exchange import Recording, as_session, import_recording
 from daq.records import Session
 from daq.session_file import read_session, write_session
-from mesotap.commands.answers import analysed, write_json
+from mesotap.commands.answers import analysed, refuse_to_overwrite, show_session, write_json
 from mesotap.commands.session import SESSION_FILE, partial
 from mesotap.config import Config, ConfigError, load_config, parse_config
 from mesotap.results_files import modes_json, results_json
@@ -42,11 +46,22 @@ def analyze(
     if method is not None and method not in METHODS:
         raise ConfigError(f"--method {method}: allowed are {' and '.join(METHODS)}")
     changes = [*changes, *([f"analysis.method={method}"] if method else [])]
-    answers = []
-    for file in files:
-        folder = report if report is None or len(files) == 1 else report / file.stem
-        answers.append(_analyze_one(file, rate, config_path, changes, folder, console))
-    write_json(json_path, answers[0] if len(answers) == 1 else answers)
+    if len(files) == 1:
+        write_json(json_path, _analyze_one(files[0], rate, config_path, changes, report, console))
+        return
+    answers: list[dict[str, Any]] = []
+    refusals: list[str] = []
+    for number, file in enumerate(files):
+        # session files are often all called alike: the folder's name tells them apart
+        folder = None if report is None else report / f"{number:02d}-{file.resolve().parent.name}-{file.stem}"
+        try:
+            answers.append(_analyze_one(file, rate, config_path, changes, folder, console))
+        except (RecordingError, AnalysisError, FitFailure) as error:
+            refusals.append(str(error))
+            answers.append({"format": "mesotap-refusal", "version": 1, "source": str(file), "reason": str(error)})
+    write_json(json_path, answers)
+    if refusals:
+        raise RecordingError("; ".join(refusals))
 
 
 def _analyze_one(
@@ -64,7 +79,7 @@ def _analyze_one(
             results = _session_report(file, opened, config, report, console)
         else:
             results = analysed(opened, config, console)
-        _show_session(results, console)
+        show_session(results, console)
         return results_json(results)
     recording = _as_recording(opened) if isinstance(opened, Session) else opened
     config = load_config(config_path, changes)
@@ -109,7 +124,13 @@ def _opened(file: Path, rate: float | None) -> Session | Recording:
 
 
 def _config_for(session: Session, config_path: Path | None, changes: Sequence[str]) -> Config:
-    """Return the configuration named on the command line, else the session's own, else the defaults."""
+    """Return the configuration named on the command line, else the session's own, else the defaults.
+
+    Masses and springs are always the session's: a change of them is refused, not ignored.
+    """
+    for change in changes:
+        if re.match(r"\s*rig\.(masses\.m|springs\.(k|system))", change):
+            raise ConfigError(f"--set {change}: masses and springs are those written in {session.source}")
     if config_path is not None or not session.config.strip():
         return load_config(config_path, changes) if config_path is not None else parse_config("", changes=changes)
     return parse_config(session.config, f"{session.source}: /config", changes)
@@ -194,8 +215,7 @@ def import_file(
 ) -> None:
     """Make a session file of another program's recording."""
     target = output or file.with_suffix(".h5")
-    if target.exists() and target.resolve() == file.resolve():
-        raise RecordingError(f"{target}: would overwrite the recording; name another file")
+    refuse_to_overwrite(target)
     recording = import_recording(file, rate_hz=rate)
     session = as_session(recording, _chosen(channels))
     write_session(target, session)
@@ -243,7 +263,10 @@ def _session_info(session: Session, file: Path) -> dict[str, Any]:
         "complete": session.complete,
         "impacts": len(session.shots),
         "accepted": accepted,
-        "loads_mn": [round(s[0].target_load_mn, 3) for n in session.load_sets() if (s := _shots_of(session, n))],
+        "loads_mn": [
+            "unknown" if math.isnan(load) else round(load, 3)
+            for load in (_target(session, load_set) for load_set in session.load_sets())
+        ],
         "calibrations": [w for w, c in (("before", session.pre), ("after", session.post)) if c is not None],
         "rig": f"m1 {rig.m1_kg:g} kg, m2 {rig.m2_kg:g} kg, k1 {rig.k1_n_per_m:g} N/m, k2 {rig.k2_n_per_m:g} N/m"
         if rig.is_tester
@@ -251,8 +274,8 @@ def _session_info(session: Session, file: Path) -> dict[str, Any]:
     }
 
 
-def _shots_of(session: Session, load_set: int) -> list[Any]:
-    return [s for s in session.shots if s.load_set == load_set]
+def _target(session: Session, load_set: int) -> float:
+    return next(s.target_load_mn for s in session.shots if s.load_set == load_set)
 
 
 def _recording_info(recording: Recording, file: Path) -> dict[str, Any]:
@@ -265,31 +288,6 @@ def _recording_info(recording: Recording, file: Path) -> dict[str, Any]:
         "sample_rate_hz": recording.rate_hz,
         "duration_s": recording.data.shape[1] / recording.rate_hz,
     }
-
-
-def _show_session(results: SessionResults, console: Console) -> None:
-    shown = Table(title=f"{escape(results.source)}: {results.method}, 95 % intervals")
-    for heading in ("load, mN", "impacts", "f1, Hz", "f2, Hz", "zeta1, %", "zeta2, %", "k_c, MN/m", "c_c, N s/m"):
-        shown.add_column(heading, justify="right")
-    for load in results.loads:
-        shown.add_row(
-            with_uncertainty(load.load_mn),
-            str(load.impacts_used),
-            with_uncertainty(load.f1_hz),
-            with_uncertainty(load.f2_hz),
-            with_uncertainty(load.zeta1, 100),
-            with_uncertainty(load.zeta2, 100),
-            with_uncertainty(load.contact_stiffness_n_per_m, 1e-6),
-            with_uncertainty(load.contact_damping_n_s_per_m),
-        )
-    console.print(shown)
-    for note in results.notes:
-        console.print(f"- {escape(note)}", highlight=False)
-    for load in results.loads:
-        for note in load.notes:
-            console.print(f"- load {load.target_load_mn:.0f} mN: {escape(note)}", highlight=False)
-    if results.calibration is not None:
-        console.print(escape(results.calibration.statement), highlight=False)
 
 
 def _show_modes(modes: RecordingModes, console: Console) -> None:

@@ -15,18 +15,19 @@ from calibration.routine import calibrate, check_points
 from daq.errors import RecordingError
 from daq.journal import SessionFolder
 from daq.records import Session
-from daq.session_file import write_session
+from daq.session_file import read_session, write_session
 from daq.trigger import record_shot
 from mesotap import __version__
 from mesotap.bench import build_rig, simulated_rig, truth_now
-from mesotap.commands.answers import analysed, write_json
+from mesotap.commands.answers import analysed, refuse_to_overwrite, show_session, write_json
 from mesotap.config import Config, effective_text, load_config, parse_config
 from mesotap.console import KeyControl, SessionDisplay, TerminalOperator
 from mesotap.results_files import results_json
 from mesotap.session.progress import assemble, describe_rig, progress_of
 from mesotap.session.runner import Bench, SessionRunner
 from mesotap.session.shots import judged_shot
-from rig import GaugeScale
+from mesotap.session.states import State
+from rig import GaugeScale, Rig
 from rig.interlock import Interlock
 
 SESSION_FILE = "session.h5"
@@ -54,21 +55,32 @@ def run(
         "realtime": realtime,
         "software": f"mesotap {__version__}",
     }
+    rig = _rig_of(header, config, console)  # before a folder is begun that could not be carried on
     with SessionFolder.create(path, header) as folder:
-        _carry_out(folder, config, json_path, console)
+        _carry_out(folder, config, rig, json_path, console)
+
+
+def _rig_of(header: dict[str, Any], config: Config, console: Console) -> Rig:
+    operator = TerminalOperator(console)
+    return build_rig(config, bool(header["simulated"]), operator, int(header["seed"]), bool(header["realtime"]))
 
 
 def resume(path: Path, json_path: Path | None, console: Console) -> None:
     """Go on with a session wherever it was left."""
     with SessionFolder.open(path) as folder:
         config = parse_config(str(folder.header["config"]), str(path / "session.json"))
-        _carry_out(folder, config, json_path, console)
+        if progress_of(folder.events()).state is State.DONE and (path / SESSION_FILE).exists():
+            console.print(f"{path}: this session is finished; its report is written again", highlight=False)
+            session = read_session(path / SESSION_FILE)
+            truths = progress_of(folder.events()).truths
+            write_json(json_path, _report(replace(session, source=SESSION_FILE), config, path, truths, console))
+            return
+        _carry_out(folder, config, _rig_of(folder.header, config, console), json_path, console)
 
 
-def _carry_out(folder: SessionFolder, config: Config, json_path: Path | None, console: Console) -> None:
+def _carry_out(folder: SessionFolder, config: Config, rig: Rig, json_path: Path | None, console: Console) -> None:
     header = folder.header
     operator = TerminalOperator(console)
-    rig = build_rig(config, bool(header["simulated"]), operator, int(header["seed"]), bool(header["realtime"]))
     wanted = config.mesotap.impacts_per_load * len(config.mesotap.load_plan_mn)
     good = sum(bool(e.get("accepted")) for e in folder.events() if e["event"] == "shot")
     with KeyControl(console).listening() as control, SessionDisplay(wanted, good, console) as display:
@@ -80,7 +92,6 @@ def _carry_out(folder: SessionFolder, config: Config, json_path: Path | None, co
     runner.finish()
     results = _report(replace(session, source=SESSION_FILE), config, folder.path, runner.progress.truths, console)
     console.print(f"session file {file}", highlight=False, soft_wrap=True)
-    console.print(f"report       {folder.path / 'report.html'}", highlight=False, soft_wrap=True)
     write_json(json_path, results)
 
 
@@ -91,7 +102,9 @@ def _report(
     from mesotap.report import write_report
 
     results = analysed(session, config, console)
-    write_report(folder, session, results, theory(config.analysis.contact), list(truths) if truths else None)
+    page = write_report(folder, session, results, theory(config.analysis.contact), list(truths) if truths else None)
+    show_session(results, console)
+    console.print(f"report       {page}", highlight=False, soft_wrap=True)
     return results_json(results)
 
 
@@ -159,6 +172,7 @@ def simulate_one(
     console: Console,
 ) -> None:
     """Record one tap of the simulated rig into a session file."""
+    refuse_to_overwrite(output)
     config = load_config(config_path, [*changes, f"mesotap.load_plan_mn=[{load_mn}]"])
     rig = simulated_rig(config, seed=seed)
     scale = GaugeScale(rig.true_parameters()["sensitivity_mv_per_mn"], config.sim_backend.gauge.offset_mv)

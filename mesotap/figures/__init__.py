@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
+from mesotap.figures._amplitude import (
+    FEWEST_POINTS,
+    amplitude_figure,
+    mode_amplitude_figure,
+    shown_amplitudes,
+    shown_modes,
+)
 from mesotap.figures._calibration import calibration_figure
-from mesotap.figures._contact import DRIFT_MARK, damping_figure, published_figure, stiffness_figure
+from mesotap.figures._contact import DRIFT_FOOTNOTE, DRIFT_MARK, damping_figure, published_figure, stiffness_figure
 from mesotap.figures._files import inline_svg, save
 from mesotap.figures._impacts import impacts_figure
 from mesotap.figures._recording import Recording, modes_figure
 from mesotap.figures._tap import record_figure, shown_spectra, spectra_figure
 
 __all__ = [
+    "DRIFT_FOOTNOTE",
     "DRIFT_MARK",
+    "FEWEST_POINTS",
     "Recording",
+    "amplitude_figure",
     "calibration_figure",
     "damping_figure",
     "impacts_figure",
     "inline_svg",
+    "mode_amplitude_figure",
     "modes_figure",
     "published_figure",
     "record_figure",
     "save",
+    "shown_amplitudes",
+    "shown_modes",
     "shown_spectra",
     "spectra_figure",
     "stiffness_figure",

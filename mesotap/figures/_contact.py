@@ -24,6 +24,7 @@ BOX_WIDTH = 0.036  # of the load axis
 LOG_RATIO = 8.0  # damping that spans more than this is drawn on a logarithmic axis
 HEADROOM, MOST_HEADROOM = 1.12, 2.4  # the stiffness axis ends at most at so many times the measured
 THEORY_POINTS = 121
+MOST_LOADS = 4  # in a figure with a line or more a load
 BOX_LABEL, COMBINED_LABEL = "impacts: quartiles, whiskers, outliers", "combined, 95 % intervals"
 DRIFT_MARK = "†"
 DRIFT_FOOTNOTE = f"{DRIFT_MARK} The strain gauge drifted: loads are in doubt."
@@ -56,10 +57,22 @@ def load_text(load: LoadResult, results: SessionResults) -> str:
     return text + (DRIFT_MARK if drifted(results) else "")
 
 
+def drift_footnote(results: SessionResults) -> str:
+    """Return the line beneath an axis label that says the gauge drifted; empty where it did not."""
+    return f"\n{DRIFT_FOOTNOTE}" if drifted(results) else ""
+
+
 def load_label(axes: Axes, results: SessionResults) -> None:
     """Label a load axis, with a footnote where the gauge drifted."""
     mark = f" {DRIFT_MARK}" if drifted(results) else ""
-    axes.set_xlabel(f"Contact load $P$ [mN]{mark}" + (f"\n{DRIFT_FOOTNOTE}" if mark else ""))
+    axes.set_xlabel(f"Contact load $P$ [mN]{mark}{drift_footnote(results)}")
+
+
+def spread_over_loads(loads: Sequence[LoadResult]) -> list[LoadResult]:
+    """Choose at most four of the loads, evenly over their range, both ends among them."""
+    ordered = sorted((load for load in loads if math.isfinite(axis_load(load))), key=axis_load)
+    picks = np.linspace(0, len(ordered) - 1, min(MOST_LOADS, len(ordered)))
+    return [ordered[round(pick)] for pick in picks]
 
 
 @styled

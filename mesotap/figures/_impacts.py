@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.results import ImpactResult, LoadResult, SessionResults
-from mesotap.figures._contact import DRIFT_FOOTNOTE, axis_load, drifted, load_text
+from mesotap.figures._contact import axis_load, drift_footnote, load_text
 from mesotap.figures._style import BLUE, GREY, PAGE_MM, SKY, VERMILION, blank, styled
 
 SMALLEST_AXIS_PERCENT = 0.5
@@ -47,7 +47,7 @@ def impacts_figure(results: SessionResults) -> Figure:
     rotation = 0 if len(ticks) <= LABELS_FLAT else 60
     axes.set_xticks([at for at, _ in ticks], [text for _, text in ticks], rotation=rotation)
     axes.tick_params(axis="x", length=0)
-    axes.set_xlabel("Impacts in order, by load" + (f"\n{DRIFT_FOOTNOTE}" if drifted(results) else ""))
+    axes.set_xlabel(f"Impacts in order, by load{drift_footnote(results)}")
     axes.set_ylabel("$k_c$ against its load's\ncombined estimate [%]")
     axes.plot([], [], linestyle="none", marker="o", color=BLUE, markersize=3.5, label="accepted")
     axes.plot([], [], linestyle="none", marker="s", mfc="white", mec=VERMILION, markersize=3.5, label="rejected")

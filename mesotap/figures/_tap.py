@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from analysis.results import LoadResult, SessionResults, Spectrum
 from daq.records import Shot
-from mesotap.figures._contact import axis_load, load_text
+from mesotap.figures._contact import drift_footnote, load_text, spread_over_loads
 from mesotap.figures._style import (
     BLACK,
     BLUE,
@@ -27,7 +27,6 @@ from mesotap.figures._style import (
 )
 
 ENLARGED_MS = 5.0  # Sec. 3.3: both accelerometers have to agree in the first few milliseconds
-MOST_SPECTRA = 4
 BEYOND_CONTACT_MODE = 1.8  # the frequency axis ends at so many times the highest f2
 
 
@@ -75,9 +74,7 @@ def record_figure(shot: Shot, enlarged_ms: float = ENLARGED_MS) -> Figure:
 def shown_spectra(results: SessionResults) -> list[LoadResult]:
     """Choose at most four loads with a spectrum, evenly over the range of loads, both ends among them."""
     found = [load for load in results.loads if load.spectrum is not None and load.spectrum.frequency_hz.size > 1]
-    found = sorted((load for load in found if math.isfinite(axis_load(load))), key=axis_load)
-    picks = np.linspace(0, len(found) - 1, min(MOST_SPECTRA, len(found)))
-    return [found[round(pick)] for pick in picks]
+    return spread_over_loads(found)
 
 
 @styled
@@ -105,7 +102,7 @@ def spectra_figure(results: SessionResults) -> Figure:
     if largest > 0:
         axes.set_ylim(smallest / 2, largest * 2.5)
     axes.set_xlim(0, None if math.isinf(end) else end)
-    axes.set_xlabel("Frequency [Hz]")
+    axes.set_xlabel(f"Frequency [Hz]{drift_footnote(results)}")
     axes.set_ylabel("Acceleration spectrum [(m/s²)/Hz]")
     if chosen:
         axes.legend(title="Load", loc="upper right", title_fontsize=7.5, alignment="left")

@@ -54,6 +54,8 @@ class Progress:
         name = entry["event"]
         self.checkpoint = entry.get("rig", self.checkpoint)
         if name == SAFE:
+            if entry.get("troubles"):
+                return  # nobody knows: resume looks at the load
             self.contact = None
             if self.state in (State.SET_LOAD, State.LOCK, State.TAP):
                 self.state = State.APPROACH

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 from calibration.line import fit_line
 from calibration.routine import calibrate, check_points
+from daq.errors import RecordingError
 from daq.journal import SessionFolder
 from daq.records import CalibrationPoints, Shot
 from daq.trigger import NoTap, record_shot
@@ -24,7 +25,8 @@ from rig import GaugeScale, Operator, Rig, RigError
 from rig.interlock import Interlock
 
 MISSES_IN_A_ROW = 5  # waits in vain after which the sensors are suspected
-LONGEST_PRETENCE_OF_REST = 10  # times a load is set anew because it crept away while dwelling
+MOST_SETTINGS = 10  # times a load is set, since the last start, before it counts as creeping
+DWELL_SLICE_S = 1.0
 
 
 class Control(Protocol):
@@ -114,8 +116,8 @@ class SessionRunner:
         """
         if self.progress.state in (State.FILE, State.DONE):
             return self.progress
-        self._open()
         try:
+            self._open()
             if self.progress.pre is not None:
                 self._use_scale(self.progress.pre)
             while self.progress.state in self._handlers:
@@ -138,29 +140,29 @@ class SessionRunner:
 
     def _open(self) -> None:
         """Connect, and take the rig up where it was left, if it still is there."""
+        self._take_up()
         for line in self._rig.open():
             self._tell(State.CONNECT, line)
-        if self.progress.checkpoint:
-            self._rig.restore(self.progress.checkpoint)
+        self._take_up()  # connecting must not have changed anything
         if self.progress.contact is None:
             return
         self._interlock.contact = self.progress.contact
         if self.progress.pre is not None:
             self._use_scale(self.progress.pre)
         expected = self.progress.load_mn
-        try:
-            load = self._interlock.check()
-        except RigError as error:
-            self._leave_safely(error)
-            self._rig.close()
-            raise
-        self._rig.restore(self.progress.checkpoint)  # looking must not have changed anything
+        load = self._interlock.check()
+        self._take_up()  # nor looking
         if self.progress.state in (State.LOCK, State.TAP) and abs(load - expected) > self._largest_change(expected):
             self._tell(
                 State.CONNECT, f"the load is {load:.0f} mN, not the {expected:.0f} mN it was left at; it is set anew"
             )
             self._interlock.retract()
             self._note(SAFE)
+
+    def _take_up(self) -> None:
+        """Give a simulated rig the state it had; a real one has kept its own."""
+        if self.progress.checkpoint:
+            self._rig.restore(self.progress.checkpoint)
 
     def _connect(self) -> None:
         self._done(Event.CONNECTED)
@@ -201,12 +203,16 @@ class SessionRunner:
         self._done(Event.LOADED, load_mn=load, truth=self._bench.annotate())
 
     def _lock_and_dwell(self) -> None:
-        self._tell(State.LOCK, f"resting {self._config.mesotap.dwell_s:g} s at {self.progress.load_mn:.0f} mN")
-        self._rig.clock.sleep(self._config.mesotap.dwell_s)
+        left = self._config.mesotap.dwell_s
+        while left > 0:
+            self._rig.clock.sleep(min(DWELL_SLICE_S, left))
+            left -= DWELL_SLICE_S
+            self._tell(State.LOCK, f"resting, {max(left, 0.0):.0f} s left at {self.progress.load_mn:.0f} mN")
         load = self._interlock.check()
         moved = abs(load - self._target()) > self._largest_change(self._target())
-        again = sum(e["event"] == Event.LOADED.value for e in self._events_of_this_load())
-        self._done(Event.LOAD_MOVED if moved and again < LONGEST_PRETENCE_OF_REST else Event.SETTLED)
+        if moved:
+            self._refuse_a_creeping_load(load)
+        self._done(Event.LOAD_MOVED if moved else Event.SETTLED)
 
     def _tap(self) -> None:
         shots = [e for e in self._events_of_this_load() if e["event"] == SHOT]
@@ -224,11 +230,21 @@ class SessionRunner:
             )
         before = self._interlock.read_load()
         if abs(before[0] - self._target()) > 2 * self._largest_change(self._target()):
+            self._refuse_a_creeping_load(before[0])
             self._done(Event.LOAD_MOVED)
             return
         shot = self._record(before, self._what_was_wrong())
         if shot is not None:
             self._bench.observer.shot(shot, accepted + shot.accepted, wanted)
+
+    def _refuse_a_creeping_load(self, load_mn: float) -> None:
+        """Give up on a load that has to be set anew time and again."""
+        events = self._since_start(self._events_of_this_load())
+        if sum(e["event"] == Event.LOADED.value for e in events) >= MOST_SETTINGS:
+            raise RigError(
+                f"load {self._target():.0f} mN: it was set {MOST_SETTINGS} times and is {load_mn:.0f} mN again; "
+                "check the clamp and the specimen"
+            )
 
     def _record(self, before: tuple[float, float], hint: str) -> Shot | None:
         """Have one tap made, judge it, and put it on the disk; None if none came."""
@@ -272,12 +288,22 @@ class SessionRunner:
 
     def _reconcile(self) -> None:
         """Journal a shot that reached the disk just before the program was killed."""
-        known = {e["number"] for e in self._folder.events() if e["event"] == SHOT}
-        for number in self._folder.shot_numbers():
-            if number not in known:
-                shot, checkpoint = self._folder.read_shot(number)
-                self._folder.append({"event": SHOT, "at": shot.time, **shot_entry(shot), "rig": checkpoint})
-        self._folder.append({"event": STARTED})
+        events = self._folder.events()
+        known = {e["number"] for e in events if e["event"] == SHOT}
+        there = set(self._folder.shot_numbers())
+        if known - there:
+            raise RecordingError(
+                f"{self._folder.path}: the journal lists shot {min(known - there):05d}, but its file is gone; "
+                "put it back before anything is written"
+            )
+        for number in sorted(there - known):
+            shot, checkpoint = self._folder.read_shot(number)
+            entry = {"event": SHOT, "at": shot.time, **shot_entry(shot)}
+            # a rig that was brought into its safe state since then is no longer where the shot left it
+            later = bool(events) and events[-1]["event"] == SAFE
+            self._folder.append(entry if later else {**entry, "rig": checkpoint})
+        if progress_of(events).state is not State.DONE:
+            self._folder.append({"event": STARTED})
 
     def _next_number(self) -> int:
         numbers = self._folder.shot_numbers()
@@ -307,10 +333,13 @@ class SessionRunner:
 
     def _tries_since_start(self, shots: list[dict[str, Any]]) -> int:
         """Taps at this load since the program was started last: who resumes may try again."""
+        return len(self._since_start(shots))
+
+    def _since_start(self, entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        """Those of the entries that were written since the program was started last."""
         events = self._folder.events()
         start = max(i for i, e in enumerate(events) if e["event"] == STARTED)
-        since = {e["number"] for e in events[start:] if e["event"] == SHOT}
-        return sum(e["number"] in since for e in shots)
+        return [e for e in entries if e in events[start:]]
 
     # --- the rig --------------------------------------------------------------------------------------------
 
@@ -331,11 +360,19 @@ class SessionRunner:
             self._interlock.check()
 
     def _tell(self, state: State, text: str) -> None:
+        """Show what goes on, and heed a wish to interrupt."""
         self._bench.observer.progress(state, text)
+        if state is not State.CONNECT:
+            self._bench.control.check(self._hold)
 
     def _leave_safely(self, error: BaseException) -> None:
+        """Take the surfaces apart, say in the journal and with the error whether that worked."""
         troubles = self._interlock.make_safe()
         for trouble in troubles:
             error.add_note(trouble)
         if not troubles:
-            self._note(SAFE, reason=str(error) or type(error).__name__)
+            error.add_note("the surfaces are apart; 'mesotap resume' goes on")
+        try:
+            self._note(SAFE, reason=str(error) or type(error).__name__, troubles=troubles)
+        except RecordingError as unwritten:
+            error.add_note(str(unwritten))

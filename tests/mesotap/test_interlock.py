@@ -82,6 +82,7 @@ def test_limit_holds_whatever_the_gauge_does(tmp_path, state, fault, higher_um):
         assert rig.peak_true_load_mn <= allowed_mn(config)
         assert rig.true_load_mn() == 0.0, "the surfaces are not apart"
         assert not rig.stage.read().locked
+        assert reading or rig.load_cell.fault == fault, "the fault never happened"
         if error is not None:
             assert str(error).count("\n") == 0
             assert len(str(error)) > 20

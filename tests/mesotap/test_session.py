@@ -67,27 +67,46 @@ def test_the_same_seed_is_the_same_session_and_another_is_not(tmp_path):
     assert not np.array_equal(records[0], records[2])
 
 
-class EndAt:
-    """A control that ends the session at its n-th check."""
+class Interrupt:
+    """A control that raises at its n-th check within a state; give it the runner once that is made."""
 
-    def __init__(self, checks: int) -> None:
-        self.left = checks
+    def __init__(self, error: BaseException, state: State, nth: int = 1) -> None:
+        self.error, self.state, self.left = error, state, nth
+        self.runner = None
 
     def check(self, hold) -> None:
         hold()
-        self.left -= 1
-        if self.left == 0:
-            raise SessionAborted("ended by the operator")
+        if self.runner is not None and self.runner.progress.state is self.state:
+            self.left -= 1
+            if self.left == 0:
+                raise self.error
 
 
-@pytest.mark.parametrize("checks", [1, 2, 3, 4, 5, 6, 7, 8, 10, 11])
-def test_an_ended_session_is_safe_and_goes_on(tmp_path, checks):
+RUNNING = [
+    (State.PRE_CALIBRATION, 1),
+    (State.PRE_CALIBRATION, 3),
+    (State.APPROACH, 1),
+    (State.APPROACH, 40),
+    (State.SET_LOAD, 2),
+    (State.LOCK, 3),
+    (State.TAP, 1),
+    (State.TAP, 2),
+    (State.RETRACT, 1),
+    (State.POST_CALIBRATION, 2),
+]
+
+
+@pytest.mark.parametrize(("state", "nth"), RUNNING, ids=lambda x: getattr(x, "name", x))
+def test_an_ended_session_is_safe_and_goes_on(tmp_path, state, nth):
     config = small_config()
     rig = simulated_rig(config)
-    folder, runner = new_runner(tmp_path / "s", config, rig, control=EndAt(checks))
+    control = Interrupt(SessionAborted("ended by the operator"), state, nth)
+    folder, runner = new_runner(tmp_path / "s", config, rig, control=control)
+    control.runner = runner
     with folder:
-        with pytest.raises(SessionAborted):
+        with pytest.raises(SessionAborted) as ended:
             runner.run()
+        assert any("surfaces are apart" in note for note in ended.value.__notes__)
         assert rig.true_load_mn() == 0.0
         kept = {s.number: s.acceleration.tobytes() for s in folder.shots()}
         again = runner_in(folder, config, simulated_rig(config))
@@ -97,6 +116,104 @@ def test_an_ended_session_is_safe_and_goes_on(tmp_path, checks):
     assert [s.number for s in shots] == list(range(len(shots)))
     for number, record in kept.items():
         assert shots[number].acceleration.tobytes() == record
+
+
+def killed_while_tapping(tmp_path, config) -> SessionFolder:
+    """A session whose program died between taps, the load still on."""
+    control = Interrupt(KeyError("killed"), State.TAP, 2)
+    folder, runner = new_runner(tmp_path / "s", config, control=control)
+    control.runner = runner
+    with pytest.raises(KeyError):
+        runner.run()
+    assert progress_of(folder.events()).state is State.TAP
+    return folder
+
+
+def test_an_interrupt_while_connecting_again_is_safe_too(tmp_path):
+    config = small_config()
+    with killed_while_tapping(tmp_path, config) as folder:
+        rig = simulated_rig(config)
+        restore, count = rig.restore, 0
+
+        def interrupted(state):
+            nonlocal count
+            restore(state)
+            count += 1
+            if count == 2:
+                raise SessionAborted("Ctrl-C")
+
+        rig.restore = interrupted
+        with pytest.raises(SessionAborted):
+            runner_in(folder, config, rig).run()
+        assert rig.true_load_mn() == 0.0
+        assert folder.events()[-1]["event"] == "safe"
+        runner_in(folder, config, simulated_rig(config)).run()
+        assert sum(s.accepted for s in folder.shots()) == 4
+
+
+def test_a_stage_that_did_not_retract_is_told(tmp_path):
+    config = small_config()
+    with killed_while_tapping(tmp_path, config) as folder:
+        rig = simulated_rig(config)
+        rig.stage.move_by = lambda step_um, aim="": rig.stage.read()
+        control = Interrupt(SessionAborted("ended"), State.TAP)
+        runner = runner_in(folder, config, rig, control=control)
+        control.runner = runner
+        with pytest.raises(SessionAborted) as ended:
+            runner.run()
+        assert any("still shows" in note for note in ended.value.__notes__)
+        assert not any("are apart;" in note for note in ended.value.__notes__)
+        assert progress_of(folder.events()).contact is not None
+
+
+def test_a_shot_recorded_just_before_the_end_does_not_undo_the_safe_state(tmp_path):
+    config = small_config()
+    with killed_while_tapping(tmp_path, config) as folder:
+        entries = folder.events()
+        shot = max(i for i, e in enumerate(entries) if e["event"] == "shot")
+        checkpoint = entries[shot]["rig"]
+        journal = folder.path / "journal.jsonl"
+    lines = journal.read_text().splitlines()
+    safe = json.dumps({"event": "safe", "troubles": [], "rig": {**checkpoint, "stage": RETRACTED}})
+    journal.write_text("\n".join([*lines[:shot], safe]) + "\n")
+    with SessionFolder.open(tmp_path / "s") as folder:
+        runner_in(folder, config, simulated_rig(config)).run()
+        assert sum(s.accepted for s in folder.shots()) == 4
+
+
+RETRACTED = {"knob_um": 50.0, "carriage_um": 50.0, "locked": False}
+
+
+def test_a_plan_that_goes_down_and_up_again(tmp_path):
+    config = small_config("mesotap.load_plan_mn=[900, 300, 600, 300]", "mesotap.impacts_per_load=1")
+    folder, runner = new_runner(tmp_path / "s", config)
+    with folder:
+        runner.run()
+        loads = [s.load_before_mn for s in folder.shots() if s.accepted]
+    assert loads == pytest.approx([900, 300, 600, 300], abs=10)
+
+
+def test_a_shot_file_that_is_gone_stops_everything(tmp_path):
+    config = small_config()
+    folder, runner = new_runner(tmp_path / "s", config)
+    with folder:
+        runner.run()
+        (tmp_path / "s" / "shots" / "00001.h5").unlink()
+        with pytest.raises(RecordingError, match="shot 00001"):
+            runner_in(folder, config, simulated_rig(config))
+
+
+def test_damped_tube_springs_do_not_count_as_contact_damping(tmp_path):
+    config = small_config("sim_backend.tube_damping_ratio=0.003", "mesotap.load_plan_mn=[500, 800]")
+    folder, runner = new_runner(tmp_path / "s", config)
+    with folder:
+        runner.run()
+    _, results, progress = analysed(config, tmp_path / "s")
+    assert any("zeta1" in note for note in results.notes)
+    for load, truth in zip(results.loads, progress.truths, strict=True):
+        true = truth["contact_damping_n_s_per_m"]
+        assert load.contact_damping_n_s_per_m.low <= true <= load.contact_damping_n_s_per_m.high
+        assert load.contact_damping_n_s_per_m.value == pytest.approx(true, rel=0.1)
 
 
 def test_a_session_is_ended_only_once(tmp_path):
@@ -135,30 +252,17 @@ def test_taps_too_weak_to_be_felt_end_in_a_question_not_in_silence(tmp_path):
 
 def test_a_load_that_is_not_what_it_was_is_set_anew(tmp_path):
     config = small_config()
-    folder, runner = new_runner(tmp_path / "s", config, control=Killed(8))
-    with folder:
-        with pytest.raises(KeyError):
-            runner.run()
-        assert progress_of(folder.events()).state is State.TAP
+    with killed_while_tapping(tmp_path, config) as folder:
         rig = simulated_rig(config)
         restore = rig.restore
         rig.restore = lambda state: (restore(state), rig.stage.unlock(), rig.stage.move_by(-4.0))
         watching = Watching()
+        control = Interrupt(KeyError("killed"), State.APPROACH)
+        runner = runner_in(folder, config, rig, control=control, observer=watching)
+        control.runner = runner
         with pytest.raises(KeyError):
-            runner_in(folder, config, rig, control=Killed(2), observer=watching).run()
+            runner.run()
         assert any("is set anew" in text for _, text in watching.seen)
-
-
-class Killed:
-    """Stops the runner without giving it time to clean up, as a kill does."""
-
-    def __init__(self, checks: int) -> None:
-        self.left = checks
-
-    def check(self, hold) -> None:
-        self.left -= 1
-        if self.left == 0:
-            raise KeyError("killed")
 
 
 @pytest.fixture(autouse=True)
@@ -185,7 +289,7 @@ def test_a_gauge_that_drifted_is_told_at_every_load(tmp_path):
 
 
 def test_a_session_turned_by_hand(tmp_path):
-    config = small_config("sim_backend.stage.hand_turned=true", "mesotap.load_tolerance_mn=15")
+    config = small_config("rig.parts.stage=hand", "mesotap.load_tolerance_mn=15")
     rig = simulated_rig(config)
     folder, runner = new_runner(tmp_path / "s", config, rig)
     with folder:

@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 DEMO := demo
 SEED := 1
 
-.PHONY: demo test check unit lint types layers kills recovery clean
+.PHONY: demo test check unit lint types layers kills recovery bench clean
 
 demo: $(VENV)/.installed
 	rm -rf $(DEMO)
@@ -38,6 +38,15 @@ kills: $(VENV)/.tested
 # 200 seeded loads: does every interval cover as often as it says?
 recovery: $(VENV)/.installed
 	$(BIN)/python benchmarks/recovery.py
+
+# modal identification against the Cramer-Rao bound and beside other programs, in a virtualenv of its own
+bench: .venv-bench/.installed
+	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/modal.py $(BENCH_ARGS)
+
+.venv-bench/.installed: pyproject.toml
+	$(PYTHON) -m venv .venv-bench
+	.venv-bench/bin/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
+	touch $@
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV) || { echo "mesotap: '$(PYTHON) -m venv' failed; on Debian: apt-get install python3-venv" >&2; rm -rf $(VENV); exit 2; }

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from analysis.modal.modes import sampled_pole
 from analysis.stiffness import contact_from_pole, pole
+from rig.settings import Filter
 from sim_backend.pulses import half_sine
 from sim_backend.recorder import analog_filter
 from sim_backend.ring_down import ring_down_linear
-from sim_backend.settings import Filter
 from sim_backend.two_mass import TwoMass
 
 Real = NDArray[np.float64]

@@ -118,7 +118,11 @@ def quiet(identify: Identify, y: Real, rate: float) -> Complex:
     """Run a peer without its prints and warnings."""
     logging.disable(logging.WARNING)
     try:
-        with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        with (
+            warnings.catch_warnings(),
+            contextlib.redirect_stdout(io.StringIO()),
+            contextlib.redirect_stderr(io.StringIO()),
+        ):
             warnings.simplefilter("ignore")
             return identify(y, rate)
     finally:

@@ -94,6 +94,7 @@ def write_report(
     recovered = None if truth is None else recovered_against(results, truth)
     page = _environment().get_template("report.html")
     drift = results.calibration is not None and results.calibration.drifted
+    footnotes = _footnotes(results.loads)
     html = page.render(
         session=session,
         results=results,
@@ -107,7 +108,8 @@ def write_report(
         spectra=figures.shown_spectra(results),
         amplitudes=figures.shown_amplitudes(results),
         checked=[c for load in results.loads if (c := spectral_check(load)) is not None],
-        marks=_note_marks(results.loads),
+        footnotes=footnotes,
+        marks=_note_marks(footnotes),
         ratios=ratios,
         taps=_taps(results),
         rejected=[(i, _shot(session, i)) for i in results.impacts if not i.accepted],
@@ -235,6 +237,7 @@ def _environment() -> Environment:
     environment.filters["digits"] = lambda value, count=3: _typographic(significant(value, count))
     environment.filters["signed"] = _signed
     environment.filters["moment"] = lambda text: text.replace("T", " ").removesuffix("Z")
+    environment.filters["prose"] = lambda text: text.replace(" %", "\N{NO-BREAK SPACE}%").replace("m/s2", "m/s²")
     return environment
 
 
@@ -285,10 +288,21 @@ def _shot(session: Session, impact: ImpactResult) -> Shot | None:
     return next((shot for shot in session.shots if shot.name == impact.name), None)
 
 
-def _note_marks(loads: Sequence[LoadResult]) -> dict[str, str]:
-    """Give each distinct note of the loads a letter, in order."""
-    notes = dict.fromkeys(note for load in loads for note in load.notes)
-    return {note: _letter(index) for index, note in enumerate(notes)}
+def _footnotes(loads: Sequence[LoadResult]) -> list[list[str]]:
+    """Return the footnotes of each load: each note that other loads have too, and all that only it has as one."""
+    loads_with = Counter(note for load in loads for note in set(load.notes))
+    footnotes = []
+    for load in loads:
+        notes = list(dict.fromkeys(load.notes))
+        own = [note for note in notes if loads_with[note] == 1]
+        footnotes.append([note for note in notes if loads_with[note] > 1] + (["; ".join(own)] if own else []))
+    return footnotes
+
+
+def _note_marks(footnotes: Sequence[Sequence[str]]) -> dict[str, str]:
+    """Give each distinct footnote a letter, in order."""
+    distinct = dict.fromkeys(note for of_load in footnotes for note in of_load)
+    return {note: _letter(index) for index, note in enumerate(distinct)}
 
 
 def _letter(index: int) -> str:

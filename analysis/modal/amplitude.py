@@ -26,6 +26,8 @@ SHORTEST_PERIODS = 8  # of the mode in a window
 LONGEST_SHARE = 0.25  # of the record in a window
 LARGEST_ERROR = 0.25  # standard error of the damping ratio, relative, up to which a window says something
 MOST_WINDOWS = 40
+LARGEST_CHANGE = 0.1  # of the frequency: further off it is another mode
+FAINT = 100.0  # energy of the mode in a window over the noise's variance: less can be a line of the noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,10 +93,12 @@ def along_the_decay(
             complex(fit.poles[0]), fit.log_pole_covariance[0], fit.amplitudes[:, 0], sample_rate_hz
         )
         f, zeta = found.frequency_hz, found.damping_ratio
-        if (
-            zeta.standard_error > LARGEST_ERROR * abs(zeta.value)
-            or abs(f.value / _frequency(pole, sample_rate_hz) - 1) > 0.1
-        ):
+        lasts = (1 - abs(fit.poles[0]) ** (2 * length)) / max(1 - abs(fit.poles[0]) ** 2, 1e-9)
+        energy = 2 * float((np.abs(fit.amplitudes[:, 0]) ** 2 / fit.noise_variance).sum()) * lasts
+        unsure = zeta.standard_error > LARGEST_ERROR * abs(zeta.value)
+        if energy < FAINT or unsure or abs(f.value / _frequency(pole, sample_rate_hz) - 1) > LARGEST_CHANGE:
+            if points:
+                break  # the mode is over: what comes later is noise
             continue
         middle = abs(fit.poles[0]) ** (length / 2)
         amplitude = 2 * float(np.max(np.abs(fit.amplitudes[:, 0]))) * middle

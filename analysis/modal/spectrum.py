@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage, signal
 
 from calibration.estimate import Estimate
 
@@ -25,6 +26,8 @@ FEWEST_LINES = 3 * (SMOOTH_DEGREE + 1)
 ROUNDS = 12
 SETTLED = 1e-4
 PADDING = 2
+SMOOTHED_LINES = 5
+LEAST_PROMINENCE = 0.7  # of a peak, in the logarithm of the power
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +63,10 @@ def spectral_mode(decays: Sequence[Real], sample_rate_hz: float, from_hz: float,
     band = np.flatnonzero((omega > 2 * np.pi * from_hz) & (omega < 2 * np.pi * to_hz))
     if band.size < FEWEST_LINES:
         return None
-    pole = _first_guess(omega, spectra, band, added)
+    guess = _first_guess(omega, spectra, band, added)
+    if guess is None:
+        return None
+    pole = guess
     for _ in range(ROUNDS):
         sums = _sums(omega, spectra, band, pole)
         if sums is None:
@@ -83,12 +89,16 @@ def spectral_mode(decays: Sequence[Real], sample_rate_hz: float, from_hz: float,
     return SpectralMode(Estimate(whole[0], float(spread[0]), m - 1), Estimate(whole[1], float(spread[1]), m - 1))
 
 
-def _first_guess(omega: Real, spectra: Complex, band: NDArray[np.int64], added: float) -> complex:
-    """Peak of the averaged power, and its width at half of that."""
-    power = (np.abs(spectra) ** 2).mean(axis=0)
-    peak = int(band[np.argmax(power[band])])
-    high = np.flatnonzero(power[band] > 0.5 * power[peak])
-    width = max(float(omega[1]) * high.size / 2, added)
+def _first_guess(omega: Real, spectra: Complex, band: NDArray[np.int64], added: float) -> complex | None:
+    """Most prominent peak of the averaged power in the band, and its width at half of that; None without a peak."""
+    power = ndimage.uniform_filter1d((np.abs(spectra) ** 2).mean(axis=0), SMOOTHED_LINES)
+    peaks, found = signal.find_peaks(np.log(power[band] + np.finfo(np.float64).tiny), prominence=LEAST_PROMINENCE)
+    if not peaks.size:
+        return None
+    # prominence alone would fall for a notch in the noise: a peak also has to be high
+    peak = int(band[peaks[np.argmax(found["prominences"] + np.log(power[band[peaks]]))]])
+    high = np.flatnonzero(np.cumprod(power[peak:] > 0.5 * power[peak]))
+    width = max(float(omega[1]) * high.size, added)
     return complex(-width, omega[peak])
 
 

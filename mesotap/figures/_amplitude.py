@@ -173,4 +173,6 @@ def _draw(axes: Axes, readings: Sequence[_Reading], colour: str, marker: str) ->
     for r in readings:
         if r.value < low or r.value > high:
             edge, triangle = (low, "v") if r.value < low else (high, "^")
-            axes.plot(r.amplitude, edge, marker=triangle, mfc="white", mec=colour, markersize=4.5, mew=0.8, clip_on=False)
+            axes.plot(
+                r.amplitude, edge, marker=triangle, mfc="white", mec=colour, markersize=4.5, mew=0.8, clip_on=False
+            )

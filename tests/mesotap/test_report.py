@@ -19,6 +19,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from analysis.contact.theory import TheoryCurve
+from analysis.modal.amplitude import AmplitudePoint
+from analysis.modal.spectrum import SpectralMode
 from analysis.published import reanalyse
 from analysis.results import (
     ImpactResult,
@@ -34,7 +36,8 @@ from calibration.gauge import GaugeResult
 from daq.records import CalibrationPoints, RigDescription, Session, Shot
 from mesotap import figures
 from mesotap.report import published_report, recording_report, results_json, with_uncertainty, write_report
-from mesotap.results_files import json_text, modes_json
+from mesotap.comparison import recovered_against
+from mesotap.results_files import impacts_csv, json_text, loads_csv, modes_json
 from mesotap.rounding import significant
 
 M1, M2, K = 0.107, 0.108, 0.5379e6
@@ -100,6 +103,20 @@ def box_of(values: list[float]) -> BoxStatistics:
     return BoxStatistics(float(q1), float(median), float(q3), min(inside), max(inside), outliers)
 
 
+def follow(frequency_hz: float, damping_ratio: float, points: int = 6) -> tuple[AmplitudePoint, ...]:
+    """Return a mode that softens: its frequency falls by 0.1 % of its value for every m/s2."""
+    amplitudes = 2.0 * 0.4 ** np.arange(points)
+    return tuple(
+        AmplitudePoint(
+            float(a),
+            0.01 * number,
+            Estimate(frequency_hz * (1 - 0.001 * float(a)), 2e-5 * frequency_hz, 7),
+            Estimate(damping_ratio, 0.01 * damping_ratio, 7),
+        )
+        for number, a in enumerate(amplitudes)
+    )
+
+
 def make_load(load_set: int, impacts: list[ImpactResult], shots: list[Shot]) -> LoadResult:
     used = [i for i in impacts if i.accepted]
     values = {q: [getattr(i, q).value for i in used] for q in ("f1_hz", "f2_hz", "zeta1", "zeta2")}
@@ -124,6 +141,10 @@ def make_load(load_set: int, impacts: list[ImpactResult], shots: list[Shot]) -> 
         stiffness_box=box_of(ks),
         damping_box=box_of(values["zeta2"]),
         spectrum=Spectrum(np.arange(spectrum.size) * RATE / (SAMPLES - PRETRIGGER), spectrum),
+        spectral_mode=SpectralMode(
+            Estimate(1.001 * TABLE_5_HZ[load_set], 0.4, 7), Estimate(0.97 * DAMPING[load_set], 0.0001, 7)
+        ),
+        along_decay=follow(TABLE_5_HZ[load_set], DAMPING[load_set]),
         notes=("stiffness grows with amplitude: 1.3 % from the weakest tap to the strongest",) if load_set == 0 else (),
     )
 
@@ -216,6 +237,7 @@ class Page(HTMLParser):
         self.tags: list[str] = []
         self.references: list[str] = []
         self.ids: list[str] = []
+        self.labels: list[str] = []
         self.words: list[str] = []
         self.feed(html)
         self.close()
@@ -224,6 +246,7 @@ class Page(HTMLParser):
         self.tags.append(tag)
         given = dict(attrs)
         self.references += [v or "" for k, v in attrs if k in {"src", "href", "xlink:href", "srcset", "data", "action"}]
+        self.labels += [v or "" for k, v in attrs if k == "aria-label"]
         self.ids += [v or "" for k, v in attrs if k == "id"]
         if tag not in VOID and "/" not in given:
             self.open.append(tag)
@@ -274,7 +297,7 @@ def page(written: Path) -> Page:
 
 def test_writes_page_numbers_and_figures(written: Path) -> None:
     found = {str(p.relative_to(written)) for p in written.rglob("*") if p.is_file()}
-    names = ("calibration", "damping", "impacts", "record", "spectra", "stiffness")
+    names = ("amplitude", "calibration", "damping", "impacts", "record", "spectra", "stiffness")
     assert found == {"report.html", "results.json", "results.csv", "impacts.csv", *(f"figures/{n}.pdf" for n in names)}
 
 
@@ -336,19 +359,127 @@ def test_drift_is_said_wherever_loads_are(page: Page, tmp_path: Path) -> None:
     drifted = Page(report(tmp_path, *make_session(loads=2, drifted=True)))
     assert "The strain gauge drifted. Before and after differ by 0.9 %." in drifted.text
     tables, heads = drifted.tags.count("table"), drifted.text.count("Load † mN")
-    assert (tables, heads) == (4, 3)  # the table of rejected taps holds targets, not loads
-    assert drifted.text.count("† The strain gauge drifted: loads are in doubt.") == heads + 2
+    assert (tables, heads) == (5, 4)  # the table of rejected taps holds targets, not loads
+    captions = 5  # all but those of calibration and record
+    assert drifted.text.count("† The strain gauge drifted: loads are in doubt.") == heads + captions
+    assert sum("loads are in doubt" in label for label in drifted.labels) == captions
+    assert not any("drifted" in label for label in page.labels)
     assert "†" not in page.text
 
 
 @pytest.mark.parametrize(
-    "draw", [lambda r: figures.stiffness_figure(r, THEORY), figures.damping_figure, figures.impacts_figure]
+    "draw",
+    [
+        lambda r: figures.stiffness_figure(r, THEORY),
+        figures.damping_figure,
+        figures.impacts_figure,
+        figures.spectra_figure,
+        figures.amplitude_figure,
+    ],
 )
-def test_load_axes_have_a_footnote_after_drift(draw: Callable[[SessionResults], Any]) -> None:
+def test_figures_with_loads_have_a_footnote_after_drift(draw: Callable[[SessionResults], Any]) -> None:
     sound, drifted = (make_session(loads=2, drifted=d)[1] for d in (False, True))
     labels = [[axes.get_xlabel() for axes in draw(results).axes] for results in (sound, drifted)]
     assert "†" not in "".join(labels[0])
     assert labels[1][-1].endswith("† The strain gauge drifted: loads are in doubt.")
+
+
+def test_drift_is_in_every_row_of_the_files() -> None:
+    for drift in (False, True):
+        results = make_session(loads=2, drifted=drift)[1]
+        said = replace(results.loads[0], notes=("the strain gauge drifted during the test: widened",) * drift)
+        results = replace(results, loads=(said, results.loads[1]))
+        tables = [list(csv.DictReader(text.splitlines())) for text in (loads_csv(results), impacts_csv(results))]
+        mapping = results_json(results)
+        rows = [row["notes"] for table in tables for row in table]
+        rows += ["; ".join(row["notes"]) for part in ("loads", "impacts") for row in mapping[part]]
+        assert len(rows) == 2 * (2 + 17)
+        assert {row.count("the strain gauge drifted") for row in rows} == {int(drift)}
+
+
+def test_file_of_the_simulated_rig_is_called_simulated(small: tuple[Session, SessionResults], tmp_path: Path) -> None:
+    text = Page(report(tmp_path, replace(small[0], software="mesotap 0.1.0 (simulated rig)"), small[1])).text
+    assert "Simulated. These taps" in text
+    assert "Recovered against true" not in text
+
+
+@pytest.mark.parametrize(("true", "deviation"), [(1e-7, None), (0.0, None), (-2e-6, None), (0.004, -50.0)])
+def test_no_share_of_next_to_nothing(
+    small: tuple[Session, SessionResults], true: float, deviation: float | None
+) -> None:
+    load = replace(small[1].loads[0], zeta1=Estimate(0.002, 0.001 if deviation is None else 0.0015))
+    truth = [{"load_set": 0, "zeta1": true}]
+    found = recovered_against(replace(small[1], loads=(load,)), truth)[0][1]["zeta1"]
+    assert found.deviation_percent == (None if deviation is None else pytest.approx(deviation))
+    assert found.inside is (load.zeta1 is not None and load.zeta1.low <= true <= load.zeta1.high)
+
+
+def test_dash_keeps_the_verdict(small: tuple[Session, SessionResults], tmp_path: Path) -> None:
+    loads = tuple(replace(load, zeta1=Estimate(1e-6, 1e-5)) for load in small[1].loads)
+    truth = [entry | {"zeta1": 1e-9} for entry in make_truth(small[1])]
+    text = Page(report(tmp_path, small[0], replace(small[1], loads=loads), truth=truth)).text
+    assert text.count("– inside") == 2
+    assert "A dash for the deviation" in text
+
+
+def test_loads_without_calibration_are_those_of_the_file(
+    small: tuple[Session, SessionResults], page: Page, tmp_path: Path
+) -> None:
+    bare = Page(report(tmp_path, replace(small[0], pre=None, post=None), replace(small[1], calibration=None))).text
+    assert bare.lower().count("loads are those written in the session file") == 4
+    assert "Loads are the gauge's voltages" not in bare
+    assert "written in the session file" not in page.text
+
+
+def test_spectra_are_held_against_the_fit(small: tuple[Session, SessionResults], tmp_path: Path) -> None:
+    load = replace(small[1].loads[0], f2_hz=Estimate(1410.0, 0.4), zeta2=Estimate(0.028, 1e-4))
+    text = Page(report(tmp_path, small[0], replace(small[1], loads=(load,)))).text
+    assert re.search(r"1410\.00 ± 0\.78 1411\.41 ± 0\.9\d \+0\.10 2\.800 ± 0\.020 2\.716 ± 0\.024 −3\.00", text)
+
+
+def test_change_is_drawn_against_the_table(small: tuple[Session, SessionResults]) -> None:
+    load = replace(small[1].loads[0], f2_hz=Estimate(TABLE_5_HZ[0] * 1.001, 0.4))
+    axes = figures.amplitude_figure(replace(small[1], loads=(load,))).axes
+    change, damping = (np.asarray(a.get_lines()[i].get_ydata()) for a, i in ((axes[0], 1), (axes[1], 0)))
+    amplitude = np.asarray(axes[1].get_lines()[0].get_xdata())
+    assert change == pytest.approx(100 * ((1 - 0.001 * amplitude) / 1.001 - 1))
+    assert damping == pytest.approx(100 * DAMPING[0])
+
+
+def test_one_wild_point_does_not_hide_the_others(small: tuple[Session, SessionResults]) -> None:
+    load = small[1].loads[0]
+    wild = AmplitudePoint(1e-4, 0.2, Estimate(2000.0, 900.0, 2), Estimate(0.9, 5.0, 2))
+    sound = figures.amplitude_figure(replace(small[1], loads=(load,)))
+    other = figures.amplitude_figure(replace(small[1], loads=(replace(load, along_decay=(*load.along_decay, wild)),)))
+    for before, after in zip(sound.axes, other.axes, strict=True):
+        assert after.get_ylim() == pytest.approx(before.get_ylim())
+        assert any(line.get_marker() == "^" for line in after.get_lines())
+
+
+def test_unknown_numbers_along_the_decay(small: tuple[Session, SessionResults], tmp_path: Path) -> None:
+    session, results = small
+    odd = (
+        AmplitudePoint(math.nan, 0.1, Estimate(1410.0, 1.0), Estimate(0.02, 0.01)),
+        AmplitudePoint(0.1, 0.1, Estimate(math.nan, 1.0), Estimate(math.inf, 0.01)),
+        AmplitudePoint(0.2, 0.1, Estimate(1409.0, math.inf), Estimate(-0.01, math.nan)),
+    )
+    check = SpectralMode(Estimate(math.nan, 1.0), Estimate(0.02, math.nan))
+    few = replace(results.loads[1], along_decay=odd[:1], spectral_mode=check, f2_hz=None)
+    lone = replace(results.loads[0], along_decay=(*odd, *results.loads[0].along_decay), spectral_mode=check)
+    text = Page(report(tmp_path, session, replace(results, loads=(lone, few)))).text
+    assert not re.search(r"\b(nan|inf|None)\b", text)
+    written = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))["loads"]
+    assert written[0]["spectral_mode"] == {"frequency_hz": None, "damping_ratio": None}
+    assert written[0]["along_decay"][0]["amplitude_m_s2"] is None
+    assert written[0]["along_decay"][1]["frequency_hz"] is None
+    assert len(written[0]["along_decay"]) == 9
+
+
+def test_notes_of_one_load_share_a_letter(small: tuple[Session, SessionResults], tmp_path: Path) -> None:
+    first, second = small[1].loads
+    loads = (replace(first, notes=("one", "both", "two")), replace(second, notes=("both", "three")))
+    text = Page(report(tmp_path, small[0], replace(small[1], loads=loads))).text
+    assert "a both b one; two c three" in text
 
 
 def test_text_of_users_is_escaped(small: tuple[Session, SessionResults], tmp_path: Path) -> None:
@@ -434,7 +565,7 @@ def test_same_input_gives_the_same_bytes(small: tuple[Session, SessionResults], 
     for name in ("one", "two"):
         write_report(tmp_path / name, *small, THEORY)
     files = sorted(p.relative_to(tmp_path / "one") for p in (tmp_path / "one").rglob("*") if p.is_file())
-    assert len(files) == 10
+    assert len(files) == 11
     for file in files:
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
 
@@ -470,6 +601,11 @@ def test_json_keeps_the_contract(session: tuple[Session, SessionResults]) -> Non
         assert all(isinstance(note, str) for note in load["notes"])
         for quantity in ESTIMATES:
             check_estimate(load[quantity])
+        assert len(load["along_decay"]) == 6
+        for holder in (load["spectral_mode"], *load["along_decay"]):
+            check_estimate(holder["frequency_hz"])
+            check_estimate(holder["damping_ratio"])
+        assert load["along_decay"][0]["amplitude_m_s2"] == 2.0
     for impact in mapping["impacts"]:
         assert re.fullmatch(r"\d{5}", impact["id"])
         assert isinstance(impact["accepted"], bool)
@@ -590,6 +726,24 @@ def test_page_of_a_recording(tmp_path: Path) -> None:
     assert "$tip$ <i>" in page.text
     assert "a <note>" in page.text
     assert not re.search(r"https?:|\bnan\b", path.read_text(encoding="utf-8"))
+
+
+def test_modes_with_most_points_are_followed(tmp_path: Path) -> None:
+    counts = (3, 1, 6, 0, 5, 4, 2)
+    found = tuple(
+        Mode(Estimate(100.0 * n, 0.1), Estimate(0.003, 1e-5), (1.0, 1.0), follow(100.0 * n, 0.003, count))
+        for n, count in enumerate(counts, start=1)
+    )
+    many = RecordingModes("beam.mat", "ml", found)
+    assert [number for number, _ in figures.shown_modes(many)] == [1, 3, 5, 6]
+    page = Page(recording_report(tmp_path, beam(), many).read_text(encoding="utf-8"))
+    assert (tmp_path / "amplitude.pdf").exists()
+    assert page.faults == page.open == []
+    assert len(page.ids) == len(set(page.ids))
+    assert "the 4 with the most points of 5" in page.text
+    written = json.loads((tmp_path / "modes.json").read_text(encoding="utf-8"))["modes"]
+    assert [len(mode["along_decay"]) for mode in written] == list(counts)
+    assert written[0]["along_decay"][0]["amplitude"] == 2.0
 
 
 def test_page_of_a_recording_without_modes(tmp_path: Path) -> None:

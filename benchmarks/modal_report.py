@@ -1,0 +1,370 @@
+"""The table of goals, the page and the figure, from the numbers of `modal.py`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from modal_accuracy import QUANTITIES
+from modal_speed import COMPARABLE, comparable
+
+matplotlib.use("svg")
+from matplotlib import pyplot as plt
+
+F2, ZETA2 = 1, 3
+CONTACT = (F2, ZETA2)
+ALL = (0, 1, 2, 3)
+BLUE, ORANGE, GREEN, GREY = "#0072b2", "#d55e00", "#009e73", "#777777"
+
+
+def _rms(rows: list[dict[str, Any]]) -> Any:
+    return np.array([row["rms"] for row in rows])
+
+
+def _coverage(rows: list[dict[str, Any]]) -> tuple[float, float, float]:
+    inside = np.array([row["inside"] for row in rows])
+    return 100 * float(inside.mean()), 100 * float(inside.min()), 100 * float(inside.max())
+
+
+def _named(case: list[float]) -> str:
+    return f"f2 {case[1]:g} Hz, zeta2 {100 * case[2]:g} %, {case[3]:g} dB"
+
+
+def _verdict(met: bool) -> str:
+    return "met" if met else "**not met**"
+
+
+def _ratio(found: dict[str, Any], quantities: tuple[int, ...], case: int | None) -> tuple[float | None, str]:
+    """Time of the fastest comparable peer over mesotap's, and which it is."""
+    best = comparable(found["speed"]["peers"], quantities, case)
+    if best is None:
+        return None, "none"
+    chosen = range(len(found["speed"]["cases"])) if case is None else (case,)
+    own = sum(found["speed"]["mesotap"]["ms"][c] for c in chosen)
+    return sum(best["ms"][c] for c in chosen) / own, f"{best['peer']}, {best['setting']}"
+
+
+def goals(found: dict[str, Any]) -> list[tuple[str, str, str, str]]:
+    """(what, goal, reached, verdict)."""
+    a, speed, grown = found["accuracy"], found["speed"], found["growth"]
+    free, taps = _rms(a["free"]), _rms(a["taps"])
+    median, worst = float(np.median(free)), float(free.max())
+    where = _named(a["free"][int(free.max(axis=1).argmax())]["case"])
+    tap_median, tap_worst = float(np.median(taps)), float(taps.max())
+    tap_where = _named(a["taps"][int(taps.max(axis=1).argmax())]["case"])
+    bias = max(a["scatter"], key=lambda row: abs(row["bias"]))
+    lost, impacts = sum(sum(r["lost"]) for r in a["faint"]), sum(r["impacts"] for r in a["faint"])
+    own = max(speed["mesotap"]["ms"])
+    mean, low, high = _coverage(a["free"])
+    tap_mean, tap_low, tap_high = _coverage(a["taps"])
+    ratio, peer = _ratio(found, CONTACT, None)
+    single = [_ratio(found, CONTACT, c) for c in range(len(speed["cases"]))]
+    least = min((s for s in single if s[0] is not None), default=(None, "none"))
+    return [
+        ("free decays: rms error over bound, median", "<= 1.05", f"{median:.3f}", _verdict(median <= 1.05)),
+        ("the same, worst combination", "<= 1.15", f"{worst:.3f} ({where})", _verdict(worst <= 1.15)),
+        (
+            "free decays: 95 % intervals that cover",
+            "92 to 98 %",
+            f"{mean:.1f} % (combinations {low:.1f} to {high:.1f} %)",
+            _verdict(low >= 92 and high <= 98),
+        ),
+        ("modes lost at 20 dB", "none stated", f"{lost} of {2 * impacts}", "-"),
+        (
+            "band-pass and pulse: rms error over bound, worst",
+            "<= 1.3",
+            f"{tap_worst:.2f} ({tap_where}); median {tap_median:.2f}",
+            _verdict(tap_worst <= 1.3),
+        ),
+        (
+            "the same: 95 % intervals that cover",
+            "92 to 98 %",
+            f"{tap_mean:.1f} % (combinations {tap_low:.1f} to {tap_high:.1f} %)",
+            _verdict(tap_low >= 92 and tap_high <= 98),
+        ),
+        (
+            "bias of zeta2, f2 scattered by 0.5 %, worst",
+            "< 0.1 %",
+            f"{100 * bias['bias']:.3f} +- {100 * bias['bias_error']:.3f} % ({_named(bias['case'])})",
+            _verdict(abs(bias["bias"]) < 1e-3),
+        ),
+        ("8 x 2 x 5000, slowest of three cases", "<= 1.5 ms", f"{own:.2f} ms", _verdict(own <= 1.5)),
+        (
+            "fastest comparable peer over mesotap, one setting for all cases",
+            ">= 30",
+            "no peer is comparable in all" if ratio is None else f"{ratio:.0f} ({peer})",
+            "-" if ratio is None else _verdict(ratio >= 30),
+        ),
+        (
+            "the same, each peer's best setting case by case, least ratio",
+            ">= 30",
+            "no peer is comparable" if least[0] is None else f"{least[0]:.1f} ({least[1]})",
+            "-" if least[0] is None else _verdict(least[0] >= 30),
+        ),
+        (
+            "growth of time with length",
+            "at most linear",
+            f"n^{grown['time_exponent']:.2f}; last decade n^{grown['last_time_exponent']:.2f}",
+            _verdict(grown["last_time_exponent"] <= 1.05),
+        ),
+        (
+            "growth of peak memory with length",
+            "at most linear",
+            f"n^{grown['memory_exponent']:.2f}; last decade n^{grown['last_memory_exponent']:.2f}",
+            _verdict(grown["last_memory_exponent"] <= 1.05),
+        ),
+    ]
+
+
+def summary_table(found: dict[str, Any]) -> str:
+    """The goals for a terminal."""
+    rows = [("what", "goal", "reached", "")] + [(*r[:3], r[3].strip("*")) for r in goals(found)]
+    return "\n".join(f"{a:64s} {b:15s} {d:8s} {c}" for a, b, c, d in rows)
+
+
+def _table(heading: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    lines = [heading, tuple("---" for _ in heading), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _accuracy_rows(found: dict[str, Any], key: str) -> list[tuple[str, ...]]:
+    """One row per specimen, damping and signal-to-noise ratio: the worst over f2."""
+    groups: dict[tuple[float, ...], list[dict[str, Any]]] = {}
+    for row in found["accuracy"][key]:
+        f1, _, zeta, snr = row["case"]
+        groups.setdefault((f1, zeta, snr), []).append(row)
+    answer = []
+    for (f1, zeta, snr), rows in groups.items():
+        worst = _rms(rows).max(axis=0)
+        mean, low, high = _coverage(rows)
+        name = "flat" if f1 > 300 else "sphere"
+        answer.append(
+            (
+                name,
+                f"{100 * zeta:g}",
+                f"{snr:g}",
+                *(f"{w:.2f}" for w in worst),
+                f"{mean:.1f} ({low:.1f} to {high:.1f})",
+                str(sum(sum(r["lost"]) for r in rows)),
+            )
+        )
+    return answer
+
+
+def _peer_rows(found: dict[str, Any]) -> list[tuple[str, ...]]:
+    speed = found["speed"]
+    own = speed["mesotap"]
+    cell: Callable[[dict[str, Any], int], str] = lambda row, c: (  # noqa: E731
+        f"{row['ms'][c] / own['ms'][c]:.3g}; {row['rms'][c][F2]:.3g}, {row['rms'][c][ZETA2]:.3g}"
+        f"; {max(row['rms'][c][0], row['rms'][c][2]):.3g}"
+    )
+    cases = range(len(speed["cases"]))
+    rows: list[tuple[str, ...]] = [("**mesotap**", "", *(cell(own, c) for c in cases))]
+    for row in speed["peers"]:
+        cells = [row["failure"], *["" for _ in cases][1:]] if "failure" in row else [cell(row, c) for c in cases]
+        rows.append((row["peer"], row["setting"], *cells))
+    return rows
+
+
+def _ratio_rows(found: dict[str, Any]) -> list[tuple[str, ...]]:
+    rows = []
+    for what, quantities in (("f2, zeta2", CONTACT), ("f1, f2, zeta1, zeta2", ALL)):
+        for case in (*range(len(found["speed"]["cases"])), None):
+            name = "one setting for all cases" if case is None else _named(found["speed"]["cases"][case])
+            ratio, peer = _ratio(found, quantities, case)
+            rows.append((what, name, "-" if ratio is None else f"{ratio:.3g}", peer))
+    return rows
+
+
+def _scatter_text(found: dict[str, Any]) -> str:
+    rows = found["accuracy"]["scatter"]
+    averages: dict[float, list[float]] = {}
+    for row in rows:
+        if row["bias_of_average"] is not None:
+            averages.setdefault(row["case"][2], []).append(row["bias_of_average"])
+    told = ", ".join(f"{100 * np.mean(v):+.2g} % at {100 * z:g} %" for z, v in sorted(averages.items()))
+    beyond = [r for r in rows if abs(r["bias"]) > 3 * r["bias_error"]]
+    return (
+        f"Largest bias of zeta2 over {len(rows)} combinations: "
+        f"{100 * max(abs(r['bias']) for r in rows):.3f} %; {len(beyond)} of them differ from zero by more than three "
+        f"of their standard errors (at most {100 * max(r['bias_error'] for r in rows):.3f} %). Averaging the eight "
+        f"records first and fitting the average reads zeta2 wrong by (mean over f2 and noise) {told}."
+    )
+
+
+def _beam_text(found: dict[str, Any]) -> str:
+    if found["beam"] is None:
+        return "The recording was not at hand in this run."
+    rows = []
+    for channel in found["beam"]:
+        for amplitude, f, zeta, error in channel["points"]:
+            rows.append((channel["channel"], f"{amplitude:.3g}", f"{f:.2f}", f"{100 * zeta:.4f} +- {196 * error:.4f}"))
+    return _table(("channel", "amplitude, m/s2", "frequency, Hz", "damping ratio, %"), rows)
+
+
+def markdown(found: dict[str, Any]) -> str:
+    """The page docs/benchmarks/modal.md."""
+    a, speed, grown = found["accuracy"], found["speed"], found["growth"]
+    accuracy_heading = ("specimen", "zeta2, %", "dB", *QUANTITIES, "covered, %", "lost")
+    versions = ", ".join(f"{k} {v}" for k, v in found["versions"].items())
+    lengths = [
+        (f"{n}", f"{t / grown['ms'][0]:.2f}", f"{m:.2f}")
+        for n, t, m in zip(grown["samples"], grown["ms"], grown["mb"], strict=True)
+    ]
+    quick = " A short run: few draws." if found["quick"] else ""
+    return f"""# Modal identification: accuracy and speed
+
+Written by `benchmarks/modal.py` (`make bench`; `make bench BENCH_ARGS=--quick` for a short run that writes nothing).
+{found["date"]}, seed {found["seed"]}, Python {found["python"]}; {versions}.{quick}
+One run on one machine, one thread; times in ms belong to that machine, ratios of times carry further, though a
+shared machine moves them by about 30 %.
+
+{_table(("what", "goal", "reached", ""), goals(found))}
+
+![Accuracy, speed, growth and a real beam](modal.svg)
+
+The bound is the Cramer-Rao bound of `benchmarks/cramer_rao.py`, computed from the true poles and amplitudes with an
+explicit design matrix; it shares no code with the identification. Each error is divided by the bound of its own
+impact. "dB" is the peak of a record over the standard deviation of its white noise. Worst values are the largest of
+{4 * len(a["free"])} root-mean-square ratios, so that chance alone takes them above 1: with N impacts a ratio
+scatters by 1 / sqrt(2 N), {100 / np.sqrt(2 * a["free"][0]["impacts"]):.1f} % for free decays and
+{100 / np.sqrt(2 * a["taps"][0]["impacts"]):.1f} % for taps, and the largest of so many lies some 2.7 of these above
+its mean.
+
+## 1. Free decays
+
+`identify_free_decays`, {a["draws"]} draws of 8 impacts x 2 channels x 5000 samples at 25 kHz in each combination; zeta1
+uniform in 0.1 to 0.5 %, random phases, both modes of like amplitude at the first sample. Root-mean-square error over
+the bound, the worst of three f2; "lost" are modes with no answer or one off by more than six bounds.
+
+{_table(accuracy_heading, _accuracy_rows(found, "free"))}
+
+At 20 dB, {a["faint"][0]["impacts"] // 8} draws each (a lost mode dominates its root mean square):
+
+{_table(accuracy_heading, _accuracy_rows(found, "faint"))}
+
+## 2. Whole taps: pre-trigger, pulse and band-pass
+
+`identify_impacts` on the exact response of Eq. 9 to a half-sine of 0.3 ms through the declared band-pass (first-order
+10 Hz, fourth-order 10 kHz Butterworth), {a["loads"]} loads of 8 impacts in each combination. The bound is that of the
+unfiltered free decay from the first sample after the pulse, so that what the filter and the search for the
+pulse's end cost counts against the result.
+
+{_table(accuracy_heading, _accuracy_rows(found, "taps"))}
+
+## 3. Scatter of f2 between impacts
+
+f2 scattered by 0.5 % from impact to impact. {_scatter_text(found)}
+
+## 4. Speed, beside other programs
+
+All eight impacts fitted separately. In each cell: time over mesotap's; error over bound of f2, of zeta2; the larger
+of f1 and zeta1. Mesotap gets both channels and takes
+{", ".join(f"{t:.2f}" for t in speed["mesotap"]["ms"])} ms (median of many calls, warm); the peers get the mean of the
+channels, which loses nothing and is faster, one impact at a time, times eight. Of a peer's poles the nearest to the
+true ones count. Every Hankel matrix or order that is listed was tried; a short one misses a slow decay, a long one
+costs time.
+
+{_table(("program", "setting", *(_named(c) for c in speed["cases"])), _peer_rows(found))}
+
+The fastest peer within {COMPARABLE:g} bounds, its time over mesotap's:
+
+{_table(("comparable in", "case", "ratio", "peer"), _ratio_rows(found))}
+
+"Case by case" supposes that one knows the damping before choosing the setting. Mesotap has one setting for all, and
+gives uncertainties in that time; of the peers only pyOMA2 gives any, and its were not asked for here.
+
+## 5. Growth with the length of the record
+
+One impact, two channels, 1925 Hz at 2 %. Time relative to the shortest; memory is the largest allocation at once
+beyond the record itself.
+
+{_table(("samples", "time", "peak memory, MB"), lengths)}
+
+## 6. A real beam: damping against amplitude
+
+Mode 1 of the bolted Brake-Reuss beam (`brake-reuss-beam/HammerImpact.mat` of ../shared/data or $MESOTAP_DATA; W. Chen
+et al., Mechanical Systems and Signal Processing 166, 108401 (2022)), each channel against its own amplitude. Read
+elsewhere from this recording: 80.4 Hz, damping 0.24 % at 16 m/s2 falling to 0.14 % at 1 m/s2. The intervals are those
+of white noise.
+
+{_beam_text(found)}
+"""
+
+
+def figure(found: dict[str, Any], path: Path) -> None:
+    """Four panels."""
+    plt.rcParams.update(
+        {"font.size": 8, "svg.hashsalt": "mesotap", "axes.spines.top": False, "axes.spines.right": False}
+    )
+    picture, ((errors, peers), (grown, beam)) = plt.subplots(2, 2, figsize=(9, 6.6), layout="constrained")
+    for key, label, colour, marker, shift in (
+        ("free", "free decays", BLUE, "o", 0.95),
+        ("taps", "taps, band-pass", ORANGE, "s", 1.05),
+    ):
+        rows = found["accuracy"][key]
+        for q, fill in ((F2, colour), (ZETA2, "none")):
+            errors.scatter(
+                [100 * r["case"][2] * shift for r in rows],
+                [r["rms"][q] for r in rows],
+                s=14,
+                marker=marker,
+                facecolors=fill,
+                edgecolors=colour,
+                linewidths=0.8,
+                label=f"{label}: {'f2' if q == F2 else 'zeta2'}",
+            )
+    errors.axhline(1.0, color=GREY, lw=0.8)
+    errors.set(xscale="log", xlabel="zeta2, %", ylabel="rms error / Cramer-Rao bound", title="Accuracy, 40 and 60 dB")
+    errors.set_xticks([0.16, 0.5, 2, 8, 17], ["0.16", "0.5", "2", "8", "17"], minor=False)
+    errors.minorticks_off()
+    errors.set_ylim(bottom=0)
+    errors.legend(frameon=False)
+    speed = found["speed"]
+    colours = plt.get_cmap("tab10").colors
+    for i, name in enumerate(dict.fromkeys(r["peer"] for r in speed["peers"])):
+        rows = [r for r in speed["peers"] if r["peer"] == name and "failure" not in r]
+        x = [float(np.mean(r["ms"])) for r in rows]
+        y = [max(r["rms"][c][q] for c in range(len(r["rms"])) for q in CONTACT) for r in rows]
+        peers.plot(x, y, "o-", ms=4, lw=0.8, color=colours[i], label=name)
+    own = speed["mesotap"]
+    peers.plot(np.mean(own["ms"]), max(r[q] for r in own["rms"] for q in CONTACT), "k*", ms=11, label="mesotap")
+    peers.axhline(COMPARABLE, color=GREY, lw=0.8, ls="--")
+    peers.text(0.02, COMPARABLE * 1.05, "comparable", color=GREY, transform=peers.get_yaxis_transform())
+    peers.set(
+        xscale="log",
+        yscale="log",
+        xlabel="time for 8 x 2 x 5000, ms",
+        ylabel="rms error / bound, worst of f2, zeta2",
+        title="Beside other programs, worst of three cases",
+    )
+    peers.legend(frameon=False, fontsize=7)
+    g = found["growth"]
+    grown.loglog(g["samples"], g["ms"], "o-", color=BLUE, label=f"time, ms: n^{g['time_exponent']:.2f}")
+    grown.loglog(g["samples"], g["mb"], "s-", color=ORANGE, label=f"peak memory, MB: n^{g['memory_exponent']:.2f}")
+    n = np.array(g["samples"], float)
+    grown.loglog(n, g["ms"][-1] * n / n[-1], color=GREY, lw=0.8, ls="--", label="linear")
+    grown.set(xlabel="samples, one impact in two channels", title="Growth with the record's length")
+    grown.legend(frameon=False)
+    if found["beam"] is None:
+        beam.text(0.5, 0.5, "recording not at hand", ha="center", transform=beam.transAxes)
+    else:
+        for channel, colour, marker in zip(found["beam"], (BLUE, ORANGE, GREEN), "os^", strict=False):
+            points = np.array(channel["points"])
+            beam.errorbar(
+                points[:, 0],
+                100 * points[:, 2],
+                196 * points[:, 3],
+                fmt=marker + "-",
+                ms=4,
+                lw=0.8,
+                color=colour,
+                label=channel["channel"],
+            )
+        beam.legend(frameon=False)
+    beam.set(xscale="log", xlabel="amplitude, m/s2", ylabel="damping ratio, %", title="Brake-Reuss beam, mode 1")
+    picture.savefig(path, metadata={"Date": None})
+    plt.close(picture)

@@ -12,7 +12,9 @@ import io
 import logging
 import warnings
 from collections.abc import Callable
+from functools import partial
 from importlib import metadata
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +57,7 @@ def pyyeti_era(rows: int) -> Identify:
     return identify
 
 
-def pyoma_ssi(method: str, rows: int) -> Identify:
+def pyoma_ssi(method: Literal["cov", "dat"], rows: int) -> Identify:
     """pyOMA2: stochastic subspace identification, covariance- or data-driven, with ``rows`` block rows."""
     from pyoma2.functions import ssi
 
@@ -96,13 +98,13 @@ Setting = tuple[str, Callable[[], Identify]]
 PEERS: dict[str, tuple[str, list[Setting]]] = {
     "python-control eigensys_realization": (
         "control",
-        [(f"m = n = {s}", lambda s=s: control_era(s)) for s in (50, 100, 200, 350, 500, 800)],
+        [(f"m = n = {s}", partial(control_era, s)) for s in (50, 100, 200, 350, 500, 800)],
     ),
-    "pyyeti ERA": ("pyyeti", [(f"alpha = beta = {r}", lambda r=r: pyyeti_era(r)) for r in (100, 200, 500)]),
-    "pyOMA2 SSI-cov": ("pyOMA-2", [(f"br = {r}", lambda r=r: pyoma_ssi("cov", r)) for r in (50, 150)]),
-    "pyOMA2 SSI-dat": ("pyOMA-2", [(f"br = {r}", lambda r=r: pyoma_ssi("dat", r)) for r in (50, 150)]),
-    "sdypy-EMA LSCF": ("sdypy-EMA", [(f"order {o}", lambda o=o: sdypy_lscf(o)) for o in (10, 20, 40)]),
-    "mdof ERA": ("mdof", [(f"horizon = nc = {s}", lambda s=s: mdof_era(s)) for s in (100, 200, 500)]),
+    "pyyeti ERA": ("pyyeti", [(f"alpha = beta = {r}", partial(pyyeti_era, r)) for r in (100, 200, 500)]),
+    "pyOMA2 SSI-cov": ("pyOMA-2", [(f"br = {r}", partial(pyoma_ssi, "cov", r)) for r in (50, 150)]),
+    "pyOMA2 SSI-dat": ("pyOMA-2", [(f"br = {r}", partial(pyoma_ssi, "dat", r)) for r in (50, 150)]),
+    "sdypy-EMA LSCF": ("sdypy-EMA", [(f"order {o}", partial(sdypy_lscf, o)) for o in (10, 20, 40)]),
+    "mdof ERA": ("mdof", [(f"horizon = nc = {s}", partial(mdof_era, s)) for s in (100, 200, 500)]),
 }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -125,7 +125,7 @@ def summary_table(found: dict[str, Any]) -> str:
     return "\n".join(f"{a:64s} {b:15s} {d:8s} {c}" for a, b, c, d in rows)
 
 
-def _table(heading: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+def _table(heading: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
     lines = [heading, tuple("---" for _ in heading), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
@@ -136,7 +136,7 @@ def _accuracy_rows(found: dict[str, Any], key: str) -> list[tuple[str, ...]]:
     for row in found["accuracy"][key]:
         f1, _, zeta, snr = row["case"]
         groups.setdefault((f1, zeta, snr), []).append(row)
-    answer = []
+    answer: list[tuple[str, ...]] = []
     for (f1, zeta, snr), rows in groups.items():
         worst = _rms(rows).max(axis=0)
         mean, low, high = _coverage(rows)
@@ -157,10 +157,12 @@ def _accuracy_rows(found: dict[str, Any], key: str) -> list[tuple[str, ...]]:
 def _peer_rows(found: dict[str, Any]) -> list[tuple[str, ...]]:
     speed = found["speed"]
     own = speed["mesotap"]
-    cell: Callable[[dict[str, Any], int], str] = lambda row, c: (  # noqa: E731
-        f"{row['ms'][c] / own['ms'][c]:.3g}; {row['rms'][c][F2]:.3g}, {row['rms'][c][ZETA2]:.3g}"
-        f"; {max(row['rms'][c][0], row['rms'][c][2]):.3g}"
-    )
+
+    def cell(row: dict[str, Any], c: int) -> str:
+        error = row["rms"][c]
+        times = row["ms"][c] / own["ms"][c]
+        return f"{times:.3g}; {error[F2]:.3g}, {error[ZETA2]:.3g}; {max(error[0], error[2]):.3g}"
+
     cases = range(len(speed["cases"]))
     rows: list[tuple[str, ...]] = [("**mesotap**", "", *(cell(own, c) for c in cases))]
     for row in speed["peers"]:
@@ -170,7 +172,7 @@ def _peer_rows(found: dict[str, Any]) -> list[tuple[str, ...]]:
 
 
 def _ratio_rows(found: dict[str, Any]) -> list[tuple[str, ...]]:
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for what, quantities in (("f2, zeta2", CONTACT), ("f1, f2, zeta1, zeta2", ALL)):
         for case in (*range(len(found["speed"]["cases"])), None):
             name = "one setting for all cases" if case is None else _named(found["speed"]["cases"][case])
@@ -324,12 +326,11 @@ def figure(found: dict[str, Any], path: Path) -> None:
     errors.set_ylim(bottom=0)
     errors.legend(frameon=False)
     speed = found["speed"]
-    colours = plt.get_cmap("tab10").colors
     for i, name in enumerate(dict.fromkeys(r["peer"] for r in speed["peers"])):
         rows = [r for r in speed["peers"] if r["peer"] == name and "failure" not in r]
         x = [float(np.mean(r["ms"])) for r in rows]
         y = [max(r["rms"][c][q] for c in range(len(r["rms"])) for q in CONTACT) for r in rows]
-        peers.plot(x, y, "o-", ms=4, lw=0.8, color=colours[i], label=name)
+        peers.plot(x, y, "o-", ms=4, lw=0.8, color=f"C{i}", label=name)
     own = speed["mesotap"]
     peers.plot(np.mean(own["ms"]), max(r[q] for r in own["rms"] for q in CONTACT), "k*", ms=11, label="mesotap")
     peers.axhline(COMPARABLE, color=GREY, lw=0.8, ls="--")

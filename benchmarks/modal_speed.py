@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import tracemalloc
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,7 @@ def beside_the_peers(seed: int, quick: bool) -> dict[str, Any]:
     data = [[free_decays(case, rng) for _ in range(2 if quick else 5)] for case in CASES]
     own: dict[str, Any] = {"ms": [], "rms": []}
     for draws in data:
-        own["ms"].append(1e3 * seconds(lambda y=draws[0][0]: identify_free_decays(y, RATE_HZ), 50 if quick else 400))
+        own["ms"].append(1e3 * seconds(partial(identify_free_decays, draws[0][0], RATE_HZ), 50 if quick else 400))
         ratios = []
         for y, poles, amplitudes, sigmas in draws:
             found = identify_free_decays(y, RATE_HZ)
@@ -105,7 +106,7 @@ def growth(seed: int, quick: bool) -> dict[str, Any]:
     took, peak = [], []
     for n in lengths:
         y = free_decays(CASES[1], rng, n)[0][0]
-        took.append(seconds(lambda y=y: identify_free_decays(y, RATE_HZ), max(5, min(100, 2_000_000 // n))))
+        took.append(seconds(partial(identify_free_decays, y, RATE_HZ), max(5, min(100, 2_000_000 // n))))
         tracemalloc.start()
         identify_free_decays(y, RATE_HZ)
         peak.append(tracemalloc.get_traced_memory()[1])

@@ -21,6 +21,7 @@ Real = NDArray[np.float64]
 
 MAX_ITERATIONS = 60
 CONVERGED = 1e-12  # relative fall of the sum of squares
+LARGEST_CANCELLATION = 1e7  # energy of all columns by themselves over that of the record
 LARGEST_GROWTH = 1.02  # a sampled pole beyond this modulus cannot be a ring-down
 
 
@@ -153,6 +154,20 @@ def _grams(z: Complex, n: int) -> tuple[Complex, Complex, Complex]:
 
 
 @njit(cache=True)
+def _left_over(square: float, amplitudes: Complex, s0: Complex, m0: Complex) -> float:
+    """Sum of squares that given amplitudes leave; infinite where columns nearly cancel and rounding would decide."""
+    left, together = square, 0.0
+    for a in range(amplitudes.shape[0]):
+        left -= 2.0 * (np.conj(amplitudes[a]) * s0[a]).real
+        together += np.abs(amplitudes[a]) ** 2 * m0[a, a].real
+        for b in range(amplitudes.shape[0]):
+            left += (np.conj(amplitudes[a]) * m0[a, b] * amplitudes[b]).real
+    if not together < LARGEST_CANCELLATION * square:
+        return np.inf
+    return max(left, 0.0)
+
+
+@njit(cache=True)
 def _project(y: Real, weight: Real, z: Complex, moving: int) -> tuple[float, Complex, Complex, Complex]:
     """Amplitudes for given poles, sum of squares, and the reduced normal equations of the log poles.
 
@@ -185,10 +200,7 @@ def _project(y: Real, weight: Real, z: Complex, moving: int) -> tuple[float, Com
         square = 0.0
         for k in range(n):
             square += y[ch, k] * y[ch, k]
-        explained = 0.0
-        for a in range(p):
-            explained += (np.conj(amp[a]) * s0[a]).real
-        total += weight[ch] * (square - explained)
+        total += weight[ch] * _left_over(square, amp, s0, m0)
         slope = m1 @ amp
         for a in range(moving):
             gradient[a] += weight[ch] * np.conj(amp[a]) * (s1[a] - slope[a])

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from analysis.modal.era import Hankel, hankel, realise
 from analysis.modal.exponentials import (
     CONVERGED,
+    LARGEST_CANCELLATION,
     LARGEST_GROWTH,
     FitFailure,
     _all_poles,
@@ -114,7 +115,7 @@ def identify_free_decays(y: Real, sample_rate_hz: float, modes: int = 2, known: 
     for start in _starts(y, modes):
         try:
             found = fit_free_decays(y, start, sample_rate_hz, fixed)
-        except FitFailure:
+        except (FitFailure, np.linalg.LinAlgError):
             continue
         left = float(found.noise_variance.sum())
         if best is None or left < best[0]:
@@ -289,6 +290,7 @@ def _project(
     s0 = np.empty(p, np.complex128)
     s1 = np.empty(p, np.complex128)
     total = square
+    explained, together = 0.0, 0.0
     for ch in range(c):
         for a in range(j):
             delta = np.log(np.conj(poles[a] / reference[a]))
@@ -299,13 +301,19 @@ def _project(
         amp = inverse @ s0
         amplitudes[ch] = amp
         for a in range(p):
-            total -= (np.conj(amp[a]) * s0[a]).real
+            explained += 2.0 * (np.conj(amp[a]) * s0[a]).real
+            together += np.abs(amp[a]) ** 2 * m0[a, a].real
+            for b in range(p):
+                explained -= (np.conj(amp[a]) * m0[a, b] * amp[b]).real
         slope = m1 @ amp
         for a in range(moving):
             gradient[a] += np.conj(amp[a]) * (s1[a] - slope[a])
             for b in range(moving):
                 hessian[a, b] += np.conj(amp[a]) * schur[a, b] * amp[b]
-    return total, amplitudes, gradient, hessian
+    total -= explained
+    if not together < LARGEST_CANCELLATION * square:
+        total = np.inf  # columns nearly cancel: rounding would decide
+    return max(total, 0.0), amplitudes, gradient, hessian
 
 
 @njit(cache=True)

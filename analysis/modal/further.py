@@ -27,6 +27,7 @@ APART = 4.0  # half-widths between a further mode and one that is there: closer 
 APART_SHARE = 0.04  # the same as a share of the frequency
 LARGEST_DAMPING = 0.3
 SAME = 0.03  # within which the impacts have to agree on its frequency
+NOISELESS = 1e-18  # share of a record's power below which what is left is rounding
 PARAMETERS = 4  # of a mode in one impact
 
 
@@ -69,6 +70,8 @@ def _candidate(decays: Sequence[Decay], known: Complex) -> complex | None:
         return None
     rest = []
     for d in decays:
+        if not d.fit.noise_variance[0] > NOISELESS * float(np.mean(d.y[d.start :] ** 2)):
+            return None  # nothing but rounding is left
         left = d.y[d.start : d.start + length] - exponentials(d.fit, np.arange(length), known)[0]
         rest.append(left / np.sqrt(d.fit.noise_variance[0]))
     decomposed = hankel(np.array(rest)[:, None, :], LAGS)

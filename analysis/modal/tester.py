@@ -33,6 +33,7 @@ HIGHEST_SHARE = 0.4  # of the sampling rate: no contact resonance is looked for 
 DISAGREEMENT = 5.0  # standard errors (of ERA) between ERA and maximum likelihood that are flagged
 UNSURE_FREQUENCY, UNSURE_DAMPING = 0.05, 0.5  # relative standard errors beyond which no estimate is given
 LEAST_DAMPING_ERROR = 1e-3  # standard error of a damping ratio that is always good enough
+ROUNDING = 1e-16  # of a record's power: less noise than that is taken for this much
 OCTAVE = 0.05  # within which a further mode counts as twice the contact resonance
 EXTENSION_LEVEL = 3.0  # standard deviations of chi-squared by which an earlier start may fit worse
 
@@ -314,7 +315,7 @@ def _earliest_start(
     uncertainty of the extrapolation allow, the pulse was still acting.
     """
     start = safe
-    variance = float(fit.noise_variance[0])
+    variance = max(float(fit.noise_variance[0]), ROUNDING * float(np.mean(y[start:] ** 2)))
     if noise.variance > 0:
         variance = max(variance, noise.variance)
     while start > trigger + 2:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.modal.amplitude import AmplitudePoint
+from analysis.modal.identify import StablePole
 from analysis.modal.spectrum import SpectralMode
 from analysis.statistics import BoxStatistics
 from calibration.estimate import Estimate
@@ -93,9 +94,10 @@ class Mode:
 
 @dataclass(frozen=True, slots=True)
 class RecordingModes:
-    """All that `analyze` answers about any other ring-down."""
+    """All that `analyze` answers about any other ring-down; ``diagram`` is its stabilisation diagram."""
 
     source: str
     method: str
     modes: tuple[Mode, ...]
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
+    diagram: tuple[StablePole, ...] = ()

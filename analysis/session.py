@@ -43,6 +43,8 @@ from rig.settings import Masses, Springs
 
 GUARD_SAMPLES = 8  # before the trigger that may already belong to the tap
 VARIES_LEVEL = 1e-4  # chance of calling a mode that is constant along its decay a changing one, each load
+SURE = 0.1  # relative standard error of the damping up to which a point is quoted
+SMALLEST_PROBABILITY = 1e-10
 BROAD = 0.1  # damping ratio from which a peak is too broad to be read off a spectrum
 SPECTRAL_BIAS = 2e-3, 0.05  # of frequency and damping, relative, that reading a spectrum may have
 TUBE_SHARE_UNSURE = 0.5  # standard error of what is taken off for tube damping, relative: other causes take off nothing
@@ -451,12 +453,14 @@ def _along(
     for probability, what, unit, scale in zip(
         varies(curves), ("frequency_hz", "damping_ratio"), ("Hz", "%"), (1.0, 100.0), strict=True
     ):
-        if probability < VARIES_LEVEL and len(curve) > 1:
-            ends = [getattr(point, what).value * scale for point in (curve[0], curve[-1])]
+        sure = [p for p in curve if p.damping_ratio.standard_error < SURE * abs(p.damping_ratio.value)]
+        if probability < VARIES_LEVEL and len(sure) > 1:
+            ends = [getattr(point, what).value * scale for point in (sure[0], sure[-1])]
+            chance = f"p = {probability:.1g}" if probability > SMALLEST_PROBABILITY else f"p < {SMALLEST_PROBABILITY:g}"
             notes.append(
-                f"the {what.split('_')[0]} of the contact mode changes along the ring-down (p = {probability:.1g}): "
-                f"{ends[0]:.5g} {unit} at {curve[0].amplitude:.2g} m/s2, {ends[1]:.5g} {unit} at "
-                f"{curve[-1].amplitude:.2g} m/s2"
+                f"the {what.split('_')[0]} of the contact mode changes along the ring-down ({chance}): "
+                f"{ends[0]:.5g} {unit} at {sure[0].amplitude:.2g} m/s2, {ends[1]:.5g} {unit} at "
+                f"{sure[-1].amplitude:.2g} m/s2"
             )
     return spectral, curve, notes
 

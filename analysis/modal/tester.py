@@ -33,6 +33,7 @@ HIGHEST_SHARE = 0.4  # of the sampling rate: no contact resonance is looked for 
 DISAGREEMENT = 5.0  # standard errors (of ERA) between ERA and maximum likelihood that are flagged
 UNSURE_FREQUENCY, UNSURE_DAMPING = 0.05, 0.5  # relative standard errors beyond which no estimate is given
 LEAST_DAMPING_ERROR = 1e-3  # standard error of a damping ratio that is always good enough
+NUMERICAL = 1e-6  # relative difference of two methods that is theirs and not the data's
 ROUNDING = 1e-16  # of a record's power: less noise than that is taken for this much
 OCTAVE = 0.05  # within which a further mode counts as twice the contact resonance
 EXTENSION_LEVEL = 3.0  # standard deviations of chi-squared by which an earlier start may fit worse
@@ -371,7 +372,7 @@ def _disagreements(likely: list[ModeEstimate], realised: list[ModeEstimate]) -> 
             ("frequency", a.frequency_hz, b.frequency_hz),
             ("damping", a.damping_ratio, b.damping_ratio),
         ):
-            allowed = DISAGREEMENT * np.hypot(x.standard_error, y.standard_error)
+            allowed = DISAGREEMENT * np.hypot(x.standard_error, y.standard_error) + NUMERICAL * abs(x.value)
             if abs(x.value - y.value) > allowed:
                 notes.append(
                     f"ERA and maximum likelihood disagree on the {what} of the {name} mode: "

@@ -111,6 +111,7 @@ def modes_of(recording: Recording, method: str) -> RecordingModes:
             for i, m in enumerate(found.modes)
         ),
         notes=(*found.notes, f"the modes leave {100 * found.residual_share:.2g} % of the decay's energy unexplained"),
+        diagram=found.diagram,
     )
 
 

@@ -192,8 +192,9 @@ def _scatter_text(found: dict[str, Any]) -> str:
     return (
         f"Largest bias of zeta2 over {len(rows)} combinations: "
         f"{100 * max(abs(r['bias']) for r in rows):.3f} %; biases beyond three of their "
-        f"standard errors: {len(beyond)} (these are at most {100 * max(r['bias_error'] for r in rows):.3f} %). Averaging "
-        f"the eight records first and fitting the average reads zeta2 wrong by (mean over f2 and noise) {told}."
+        f"standard errors: {len(beyond)} (these are at most {100 * max(r['bias_error'] for r in rows):.3f} %). "
+        f"Averaging the eight records first and fitting the average reads zeta2 wrong by "
+        f"(mean over f2 and noise) {told}."
     )
 
 

@@ -125,7 +125,8 @@ def write_report(
 def recording_report(folder: Path, recording: Recording, modes: RecordingModes) -> Path:
     """Write the page of a recording that is no session: ``report.html``, ``modes.json`` and ``modes.pdf``.
 
-    Where a mode could be followed along the ring-down, ``amplitude.pdf`` too.
+    Where a mode could be followed along the ring-down ``amplitude.pdf`` too, and with a stabilisation diagram
+    ``stabilisation.pdf``.
 
     Parameters
     ----------
@@ -150,6 +151,11 @@ def recording_report(folder: Path, recording: Recording, modes: RecordingModes) 
         drawn = figures.mode_amplitude_figure(recording, modes)
         figures.save(drawn, folder / "amplitude.pdf")
         along = Plate(Markup(figures.inline_svg(drawn, "mode-amplitude", LABELS["mode-amplitude"])))
+    diagram = None
+    if modes.diagram:
+        drawn = figures.stabilisation_figure(modes)
+        figures.save(drawn, folder / "stabilisation.pdf")
+        diagram = Plate(Markup(figures.inline_svg(drawn, "stabilisation", LABELS["stabilisation"])))
     _written(folder / "modes.json", json_text(modes_json(modes)))
     data = np.atleast_2d(np.asarray(recording.data))
     names = [str(recording.names[c]) if c < len(recording.names) else f"channel {c}" for c in range(data.shape[0])]
@@ -162,6 +168,7 @@ def recording_report(folder: Path, recording: Recording, modes: RecordingModes) 
         plate=Plate(Markup(figures.inline_svg(figure, "modes", LABELS["modes"]))),
         followed=followed,
         along=along,
+        diagram=diagram,
         many=sum(len(mode.along_decay) >= figures.FEWEST_POINTS for mode in modes.modes),
         level_percent=round(100 * LEVEL),
     )  # fmt: skip
@@ -207,6 +214,7 @@ LABELS = {
     "damping": "Damping ratio of the contact mode against load",
     "impacts": "Contact stiffness of each impact in order, as deviation from the combined estimate of its load",
     "amplitude": "Frequency change and damping ratio of the contact mode against its amplitude along the ring-down",
+    "stabilisation": "Poles of every model order over frequency, stable ones filled",
     "mode-amplitude": "Frequency change and damping ratio of modes against their amplitude along the ring-down",
     "modes": "Record against time, and spectrum with the identified modes",
 }

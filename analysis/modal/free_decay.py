@@ -124,7 +124,26 @@ def identify_free_decays(y: Real, sample_rate_hz: float, modes: int = 2, known: 
             break
     if best is None:
         raise FitFailure(f"the records do not hold {modes} modes that can be told from their noise")
-    return best[1]
+    return best[1] if _settled(best[1]) else _rescued(y, best[1], fixed)
+
+
+def _rescued(y: Real, found: FreeDecays, known: Complex) -> FreeDecays:
+    """Fit records that stand apart again from where the others are, and keep what leaves less."""
+    poles, spread = found.poles.copy(), found.log_pole_covariance.copy()
+    amplitudes, noise = found.amplitudes.copy(), found.noise_variance.copy()
+    centre = np.median(np.log(poles).real, axis=0) + 1j * np.median(np.log(poles).imag, axis=0)
+    apart = (np.abs(np.log(poles) - centre) > SAME * np.abs(centre)).any(axis=1)
+    for i in np.flatnonzero(apart):
+        try:
+            fit = fit_exponentials(y[i], np.exp(centre), known)
+        except FitFailure:
+            continue
+        variance = float(fit.noise_variance[0])
+        if variance <= noise[i] * (1 + 1e-9):
+            order = np.argsort(np.abs(np.log(fit.poles)))
+            poles[i], spread[i] = fit.poles[order], fit.log_pole_covariance[order]
+            amplitudes[i], noise[i] = fit.amplitudes[:, order], variance
+    return FreeDecays(poles, spread, amplitudes, noise, found.sample_rate_hz)
 
 
 def _settled(found: FreeDecays) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,12 +33,14 @@ REPEATS = 8  # stretches of the record over which the scatter of a fit's score i
 
 @dataclass(frozen=True, slots=True)
 class StablePole:
-    """One pole of the stabilisation diagram."""
+    """One pole of the stabilisation diagram, with its extended modal amplitude coherence and phase collinearity."""
 
     order: int
     frequency_hz: float
     damping_ratio: float
     stable: bool
+    emac: float = float("nan")
+    mpc: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +121,14 @@ def identify_ring_down(
     return RingDownModes(modes, diagram, first, share, tuple(notes))
 
 
+def indicators(diagram: Sequence[StablePole], frequency_hz: float) -> tuple[float, float]:
+    """Medians of EMAC and MPC over the stable poles of the mode at a frequency; NaN without any."""
+    own = [p for p in diagram if p.stable and abs(p.frequency_hz / frequency_hz - 1) < SAME_FREQUENCY]
+    if not own:
+        return float("nan"), float("nan")
+    return float(np.median([p.emac for p in own])), float(np.median([p.mpc for p in own]))
+
+
 def decay_start(y: Real, sample_rate_hz: float) -> int:
     """First sample after the blow: where the running energy is largest, and a millisecond or two periods on."""
     energy = (y**2 / np.maximum((y**2).mean(axis=1, keepdims=True), 1e-300)).sum(axis=0)
@@ -146,7 +157,7 @@ def _stable(realised: list[Realisation], sample_rate_hz: float) -> tuple[tuple[S
             if not 0 < zeta < LARGEST_DAMPING or f > 0.48 * sample_rate_hz:
                 continue
             stable = before is not None and _has_partner(now, m, before)
-            diagram.append(StablePole(now.order, float(f), float(zeta), stable))
+            diagram.append(StablePole(now.order, float(f), float(zeta), stable, float(now.emac[m]), float(now.mpc[m])))
             if stable:
                 energy = float((np.abs(now.shapes[:, m]) ** 2).sum() / max(-s.real, 1e-12))
                 _track(tracks, index, complex(z), energy, float(now.emac[m]))

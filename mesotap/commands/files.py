@@ -15,7 +15,7 @@ from rich.table import Table
 
 from analysis.modal.amplitude import along_the_decay
 from analysis.modal.exponentials import FitFailure
-from analysis.modal.identify import identify_ring_down
+from analysis.modal.identify import identify_ring_down, indicators
 from analysis.results import Mode, RecordingModes, SessionResults
 from analysis.session import AnalysisError
 from daq.errors import RecordingError
@@ -107,6 +107,7 @@ def modes_of(recording: Recording, method: str) -> RecordingModes:
                 m.damping_ratio,
                 tuple(2 * float(a) for a in np.abs(m.amplitude)),
                 tuple(along_the_decay(decay, recording.rate_hz, poles, i)),
+                *indicators(found.diagram, m.frequency_hz.value),
             )
             for i, m in enumerate(found.modes)
         ),
@@ -293,7 +294,7 @@ def _recording_info(recording: Recording, file: Path) -> dict[str, Any]:
 
 def _show_modes(modes: RecordingModes, console: Console) -> None:
     shown = Table(title=f"{escape(modes.source)}: {modes.method}, 95 % intervals")
-    for heading in ("frequency, Hz", "damping, %", "largest amplitude"):
+    for heading in ("frequency, Hz", "damping, %", "largest amplitude", "EMAC", "MPC"):
         shown.add_column(heading, justify="right")
     for mode in modes.modes:
         shown.add_row(

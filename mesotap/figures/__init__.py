@@ -14,6 +14,7 @@ from mesotap.figures._contact import DRIFT_FOOTNOTE, DRIFT_MARK, damping_figure,
 from mesotap.figures._files import inline_svg, save
 from mesotap.figures._impacts import impacts_figure
 from mesotap.figures._recording import Recording, modes_figure
+from mesotap.figures._stabilisation import stabilisation_figure
 from mesotap.figures._tap import record_figure, shown_spectra, spectra_figure
 
 __all__ = [
@@ -35,5 +36,6 @@ __all__ = [
     "shown_modes",
     "shown_spectra",
     "spectra_figure",
+    "stabilisation_figure",
     "stiffness_figure",
 ]

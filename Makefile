@@ -60,4 +60,4 @@ $(VENV)/.tested: $(VENV)/bin/python pyproject.toml
 	touch $(VENV)/.installed $@
 
 clean:
-	rm -rf $(VENV) $(DEMO) build *.egg-info .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .venv-bench $(DEMO) build *.egg-info .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -50,6 +50,8 @@ def modes_json(modes: RecordingModes) -> dict[str, Any]:
                 "frequency_hz": _estimate(mode.frequency_hz),
                 "damping_ratio": _estimate(mode.damping_ratio),
                 "amplitude": [_number(a) for a in mode.amplitude],
+                "emac": _number(mode.emac),
+                "mpc": _number(mode.mpc),
                 "along_decay": [_point(point, "amplitude") for point in mode.along_decay],
             }
             for mode in modes.modes

@@ -298,7 +298,11 @@ def _show_modes(modes: RecordingModes, console: Console) -> None:
         shown.add_column(heading, justify="right")
     for mode in modes.modes:
         shown.add_row(
-            with_uncertainty(mode.frequency_hz), with_uncertainty(mode.damping_ratio, 100), f"{max(mode.amplitude):.4g}"
+            with_uncertainty(mode.frequency_hz),
+            with_uncertainty(mode.damping_ratio, 100),
+            f"{max(mode.amplitude):.4g}",
+            f"{mode.emac:.2f}",
+            f"{mode.mpc:.2f}",
         )
     console.print(shown)
     for note in modes.notes:

@@ -68,7 +68,8 @@ def load_config(path: Path | None, changes: Sequence[str] = ()) -> Config:
     """
     if path is None:
         here = Path("config.yaml")
-        text, name = (here.read_text(encoding="utf-8"), "config.yaml") if here.is_file() else ("", "the defaults")
+        nothing = "--set" if changes else "the defaults"
+        text, name = (here.read_text(encoding="utf-8"), "config.yaml") if here.is_file() else ("", nothing)
     else:
         try:
             text, name = path.read_text(encoding="utf-8"), str(path)

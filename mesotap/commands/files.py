@@ -24,7 +24,7 @@ from daq.records import Session
 from daq.session_file import read_session, write_session
 from mesotap.commands.answers import analysed, refuse_to_overwrite, show_session, write_json
 from mesotap.commands.session import SESSION_FILE, partial
-from mesotap.config import Config, ConfigError, load_config, parse_config
+from mesotap.config import Config, ConfigError, effective_text, load_config, parse_config
 from mesotap.results_files import modes_json, results_json
 from mesotap.rounding import with_uncertainty
 
@@ -74,7 +74,7 @@ def _analyze_one(
 ) -> dict[str, Any]:
     opened = _opened(file, rate)
     if isinstance(opened, Session) and opened.rig.is_tester:
-        config = _config_for(opened, config_path, changes)
+        config = _config_for(opened, config_path, changes, console)
         if report is not None:
             results = _session_report(file, opened, config, report, console)
         else:
@@ -125,7 +125,7 @@ def _opened(file: Path, rate: float | None) -> Session | Recording:
     return import_recording(file, rate_hz=rate)
 
 
-def _config_for(session: Session, config_path: Path | None, changes: Sequence[str]) -> Config:
+def _config_for(session: Session, config_path: Path | None, changes: Sequence[str], console: Console) -> Config:
     """Return the configuration named on the command line, else the session's own, else the defaults.
 
     Masses and springs are always the session's: a change of them is refused, not ignored.
@@ -133,9 +133,18 @@ def _config_for(session: Session, config_path: Path | None, changes: Sequence[st
     for change in changes:
         if re.match(r"\s*rig\.(masses\.m|springs\.(k|system))", change):
             raise ConfigError(f"--set {change}: masses and springs are those written in {session.source}")
-    if config_path is not None or not session.config.strip():
-        return load_config(config_path, changes) if config_path is not None else parse_config("", changes=changes)
-    return parse_config(session.config, f"{session.source}: /config", changes)
+    if config_path is not None:
+        return load_config(config_path, changes)
+    try:
+        own = parse_config(session.config, f"{session.source}: /config")
+    except ConfigError:
+        # written by another version or program; the recording is as good as ever
+        console.print(
+            f"- {escape(session.source)}: its own configuration is of another version; defaults are used",
+            highlight=False,
+        )
+        own = Config()
+    return parse_config(effective_text(own), "--set", changes)
 
 
 def _as_recording(session: Session) -> Recording:
@@ -164,7 +173,7 @@ def write_session_report(
             f"{source}: is no session of the tester; 'mesotap analyze --report' reports any other file"
         )
     default = source if source.is_dir() else source.parent / f"{source.stem}-report"
-    config = _config_for(opened, config_path, changes)
+    config = _config_for(opened, config_path, changes, console)
     results = _session_report(source, opened, config, output or default, console)
     write_json(json_path, results_json(results))
 

@@ -223,6 +223,42 @@ def test_what_is_wrong_with_a_session_file(session, tmp_path):
         assert "/impacts/00001" in sentence, sentence
 
 
+def test_a_configuration_of_another_version_does_not_lock_a_recording_away(session, tmp_path):
+    path = tmp_path / "old.h5"
+    path.write_bytes((session / "session.h5").read_bytes())
+    with h5py.File(path, "r+") as file:
+        del file["config"]
+        file["config"] = "rig: {gadget: 3}\n"
+    done = mesotap("analyze", path, "--json", tmp_path / "o.json")
+    assert "another version" in done.stdout
+    assert json.loads((tmp_path / "o.json").read_text())["loads"][0]["impacts_used"] == 2
+
+
+def test_one_bad_file_does_not_cost_the_others_their_answers(session, tmp_path):
+    out = tmp_path / "many.json"
+    assert "absent.h5" in refused("analyze", session / "session.h5", tmp_path / "absent.h5", "--json", out)
+    good, bad = json.loads(out.read_text())
+    assert good["format"] == "mesotap-results"
+    assert bad["format"] == "mesotap-refusal"
+
+
+def test_json_on_standard_output_is_nothing_but_json():
+    assert json.loads(mesotap("published", "--json", "-").stdout)["version"] == 1
+
+
+def test_a_recording_is_not_overwritten(session, tmp_path):
+    assert "left as it is" in refused("simulate", session / "session.h5")
+    assert "left as it is" in refused("import", decay(tmp_path / "r.csv"), session / "session.h5")
+    one = tmp_path / "one.h5"
+    mesotap("import", tmp_path / "r.csv", one)
+    mesotap("import", tmp_path / "r.csv", one)  # what can be made again may be
+
+
+def test_nothing_is_left_of_a_run_that_could_not_begin(tmp_path):
+    assert "--simulate" in refused("run", "-o", "s", cwd=tmp_path)
+    assert not (tmp_path / "s").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [

@@ -41,8 +41,9 @@ from daq.contact_force import contact_force
 from daq.records import RigDescription, Session, Shot
 from rig.settings import Masses, Springs
 
+CALM_SAMPLES = 5  # after the first one used, by which the last of the pulse and of the low-pass is gone
 GUARD_SAMPLES = 8  # before the trigger that may already belong to the tap
-VARIES_LEVEL = 1e-4  # chance of calling a mode that is constant along its decay a changing one, each load
+VARIES_LEVEL = 1e-5  # chance of calling a mode that is constant along its decay a changing one, each load
 SURE = 0.1  # relative standard error of the damping up to which a point is quoted
 SMALLEST_PROBABILITY = 1e-10
 BROAD = 0.1  # damping ratio from which a peak is too broad to be read off a spectrum
@@ -151,7 +152,7 @@ def analyse_session(
     known, notes = _known_rig(session, modes, settings, masses, springs)
     gauge_reading = _gauge_reading_error(session.shots)
     impacts = [_impact(shot, modes.get(shot.number), known, history, gauge_reading, rig) for shot in session.shots]
-    loads = [_load(session, load_set, modes, impacts, known, history, gauge_reading) for load_set in load_sets]
+    loads = [_load(session, load_set, modes, impacts, known, history, gauge_reading, noise) for load_set in load_sets]
     return SessionResults(
         source=session.source,
         method=settings.method,
@@ -366,6 +367,7 @@ def _load(
     known: KnownRig,
     history: GaugeHistory,
     reading: float,
+    noise: NoiseModel,
 ) -> LoadResult:
     shots = session.accepted(load_set)
     accepted = [i for i in impacts if i.load_set == load_set and i.accepted]
@@ -385,7 +387,7 @@ def _load(
     else:
         notes += sorted({n for i in accepted for n in i.notes})
     notes += _load_notes(used, [modes[s.number] for s in shots if s.number in modes], history)
-    spectral, curve, found_along = _along(shots, modes, session.rig)
+    spectral, curve, found_along = _along(shots, modes, session.rig, noise)
     notes += found_along
     if spectral is not None and f2 is not None and zeta2 is not None:
         notes += _spectral_notes(spectral, f2, zeta2)
@@ -433,7 +435,7 @@ def _load_notes(used: Sequence[ImpactResult], found: Sequence[ImpactModes], hist
 
 
 def _along(
-    shots: Sequence[Shot], modes: dict[int, ImpactModes], rig: RigDescription
+    shots: Sequence[Shot], modes: dict[int, ImpactModes], rig: RigDescription, noise: NoiseModel
 ) -> tuple[SpectralMode | None, list[AmplitudePoint], list[str]]:
     """Contact mode of a load from its spectra, and against its amplitude along the ring-downs, with what that says."""
     decays, curves = [], []
@@ -442,10 +444,14 @@ def _along(
         found = modes.get(shot.number)
         if found is None or found.system is None or found.contact is None or shot.sample_rate_hz != rate:
             continue
-        decay = shot.acceleration.mean(axis=0)[found.start :]
+        mean = shot.acceleration.mean(axis=0)
         poles = np.exp(np.array([found.system.pole, found.contact.pole]) / rate)
-        decays.append(decay)
-        curves.append(along_the_decay(decay, rate, poles, 1, filter_poles(rig, rate)))
+        decays.append(mean[found.start :])
+        # errors are those of white noise; what whitening does to the amplitude is undone
+        white = noise.whiten(mean)[found.start - noise.order + CALM_SAMPLES :]
+        gain = float(abs(np.polyval(noise.coefficients[::-1], 1 / poles[1])))
+        points = along_the_decay(white, rate, poles, 1, filter_poles(rig, rate))
+        curves.append([replace(p, amplitude=p.amplitude / gain) for p in points])
     band = CONTACT_MODE_ABOVE * system_resonance_hz(rig), HIGHEST_SHARE * rate
     spectral = spectral_mode(decays, rate, *band) if decays else None
     curve = combined_curve(curves)

@@ -42,7 +42,7 @@ def _one_thread() -> None:
 
 def accuracy(seed: int, quick: bool) -> dict[str, Any]:
     """Sections 1 to 3, each combination with a seed of its own."""
-    draws, loads, lost = (8, 1, 4) if quick else (200, 10, 50)
+    draws, loads, lost = (8, 1, 4) if quick else (200, 50, 50)
     cases, faint = published_range(40.0, 60.0), published_range(20.0)
     with ProcessPoolExecutor(WORKERS, initializer=_one_thread) as pool:
         free = [pool.submit(of_free_decays, c, draws, [seed, 1, i]) for i, c in enumerate(cases)]

@@ -79,7 +79,8 @@ def _hankel_products(y: Real, lags: int, columns: int) -> tuple[Real, Real]:
                         g1[i * c + a, j * c + b] = g1[(i - 1) * c + a, (j - 1) * c + b] + gain
                     else:
                         g0[a, j * c + b] = g0[j * c + b, a]
-                        g1[a, j * c + b] = np.dot(y[a, 1 : 1 + columns], y[b, j : j + columns])
+                        gain = y[a, columns] * y[b, j - 1 + columns] - y[a, 0] * y[b, j - 1]
+                        g1[a, j * c + b] = g0[(j - 1) * c + b, a] + gain
     return g0, g1
 
 

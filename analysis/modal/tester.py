@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.modal.era import Realisation, hankel, realise
-from analysis.modal.exponentials import ExponentialFit, FitFailure, fit_exponentials, foretell
+from analysis.modal.exponentials import ExponentialFit, FitFailure, fit_exponentials
 from analysis.modal.further import Decay, with_further_modes
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole, sampled_pole
 from analysis.modal.noise import NoiseModel
+from analysis.modal.pulse_end import innovations, samples_before
 from daq.records import RigDescription
 
 Complex = NDArray[np.complex128]
@@ -34,9 +35,7 @@ DISAGREEMENT = 5.0  # standard errors (of ERA) between ERA and maximum likelihoo
 UNSURE_FREQUENCY, UNSURE_DAMPING = 0.05, 0.5  # relative standard errors beyond which no estimate is given
 LEAST_DAMPING_ERROR = 1e-3  # standard error of a damping ratio that is always good enough
 NUMERICAL = 1e-6  # relative difference of two methods that is theirs and not the data's
-ROUNDING = 1e-16  # of a record's power: less noise than that is taken for this much
 OCTAVE = 0.05  # within which a further mode counts as twice the contact resonance
-EXTENSION_LEVEL = 3.0  # standard deviations of chi-squared by which an earlier start may fit worse
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,28 +115,58 @@ def identify_impacts(
     if found is None:
         reason = "no system and contact mode can be told from the noise"
         return [ImpactModes(None, None, s, float("nan"), (reason,)) for s in safe]
-    decays = [
-        _decay(y, p - noise.order, s, noise, known, found) for y, p, s in zip(white, pretrigger, safe, strict=True)
-    ]
-    carried, added = with_further_modes([d for d in decays if d is not None], known) if any(decays) else ([], found[:0])
+    late = _late_decays(white, safe, known, found)
+    triggers = {i: pretrigger[i] - noise.order for i in late}
+    decays = _from_the_pulse_on(late, triggers, noise, known)
+    carried, added = with_further_modes(list(decays.values()), known) if decays else ([], found[:0])
+    if added.size:
+        # what two modes left over looked like the pulse: its end is found anew with all modes
+        again = {i: _begun_at(d, safe[i], known) for i, d in zip(decays, carried, strict=True)}
+        whole = {i: d for i, d in again.items() if d is not None}
+        if len(whole) == len(again):
+            carried = list(_from_the_pulse_on(whole, triggers, noise, known).values())
     contact = [abs(np.log(d.fit.poles[1])) for d in carried]
     notes = [_further_note(complex(z), float(np.median(contact)), sample_rate_hz) for z in added]
-    fitted = iter(carried)
+    fitted = dict(zip(decays, carried, strict=True))
     return [
-        ImpactModes(None, None, s, float("nan"), ("this record cannot carry a fit of two modes",))
-        if d is None
-        else _modes_of(next(fitted), noise, sample_rate_hz, method, notes)
-        for d, s in zip(decays, safe, strict=True)
+        _modes_of(fitted[i], noise, sample_rate_hz, method, notes)
+        if i in fitted
+        else ImpactModes(None, None, s, float("nan"), ("this record cannot carry a fit of two modes",))
+        for i, s in enumerate(safe)
     ]
 
 
-def _decay(y: Real, trigger: int, safe: int, noise: NoiseModel, known: Complex, poles: Complex) -> Decay | None:
-    """Fit one whitened record from where the pulse has ended; None if it does not carry two modes."""
-    fit = _fit(y, safe, poles, known)
-    if fit is None or abs(np.angle(fit.poles[1])) < abs(np.angle(fit.poles[0])):
-        return None
-    fit, start = _earliest_start(y, trigger, safe, fit, known, noise)
-    return Decay(y, start, fit)
+def _late_decays(white: Sequence[Real], safe: Sequence[int], known: Complex, poles: Complex) -> dict[int, Decay]:
+    """Fits of the whitened records from surely after the pulse; without those that do not carry two modes."""
+    decays = {}
+    for i, (y, start) in enumerate(zip(white, safe, strict=True)):
+        fit = _fit(y, start, poles, known)
+        if fit is not None and abs(np.angle(fit.poles[1])) >= abs(np.angle(fit.poles[0])):
+            decays[i] = Decay(y, start, fit)
+    return decays
+
+
+def _begun_at(decay: Decay, start: int, known: Complex) -> Decay | None:
+    """Fit the same modes from another sample on; None if that fails."""
+    fit = _fit(decay.y, start, decay.fit.poles, known)
+    return None if fit is None else Decay(decay.y, start, fit)
+
+
+def _from_the_pulse_on(
+    late: dict[int, Decay], triggers: dict[int, int], noise: NoiseModel, known: Complex
+) -> dict[int, Decay]:
+    """Begin late decays where the pulse has ended instead."""
+
+    def refit(y: Real, start: int, poles: Complex) -> ExponentialFit | None:
+        return _fit(y, start, poles, known)
+
+    scores = [innovations(d.y, triggers[i], d.start, d.fit, known, noise.variance, refit) for i, d in late.items()]
+    ahead = max((d.start - triggers[i] for i, d in late.items()), default=0)
+    earlier = {
+        i: _begun_at(d, d.start - before, known)
+        for (i, d), before in zip(late.items(), samples_before(scores, ahead), strict=True)
+    }
+    return {i: earlier[i] or d for i, d in late.items()}
 
 
 def _further_note(z: complex, contact: float, sample_rate_hz: float) -> str:
@@ -156,7 +185,8 @@ def _fit(y: Real, start: int, poles: Complex, known: Complex) -> ExponentialFit 
         fit = fit_exponentials(y[start:], poles, known)
     except FitFailure:
         return None
-    order = np.argsort(np.abs(np.log(fit.poles)))
+    # system mode before contact mode; further ones keep their places
+    order = np.append(np.argsort(np.abs(np.log(fit.poles[:2]))), np.arange(2, fit.poles.size))
     return ExponentialFit(
         fit.poles[order],
         fit.amplitudes[:, order],
@@ -305,34 +335,6 @@ def _determined(mode: ModeEstimate) -> bool:
     return f.standard_error < UNSURE_FREQUENCY * f.value and zeta.standard_error < max(
         UNSURE_DAMPING * abs(zeta.value), LEAST_DAMPING_ERROR
     )
-
-
-def _earliest_start(
-    y: Real, trigger: int, safe: int, fit: ExponentialFit, known: Complex, noise: NoiseModel
-) -> tuple[ExponentialFit, int]:
-    """Begin earlier as long as the samples before the fitted ones are what the fit foretells.
-
-    The fit is extrapolated backwards over a few samples; where they miss it by more than the noise and the
-    uncertainty of the extrapolation allow, the pulse was still acting.
-    """
-    start = safe
-    variance = max(float(fit.noise_variance[0]), ROUNDING * float(np.mean(y[start:] ** 2)))
-    if noise.variance > 0:
-        variance = max(variance, noise.variance)
-    while start > trigger + 2:
-        block = min(max(2, (start - trigger) // 6), start - trigger - 1)
-        k = -np.arange(1, block + 1)
-        foretold, covariance = foretell(fit, k, y.size - start, known)
-        error = y[start + k] - foretold
-        spread = variance * (np.eye(block) + covariance)
-        chi = float(error @ np.linalg.solve(spread, error))
-        if chi > block + EXTENSION_LEVEL * np.sqrt(2 * block):
-            break
-        earlier = _fit(y, start - block, fit.poles, known)
-        if earlier is None:
-            break
-        fit, start = earlier, start - block
-    return fit, start
 
 
 def _era_modes(y: Real, fit: ExponentialFit, sample_rate_hz: float) -> list[ModeEstimate] | None:

@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 
 from analysis.modal.era import hankel, realise
-from analysis.modal.exponentials import FitFailure
+from analysis.modal.exponentials import FitFailure, fit_exponentials
 from analysis.modal.identify import identify_ring_down
 from analysis.modal.modes import sampled_pole
 from analysis.modal.noise import NoiseModel, noise_model
+from analysis.modal.pulse_end import innovations, samples_before
 from analysis.modal.tester import filter_poles, identify_impacts
+from analysis.stiffness import contact_from_pole, pole
 from daq.records import RigDescription
+from sim_backend.pulses import half_sine
+from sim_backend.ring_down import ring_down_linear
+from sim_backend.two_mass import TwoMass
 
 RATE = 25000.0
 # system and contact mode of the published range: f1, f2 in Hz, zeta2
@@ -127,11 +132,11 @@ def description(f1, highpass=math.nan):
     return RigDescription(0.107, 0.108, k, k, RATE, highpass, 1, 10000.0, 4, family, 50.0, 16)
 
 
-def taps(z, count, sigma, rng, samples=4000, quiet=250, pulse=8):
+def taps(z, count, sigma, rng, samples=4000, quiet=250, pulse=8, amplitudes=None):
     """Records that begin with noise, then a smooth onset (the pulse), then the free decay."""
     records = []
     for _ in range(count):
-        free = ringing(z, samples, rng.uniform(0.2, 0.6, 2))
+        free = ringing(z, samples, rng.uniform(0.2, 0.6, 2) if amplitudes is None else amplitudes)
         onset = np.sin(np.linspace(0, np.pi / 2, pulse)) ** 2
         free[:pulse] *= onset
         records.append(np.concatenate([np.zeros(quiet), free]) + sigma * rng.normal(size=samples + quiet))
@@ -161,6 +166,96 @@ def test_the_fit_begins_where_the_pulse_has_ended():
     starts = np.array([m.start for m in found]) - 250
     assert (starts >= 17).all()  # the last samples of the onset hide in the noise
     assert np.median(starts) < 30
+
+
+def test_innovations_of_a_free_decay_are_unit_white_noise():
+    rng = np.random.default_rng(3)
+    z, nothing = pair(281, 955, 0.17), np.zeros(0, complex)
+    scores = []
+    for _ in range(150):
+        y = ringing(z, 1500) + 0.01 * rng.normal(size=1500)
+
+        def refit(y, start, poles):
+            return fit_exponentials(y[start:], poles)
+
+        scores.append(innovations(y, 0, 30, fit_exponentials(y[30:], z), nothing, 1e-4, refit))
+    scores = np.array(scores)
+    assert scores.shape == (150, 29)  # the sample of the trigger itself is left
+    assert scores.std(axis=0) == pytest.approx(np.ones(29), abs=0.3)
+    assert np.std(scores) == pytest.approx(1.0, abs=0.05)
+    correlated = scores.T @ scores / 150 - np.eye(29)
+    assert np.abs(correlated[~np.eye(29, dtype=bool)]).mean() < 0.09  # by chance 0.065
+
+
+def test_all_taps_together_show_what_one_alone_hides():
+    rng = np.random.default_rng(4)
+    tail = np.concatenate([np.zeros(20), [0.7, 2.0, 3.0, 9.0]])  # the pulse, coming from after it
+    together, single = [], []
+    for _ in range(200):
+        scores = [tail + rng.normal(size=tail.size) for _ in range(8)]
+        together.append(samples_before(scores, 30)[0])
+        single.append(samples_before(scores[:1], 30)[0])
+    assert np.mean(np.array(together) > 20) < 0.01
+    assert np.mean(np.array(single) > 20) > 0.02
+    assert np.median(together) >= 18
+    assert samples_before([], 30) == []
+
+
+def test_chance_does_not_begin_a_load_late():
+    rng = np.random.default_rng(5)
+    before = [samples_before(list(rng.normal(size=(8, 28))), 30)[0] for _ in range(300)]
+    assert max(before) == 27
+    assert np.mean(before) > 26
+    assert min(before) > 15
+
+
+def test_a_tap_with_a_longer_pulse_stands_for_itself():
+    rng = np.random.default_rng(6)
+    scores = [rng.normal(size=25) for _ in range(7)] + [np.append(rng.normal(size=9), 40.0)]
+    for s in scores[:7]:
+        s[-1] = 30.0
+    before = samples_before(scores, 30)
+    assert len(set(before[:7])) == 1
+    assert before[0] > 18
+    assert before[7] <= 9
+
+
+def test_the_tail_of_a_pulse_is_no_free_decay():
+    # a heavily damped mode: the force of the last samples of a half-sine moves it by a few standard deviations only
+    rng = np.random.default_rng(7)
+    f1, f2, zeta2 = 281.0, 955.0, 0.17
+    k = 0.215 / 2 * (2 * np.pi * f1) ** 2
+    stiffness, damping = contact_from_pole(pole(f2, zeta2), 0.107, 0.108, k, k)
+    tester = TwoMass(0.107, 0.108, k, k, stiffness, damping)
+    starts, scores = [], []
+    for _ in range(10):
+        records, ends = [], []
+        for _ in range(8):
+            onset = 250 + rng.uniform()
+            clean = ring_down_linear(tester, half_sine(1.0, 0.3e-3), onset / RATE, 3000, RATE).acceleration
+            sigma = 0.01 * np.abs(clean).max()
+            records.append(clean + sigma * rng.normal(size=clean.size))
+            ends.append(onset + 0.3e-3 * RATE)
+        found = identify_impacts(records, [250] * 8, RATE, description(f1), NoiseModel(np.ones(1), sigma**2))
+        starts += [m.start - end for m, end in zip(found, ends, strict=True)]
+        scores += [(m.contact.frequency_hz.value - f2) / m.contact.frequency_hz.standard_error for m in found]
+        scores += [(m.contact.damping_ratio.value - zeta2) / m.contact.damping_ratio.standard_error for m in found]
+    assert min(starts) > -1
+    assert np.median(starts) < 4
+    assert np.std(scores) < 1.15
+
+
+def test_a_third_mode_does_not_hide_the_end_of_the_pulse():
+    rng = np.random.default_rng(8)
+    z = np.append(pair(356, 1410, 0.02), sampled_pole(3300, 0.004, RATE))
+    records, quiet = taps(z, 8, 0.003, rng, amplitudes=(0.25, 0.4, 0.012))
+    found = identify_impacts(records, quiet, RATE, description(356), NoiseModel(np.ones(1), 9e-6))
+    assert any("further mode" in note for note in found[0].notes)
+    starts = np.array([m.start for m in found]) - 250
+    assert (starts >= 5).all()
+    assert np.median(starts) < 14
+    score = [(m.contact.frequency_hz.value - 1410) / m.contact.frequency_hz.standard_error for m in found]
+    assert np.abs(score).max() < 4.5
 
 
 def test_the_filters_slow_pole_is_part_of_the_model():

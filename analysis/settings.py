@@ -18,13 +18,15 @@ class Material(Section):
 
 
 class SphereContact(Section):
-    """Sphere on flat (Table 2)."""
+    """Sphere on flat (Table 2), both rough; the asperities are those of Table 4, since none are published for it."""
 
     geometry: Literal["sphere"] = "sphere"
     upper: Material = Material()
     lower: Material = Material()
     radius_um: Positive = 793.75
     roughness_rq_um: Positive = 0.471
+    asperity_radius_um: Positive = 2.402
+    asperity_density_per_um2: Positive = 0.1256
 
 
 class FlatContact(Section):

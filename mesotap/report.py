@@ -18,17 +18,28 @@ from analysis.contact.theory import TheoryCurve
 from analysis.contact.theory import theory as theory_curves
 from analysis.published import Published
 from analysis.results import ImpactResult, LoadResult, RecordingModes, SessionResults
+from analysis.settings import FlatContact, SphereContact
 from calibration.estimate import LEVEL
 from daq.durable import write_whole
 from daq.records import Session, Shot
 from mesotap import figures
 from mesotap.comparison import count_inside, recovered_against, spectral_check, theory_ratios
+from mesotap.explanations import SHOWN, chance, explain, known
 from mesotap.figures import Recording
 from mesotap.results_files import impacts_csv, json_text, loads_csv, modes_json, results_json
 from mesotap.rounding import UNKNOWN, significant, with_uncertainty
 from mesotap.summary import summary
 
-__all__ = ["published_report", "recording_report", "results_json", "with_uncertainty", "write_report"]
+__all__ = [
+    "Plate",
+    "environment",
+    "published_report",
+    "recording_report",
+    "results_json",
+    "with_uncertainty",
+    "write_report",
+    "written",
+]
 
 FIGURE_FOLDER = "figures"
 SIMULATED = "(simulated rig)"  # in the software that a session file names
@@ -59,6 +70,7 @@ def write_report(
     theory: Sequence[TheoryCurve],
     truth: Sequence[Mapping[str, Any]] | None = None,
     *,
+    contact: SphereContact | FlatContact | None = None,
     pdf_figures: bool = True,
 ) -> Path:
     """Write ``report.html`` and beside it ``results.json``, ``results.csv``, ``impacts.csv`` and ``figures/*.pdf``.
@@ -73,6 +85,8 @@ def write_report(
         Curves of contact stiffness against preload to hold beside the measurement.
     truth
         What a simulated rig was set to, a mapping per load set; None for a real one.
+    contact
+        Surfaces for which explanations of stiffness and damping are weighed, and ``explanations.json`` written.
     pdf_figures
         Whether to write ``figures/*.pdf``, which takes longer than all the rest.
 
@@ -83,16 +97,22 @@ def write_report(
     """
     folder.mkdir(parents=True, exist_ok=True)
     drawn = _session_figures(session, results, theory)
+    explained = None if contact is None else explain(results, contact, session.rig)
+    if explained is not None:
+        drawn["explanations"] = figures.weighing_figure(
+            explained.load_mn, explained.stiffness_n_per_m, explained.stiffness, half_width=explained.half_width_n_per_m
+        )
+        written(folder / "explanations.json", json_text(explained.as_json()))
     if pdf_figures:
         (folder / FIGURE_FOLDER).mkdir(exist_ok=True)
         for name, figure in drawn.items():
             figures.save(figure, folder / FIGURE_FOLDER / f"{name}.pdf")
-    _written(folder / "results.json", json_text(results_json(results)))
-    _written(folder / "results.csv", loads_csv(results))
-    _written(folder / "impacts.csv", impacts_csv(results))
+    written(folder / "results.json", json_text(results_json(results)))
+    written(folder / "results.csv", loads_csv(results))
+    written(folder / "impacts.csv", impacts_csv(results))
     ratios = theory_ratios(results, theory)
     recovered = None if truth is None else recovered_against(results, truth)
-    page = _environment().get_template("report.html")
+    page = environment().get_template("report.html")
     drift = results.calibration is not None and results.calibration.drifted
     footnotes = _footnotes(results.loads)
     html = page.render(
@@ -111,6 +131,8 @@ def write_report(
         footnotes=footnotes,
         marks=_note_marks(footnotes),
         ratios=ratios,
+        explained=explained,
+        explanations_shown=SHOWN,
         taps=_taps(results),
         rejected=[(i, _shot(session, i)) for i in results.impacts if not i.accepted],
         recovered=recovered,
@@ -119,7 +141,7 @@ def write_report(
         level_percent=round(100 * LEVEL),
         pdf_figures=pdf_figures,
     )
-    return _written(folder / "report.html", html)
+    return written(folder / "report.html", html)
 
 
 def recording_report(folder: Path, recording: Recording, modes: RecordingModes) -> Path:
@@ -156,10 +178,10 @@ def recording_report(folder: Path, recording: Recording, modes: RecordingModes) 
         drawn = figures.stabilisation_figure(modes)
         figures.save(drawn, folder / "stabilisation.pdf")
         diagram = Plate(Markup(figures.inline_svg(drawn, "stabilisation", LABELS["stabilisation"])))
-    _written(folder / "modes.json", json_text(modes_json(modes)))
+    written(folder / "modes.json", json_text(modes_json(modes)))
     data = np.atleast_2d(np.asarray(recording.data))
     names = [str(recording.names[c]) if c < len(recording.names) else f"channel {c}" for c in range(data.shape[0])]
-    html = _environment().get_template("recording.html").render(
+    html = environment().get_template("recording.html").render(
         recording=recording,
         unit=recording.unit.replace("m/s2", "m/s²"),
         names=names,
@@ -172,7 +194,7 @@ def recording_report(folder: Path, recording: Recording, modes: RecordingModes) 
         many=sum(len(mode.along_decay) >= figures.FEWEST_POINTS for mode in modes.modes),
         level_percent=round(100 * LEVEL),
     )  # fmt: skip
-    return _written(folder / "report.html", html)
+    return written(folder / "report.html", html)
 
 
 def published_report(folder: Path, published: Published) -> Path:
@@ -191,7 +213,7 @@ def published_report(folder: Path, published: Published) -> Path:
         The page.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    _written(folder / "published.json", json_text(published.as_json()))
+    written(folder / "published.json", json_text(published.as_json()))
     plates = []
     for table in published.tables:
         contact = cast("Literal['paper-flat', 'paper-sphere']", table.contact)
@@ -199,15 +221,16 @@ def published_report(folder: Path, published: Published) -> Path:
         name = f"table{table.number}"
         figures.save(figure, folder / f"{name}.pdf")
         plates.append(Plate(Markup(figures.inline_svg(figure, name, LABELS["published"])), wide=False))
-    html = _environment().get_template("published.html").render(
+    html = environment().get_template("published.html").render(
         published=published, tables=list(zip(published.tables, plates, strict=True))
     )  # fmt: skip
-    return _written(folder / "report.html", html)
+    return written(folder / "report.html", html)
 
 
 LABELS = {
     "published": "Contact stiffness of a published table against load with theory",
     "calibration": "Strain gauge voltage against dead weight, before and after the session, with residuals",
+    "explanations": "Stiffness against load with explanations, their errors at loads left out, and their probabilities",
     "record": "Acceleration of both accelerometers against time for one tap",
     "spectra": "Averaged acceleration spectra of several loads",
     "stiffness": "Contact stiffness against load with theory",
@@ -220,7 +243,14 @@ LABELS = {
 }
 
 
-WITH_LOADS = {"spectra", "stiffness", "damping", "impacts", "amplitude"}  # figures that say at which load
+WITH_LOADS = {
+    "spectra",
+    "stiffness",
+    "damping",
+    "impacts",
+    "amplitude",
+    "explanations",
+}  # figures that say at which load
 
 
 def _label(name: str, drifted: bool) -> str:
@@ -228,25 +258,29 @@ def _label(name: str, drifted: bool) -> str:
     return LABELS[name] + (f". {figures.DRIFT_FOOTNOTE}" if drifted and name in WITH_LOADS else "")
 
 
-def _written(path: Path, text: str) -> Path:
+def written(path: Path, text: str) -> Path:
+    """Write a text file, whole or not at all, and return its path."""
     write_whole(path, text.encode())
     return path
 
 
-def _environment() -> Environment:
-    environment = Environment(
+def environment() -> Environment:
+    """Return the templates' environment, with the filters that all pages share."""
+    templates = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["pm"] = lambda estimate, scale=1.0: _typographic(with_uncertainty(estimate, scale))
-    environment.filters["digits"] = lambda value, count=3: _typographic(significant(value, count))
-    environment.filters["signed"] = _signed
-    environment.filters["moment"] = lambda text: text.replace("T", " ").removesuffix("Z")
-    environment.filters["prose"] = lambda text: text.replace(" %", "\N{NO-BREAK SPACE}%").replace("m/s2", "m/s²")
-    return environment
+    templates.filters["pm"] = lambda estimate, scale=1.0: _typographic(with_uncertainty(estimate, scale))
+    templates.filters["digits"] = lambda value, count=3: _typographic(significant(value, count))
+    templates.filters["signed"] = _signed
+    templates.filters["known"] = lambda parameter: _typographic(known(parameter))
+    templates.filters["chance"] = chance
+    templates.filters["moment"] = lambda text: text.replace("T", " ").removesuffix("Z")
+    templates.filters["prose"] = lambda text: text.replace(" %", "\N{NO-BREAK SPACE}%").replace("m/s2", "m/s²")
+    return templates
 
 
 def _typographic(number: str) -> str:

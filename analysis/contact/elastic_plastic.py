@@ -22,6 +22,7 @@ from scipy import special
 from analysis.contact.inversion import GRID, separation_for_load
 
 FloatArray = NDArray[np.float64]
+HARDNESS_SHARE = 0.454  # K of a body with Poisson's ratio 0
 _REACH = 12.0  # standard deviations above the mean; no asperity is higher
 _NODES, _WEIGHTS = special.roots_jacobi(80, 0.0, 1.5)  # for integrals with t^(3/2)
 
@@ -54,6 +55,11 @@ class ElasticPlasticFlats:
     H: float
     nu: float
 
+    @classmethod
+    def normalised(cls, omega_c: float) -> ElasticPlasticFlats:
+        """Return surfaces that yield at ``omega_c`` R_q, with R_q = 1 and the factor of I_e equal to 1."""
+        return cls(0.75, 1.0, 1.0, 1.0, 1.0, 2 * math.sqrt(omega_c) / (math.pi * HARDNESS_SHARE), 0.0)
+
     @property
     def critical_interference(self) -> float:
         """Interference omega_c at which an asperity yields, in R_q."""
@@ -62,6 +68,31 @@ class ElasticPlasticFlats:
     def load(self, d: ArrayLike) -> FloatArray:
         """Contact load, N, at the separation ``d``, m, shaped like ``d``."""
         return self._load(np.asarray(d, dtype=np.float64) / self.R_q)
+
+    def slope(self, d: ArrayLike) -> FloatArray:
+        """Contact stiffness -dP/dd, N/m, at the separation ``d``, m, shaped like ``d``."""
+        return self._slope(np.asarray(d, dtype=np.float64) / self.R_q) / self.R_q
+
+    def area_at(self, d: ArrayLike) -> FloatArray:
+        """Area in which asperities touch, m2, at the separation ``d``, m, shaped like ``d``.
+
+        pi R_s omega of an elastic asperity, pi R_s (2 omega - omega_c) of one that yields.
+        """
+        h = np.asarray(d, dtype=np.float64) / self.R_q
+        return (
+            math.pi
+            * self.eta
+            * self.A_n
+            * self.R_s
+            * self.R_q
+            * (_mean_excess(h) + _mean_excess(h + self.critical_interference))
+        )
+
+    def contact_area(self, P: ArrayLike) -> FloatArray:
+        """Area in which asperities touch, m2, under the load ``P``, N, shaped like it; zero without load."""
+        d = self.separation(P)
+        touching = np.isfinite(d)
+        return np.where(touching, self.area_at(np.where(touching, d, 0.0)), 0.0)
 
     def separation(self, P: ArrayLike) -> FloatArray:
         """Separation d, m, under the load ``P``, N, shaped like it; `ValueError` for a load beyond the model."""
@@ -75,7 +106,7 @@ class ElasticPlasticFlats:
 
     @property
     def _KH(self) -> float:  # noqa: N802 - K H of Eq. 6
-        return (0.454 + 0.41 * self.nu) * self.H
+        return (HARDNESS_SHARE + 0.41 * self.nu) * self.H
 
     def _amplitudes(self) -> tuple[float, float]:
         """Factors of I_e and I_p, N."""
@@ -88,9 +119,8 @@ class ElasticPlasticFlats:
     def _load(self, h: FloatArray) -> FloatArray:
         elastic, plastic = self._amplitudes()
         beyond = h + self.critical_interference
-        highest = special.ndtr(-beyond)
-        mean_excess = _density(beyond) - beyond * highest
-        return elastic * self._elastic(h, 0) + plastic * (2 * mean_excess + self.critical_interference * highest)
+        yielding = 2 * _mean_excess(beyond) + self.critical_interference * special.ndtr(-beyond)
+        return elastic * self._elastic(h, 0) + plastic * yielding
 
     def _slope(self, h: FloatArray) -> FloatArray:
         """-dP/dh, N."""
@@ -113,3 +143,8 @@ def _load_table(flats: ElasticPlasticFlats) -> FloatArray:
 
 def _density(z: FloatArray) -> FloatArray:
     return np.asarray(np.exp(-(z**2) / 2) / math.sqrt(2 * math.pi), dtype=np.float64)
+
+
+def _mean_excess(h: FloatArray) -> FloatArray:
+    """Integral of (z - h) phi(z) from h on."""
+    return np.asarray(_density(h) - h * special.ndtr(-h), dtype=np.float64)

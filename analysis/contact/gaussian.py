@@ -21,15 +21,20 @@ from scipy import special
 from analysis.contact.inversion import GRID, separation_for_load
 
 FloatArray = NDArray[np.float64]
+DEEP = -20.0  # separation in R_q beneath which all asperities touch
+HIGHEST = 37.0  # beyond it none does: the density is below the smallest number
 
 
 def tail_moment(n: float, h: ArrayLike) -> FloatArray:
     """F_n(h), shaped like ``h``."""
     x = np.asarray(h, dtype=np.float64)
-    return np.asarray(
-        special.gamma(n + 1) / math.sqrt(2 * math.pi) * np.exp(-(x**2) / 4) * special.pbdv(-n - 1, x)[0],
-        dtype=np.float64,
-    )
+    usual = np.clip(x, DEEP, HIGHEST)
+    closed = special.gamma(n + 1) / math.sqrt(2 * math.pi) * np.exp(-(usual**2) / 4) * special.pbdv(-n - 1, usual)[0]
+    depth = np.maximum(-x, -DEEP)
+    # the mean of (depth + z)^n over the normal density: binomial series, to 1e-10
+    moments = (1.0, 1.0, 3.0, 15.0, 105.0)
+    series = sum(special.binom(n, 2 * i) * moment * depth ** (n - 2 * i) for i, moment in enumerate(moments))
+    return np.where(x < DEEP, series, np.where(x > HIGHEST, 0.0, closed))
 
 
 def load(d: ArrayLike, eta: float, A_n: float, E_star: float, R_s: float, R_q: float) -> FloatArray:
@@ -58,6 +63,12 @@ def stiffness(P: ArrayLike, eta: float, A_n: float, E_star: float, R_s: float, R
     scale = 2 * eta * A_n * E_star * math.sqrt(R_s * R_q)
     touching = np.isfinite(h)
     return np.where(touching, scale * tail_moment(0.5, np.where(touching, h, 0.0)), 0.0)
+
+
+def contact_area(P: ArrayLike, eta: float, A_n: float, E_star: float, R_s: float, R_q: float) -> FloatArray:
+    """Area in which asperities touch, m2, under the load ``P``, N, shaped like it: pi eta A_n R_s R_q F_1(h)."""
+    h = separation(P, eta, A_n, E_star, R_s, R_q) / R_q
+    return math.pi * eta * A_n * R_s * R_q * tail_moment(1.0, h)
 
 
 @functools.cache

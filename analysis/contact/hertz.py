@@ -13,6 +13,11 @@ def approach(P: ArrayLike, R: float, E_star: float) -> FloatArray:
     return np.asarray(np.cbrt(9 * np.square(P) / (16 * R * E_star**2)), dtype=np.float64)
 
 
+def load(Delta: ArrayLike, R: float, E_star: float) -> FloatArray:
+    """Load P, N, of smooth surfaces at the approach ``Delta``, m (Eq. 1), shaped like it; zero where they are apart."""
+    return np.asarray(4 / 3 * E_star * np.sqrt(R) * np.maximum(Delta, 0.0) ** 1.5, dtype=np.float64)
+
+
 def stiffness(P: ArrayLike, R: float, E_star: float) -> FloatArray:
     """Contact stiffness dP / dDelta, N/m, of smooth surfaces (Eq. 2), shaped like the load ``P``, N."""
     return np.asarray(1.5 * np.cbrt(16 * R * E_star**2 / 9 * np.asarray(P, dtype=np.float64)), dtype=np.float64)
@@ -24,3 +29,8 @@ def rough_stiffness(P: ArrayLike, R: float, E_star: float) -> FloatArray:
     The low-load end of Greenwood and Tripp's solution; at higher loads the stiffness lies between this and Eq. 2.
     """
     return stiffness(P, R, E_star) / 3
+
+
+def contact_area(P: ArrayLike, R: float, E_star: float) -> FloatArray:
+    """Area of contact pi a^2, m2, a^2 = R Delta, of smooth surfaces, shaped like the load ``P``, N."""
+    return np.pi * R * approach(P, R, E_star)

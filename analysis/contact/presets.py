@@ -30,11 +30,14 @@ def resolve(contact: Literal["paper-flat", "paper-sphere"] | Resolved) -> Resolv
     if contact == "paper-sphere":
         table = tables[2]
         sphere, flat = table["bodies"]
+        asperities = tables[4]["combined"]
         return SphereContact(
             upper=_material(sphere),
             lower=_material(flat),
             radius_um=sphere["radius_um"],
             roughness_rq_um=combined_roughness([sphere["roughness_rq_um"], flat["roughness_rq_um"]]),
+            asperity_radius_um=asperities["asperity_radius_um"],
+            asperity_density_per_um2=asperities["asperity_density_per_um2"],
         )
     if contact == "paper-flat":
         table = tables[4]

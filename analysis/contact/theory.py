@@ -1,9 +1,10 @@
-"""The theoretical contact stiffness beside a measurement: a curve for each law that suits the contact."""
+"""The contact theories for a pair of surfaces: stiffness, separation or approach, and area of contact against load."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -13,50 +14,129 @@ from analysis.contact import exponential, gaussian, hertz
 from analysis.contact.elastic import composite_modulus
 from analysis.contact.elastic_plastic import ElasticPlasticFlats
 from analysis.contact.presets import resolve
-from analysis.settings import FlatContact, Material, SphereContact
+from analysis.contact.rough_sphere import RoughSphere
+from analysis.settings import FlatContact, SphereContact
 
 FloatArray = NDArray[np.float64]
+OfLoad = Callable[[ArrayLike], FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
 class TheoryCurve:
-    """One law: its name, where it stands in the paper, and k_c (N/m) as a function of the load P (N, any shape)."""
+    """One law against the load P (N, any shape).
+
+    Attributes
+    ----------
+    name, equation
+        Its name, and where it stands in the paper.
+    stiffness
+        k_c, N/m.
+    separation
+        Separation of the mean planes, m; of smooth bodies, minus the approach. None where the law has none.
+    contact_area
+        Area that really touches, m2; None where the law has none.
+    """
 
     name: str
     equation: str
-    stiffness: Callable[[ArrayLike], FloatArray]
+    stiffness: OfLoad
+    separation: OfLoad | None = None
+    contact_area: OfLoad | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Surfaces:
+    """A contact in SI units: what the theories take.
+
+    Attributes
+    ----------
+    E_star
+        Composite modulus, Pa.
+    eta, R_s, R_q
+        Asperities per area, 1/m2; their radius and the rms roughness of both surfaces together, m.
+    H, nu
+        Hardness, Pa, and Poisson's ratio of the softer body.
+    R, A_n
+        Radius of the sphere, m, or nominal area of the flats, m2; None for the other kind.
+    """
+
+    E_star: float
+    eta: float
+    R_s: float
+    R_q: float
+    H: float
+    nu: float
+    R: float | None = None
+    A_n: float | None = None
+
+
+def surfaces_of(contact: Literal["paper-flat", "paper-sphere"] | SphereContact | FlatContact) -> Surfaces:
+    """Return a contact of the configuration, or a preset, in SI units."""
+    given = resolve(contact)
+    upper, lower = given.upper, given.lower
+    softer = min(upper, lower, key=lambda body: body.hardness_gpa)
+    return Surfaces(
+        E_star=composite_modulus(
+            upper.youngs_modulus_gpa * 1e9, upper.poisson_ratio, lower.youngs_modulus_gpa * 1e9, lower.poisson_ratio
+        ),
+        eta=given.asperity_density_per_um2 * 1e12,
+        R_s=given.asperity_radius_um * 1e-6,
+        R_q=given.roughness_rq_um * 1e-6,
+        H=softer.hardness_gpa * 1e9,
+        nu=softer.poisson_ratio,
+        R=given.radius_um * 1e-6 if isinstance(given, SphereContact) else None,
+        A_n=given.nominal_area_mm2 * 1e-6 if isinstance(given, FlatContact) else None,
+    )
 
 
 def theory(contact: Literal["paper-flat", "paper-sphere"] | SphereContact | FlatContact) -> list[TheoryCurve]:
     """Return the theoretical curves for a contact.
 
-    Sphere on flat: Hertz smooth (Eq. 2) and rough (Eq. 3). Flats: exponential asperity heights (Eq. 7, 8), Gaussian
-    ones (Eq. 5), and Gaussian ones that yield (Eq. 6).
+    Sphere on flat: Hertz smooth (Eq. 2), a third of it (Eq. 3), and the rough sphere solved at every load. Flats:
+    exponential asperity heights (Eq. 7, 8), Gaussian ones (Eq. 5), and Gaussian ones that yield (Eq. 6).
     """
-    surfaces = resolve(contact)
-    E_star = _modulus(surfaces.upper, surfaces.lower)
-    if isinstance(surfaces, SphereContact):
-        R = surfaces.radius_um * 1e-6
-        return [
-            TheoryCurve("Hertz, smooth", "Eq. 2", lambda P: hertz.stiffness(P, R, E_star)),
-            TheoryCurve("Hertz, rough at light load", "Eq. 3", lambda P: hertz.rough_stiffness(P, R, E_star)),
-        ]
-    R_q = surfaces.roughness_rq_um * 1e-6
-    R_s = surfaces.asperity_radius_um * 1e-6
-    eta = surfaces.asperity_density_per_um2 * 1e12
-    A_n = surfaces.nominal_area_mm2 * 1e-6
-    softer = min(surfaces.upper, surfaces.lower, key=lambda body: body.hardness_gpa)
-    yielding = ElasticPlasticFlats(eta, A_n, E_star, R_s, R_q, softer.hardness_gpa * 1e9, softer.poisson_ratio)
+    s = surfaces_of(contact)
+    return _flats(s, s.A_n) if s.A_n is not None else _sphere(s, float(s.R or np.nan))
+
+
+def _sphere(s: Surfaces, R: float) -> list[TheoryCurve]:
+    rough = RoughSphere(R, s.E_star, s.eta, s.R_s, s.R_q)
     return [
-        TheoryCurve("rough flats, exponential heights", "Eq. 7, 8", lambda P: exponential.stiffness(P, R_q)),
         TheoryCurve(
-            "rough flats, Gaussian heights", "Eq. 5", lambda P: gaussian.stiffness(P, eta, A_n, E_star, R_s, R_q)
+            "Hertz, smooth",
+            "Eq. 2",
+            partial(hertz.stiffness, R=R, E_star=s.E_star),
+            lambda P: -hertz.approach(P, R, s.E_star),
+            partial(hertz.contact_area, R=R, E_star=s.E_star),
         ),
-        TheoryCurve("rough flats, Gaussian heights that yield", "Eq. 6", yielding.stiffness),
+        TheoryCurve("Hertz, rough at light load", "Eq. 3", partial(hertz.rough_stiffness, R=R, E_star=s.E_star)),
+        TheoryCurve("rough sphere", "Greenwood and Tripp", rough.stiffness, rough.separation, rough.contact_area),
     ]
 
 
-def _modulus(upper: Material, lower: Material) -> float:
-    return composite_modulus(
-        upper.youngs_modulus_gpa * 1e9, upper.poisson_ratio, lower.youngs_modulus_gpa * 1e9, lower.poisson_ratio
-    )
+def _flats(s: Surfaces, A_n: float) -> list[TheoryCurve]:
+    asperities = {"eta": s.eta, "A_n": A_n, "E_star": s.E_star, "R_s": s.R_s, "R_q": s.R_q}
+    yielding = ElasticPlasticFlats(H=s.H, nu=s.nu, **asperities)
+    return [
+        TheoryCurve(
+            "rough flats, exponential heights",
+            "Eq. 7, 8",
+            partial(exponential.stiffness, R_q=s.R_q),
+            partial(exponential.separation, **asperities),
+            partial(exponential.contact_area, **asperities),
+        ),
+        TheoryCurve(
+            "rough flats, Gaussian heights",
+            "Eq. 5",
+            partial(gaussian.stiffness, **asperities),
+            partial(gaussian.separation, **asperities),
+            partial(gaussian.contact_area, **asperities),
+        ),
+        TheoryCurve(
+            "rough flats, Gaussian heights that yield",
+            "Eq. 6",
+            yielding.stiffness,
+            yielding.separation,
+            yielding.contact_area,
+        ),
+    ]

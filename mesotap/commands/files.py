@@ -184,7 +184,9 @@ def _session_report(source: Path, session: Session, config: Config, folder: Path
 
     truths = partial(source)[2] if source.is_dir() else []
     results = analysed(session, config, console)
-    page = write_report(folder, session, results, theory(config.analysis.contact), truths or None)
+    page = write_report(
+        folder, session, results, theory(config.analysis.contact), truths or None, contact=config.analysis.contact
+    )
     console.print(f"report {page}", highlight=False, soft_wrap=True)
     return results
 

@@ -13,9 +13,11 @@ from mesotap.figures._calibration import calibration_figure
 from mesotap.figures._contact import DRIFT_FOOTNOTE, DRIFT_MARK, damping_figure, published_figure, stiffness_figure
 from mesotap.figures._files import inline_svg, save
 from mesotap.figures._impacts import impacts_figure
+from mesotap.figures._paper import paper_figure_3, paper_figure_7_8, paper_figure_9
 from mesotap.figures._recording import Recording, modes_figure
 from mesotap.figures._stabilisation import stabilisation_figure
 from mesotap.figures._tap import record_figure, shown_spectra, spectra_figure
+from mesotap.figures._weighing import short_name, weighing_figure
 
 __all__ = [
     "DRIFT_FOOTNOTE",
@@ -29,13 +31,18 @@ __all__ = [
     "inline_svg",
     "mode_amplitude_figure",
     "modes_figure",
+    "paper_figure_3",
+    "paper_figure_7_8",
+    "paper_figure_9",
     "published_figure",
     "record_figure",
     "save",
+    "short_name",
     "shown_amplitudes",
     "shown_modes",
     "shown_spectra",
     "spectra_figure",
     "stabilisation_figure",
     "stiffness_figure",
+    "weighing_figure",
 ]

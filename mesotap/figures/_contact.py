@@ -83,8 +83,8 @@ def stiffness_figure(results: SessionResults, theory: Sequence[TheoryCurve]) -> 
     """
     figure = blank(COLUMN_MM, 100)
     axes, spread = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    top = _draw_loads(axes, results, lambda r: (r.contact_stiffness_n_per_m, r.stiffness_box), MEGA)
-    _draw_theory(axes, theory, top)
+    top = draw_loads(axes, results, lambda r: (r.contact_stiffness_n_per_m, r.stiffness_box), MEGA)
+    draw_theory(axes, theory, top)
     _draw_spread(spread, results)
     load_label(spread, results)
     axes.set_ylabel("Contact stiffness $k_c$ [MN/m]")
@@ -99,7 +99,7 @@ def damping_figure(results: SessionResults) -> Figure:
     """Draw the damping ratio of the contact mode against load (Fig. 7b, 8b)."""
     figure = blank(COLUMN_MM, 100)
     axes = figure.subplots()
-    top = _draw_loads(axes, results, lambda r: (r.zeta2, r.damping_box), PERCENT)
+    top = draw_loads(axes, results, lambda r: (r.zeta2, r.damping_box), PERCENT)
     values = [r.zeta2.value * PERCENT for r in results.loads if r.zeta2 is not None and r.zeta2.value > 0]
     if values and max(values) > LOG_RATIO * min(values):
         axes.set_yscale("log", nonpositive="clip")
@@ -149,7 +149,7 @@ def published_figure(
         zorder=4,
     )
     axes.set_xlim(0, float(np.max(load_mn)) * 1.06)
-    _draw_theory(axes, theory, float(np.max(stiffness)))
+    draw_theory(axes, theory, float(np.max(stiffness)))
     axes.set_xlabel("Contact load $P$ [mN]")
     axes.set_ylabel("Contact stiffness $k_c$ [MN/m]")
     _legend(figure, axes)
@@ -159,7 +159,7 @@ def published_figure(
 Reading = Callable[[LoadResult], tuple[Estimate | None, BoxStatistics | None]]
 
 
-def _draw_loads(axes: Axes, results: SessionResults, reading: Reading, scale: float) -> float:
+def draw_loads(axes: Axes, results: SessionResults, reading: Reading, scale: float) -> float:
     """Draw box and combined estimate of each load; return the largest number drawn."""
     loads = [load for load in results.loads if math.isfinite(axis_load(load))]
     end = max((axis_load(load) for load in loads), default=1.0) * 1.06
@@ -231,7 +231,7 @@ def _legend(figure: Figure, axes: Axes) -> None:
     )
 
 
-def _draw_theory(axes: Axes, theory: Sequence[TheoryCurve], measured_top: float) -> None:
+def draw_theory(axes: Axes, theory: Sequence[TheoryCurve], measured_top: float) -> None:
     """Draw curves over the load axis; the measurement, not the highest theory, sets the scale."""
     end = axes.get_xlim()[1]
     load_mn = np.linspace(end / THEORY_POINTS, end, THEORY_POINTS)

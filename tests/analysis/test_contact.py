@@ -42,6 +42,12 @@ def test_hertz_stiffness_is_the_derivative_of_the_load(P):
     assert hertz.stiffness(P, R, E_STAR) == pytest.approx(slope, rel=1e-6)
 
 
+def test_hertz_load_is_equation_1():
+    P = np.array([0.0, 0.05, 1.0])
+    np.testing.assert_allclose(hertz.load(hertz.approach(P, R, E_STAR), R, E_STAR), P)
+    assert hertz.load(-1e-9, R, E_STAR) == 0.0
+
+
 def test_hertz_contact_radius():
     # k = 2 E* a with a^2 = R Delta, the stiffness of any axisymmetric contact.
     a = np.sqrt(R * hertz.approach(0.5, R, E_STAR))
@@ -190,7 +196,7 @@ def test_given_surfaces_are_taken_as_they_are():
 
 
 def test_theories_by_contact():
-    assert [curve.equation for curve in theory("paper-sphere")] == ["Eq. 2", "Eq. 3"]
+    assert [curve.equation for curve in theory("paper-sphere")] == ["Eq. 2", "Eq. 3", "Greenwood and Tripp"]
     assert [curve.equation for curve in theory("paper-flat")][:2] == ["Eq. 7, 8", "Eq. 5"]
 
 
@@ -201,3 +207,76 @@ def test_every_theory_stiffens_with_load_and_keeps_the_shape(contact):
         stiffness = curve.stiffness(P)
         assert stiffness.shape == (3, 4)
         assert (np.diff(stiffness.ravel()) > 0).all()
+
+
+# Area that really touches.
+
+
+def test_hertz_area():
+    # mean pressure 4 E* a / (3 pi R)
+    area = hertz.contact_area(0.5, R, E_STAR)
+    assert 0.5 / area == pytest.approx(4 * E_STAR * np.sqrt(area / np.pi) / (3 * np.pi * R))
+
+
+def test_gaussian_area_is_the_integral_over_the_asperities():
+    R_q = 0.189e-6
+    h = float(gaussian.separation(0.5, R_q=R_q, **FLATS)) / R_q
+    share, _ = integrate.quad(lambda z: (z - h) * np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi), h, 12)
+    expected = np.pi * FLATS["eta"] * FLATS["A_n"] * FLATS["R_s"] * R_q * share
+    assert gaussian.contact_area(0.5, R_q=R_q, **FLATS) == pytest.approx(expected, rel=1e-8)
+
+
+def test_exponential_area_is_the_integral_over_the_asperities():
+    R_q = 0.189e-6
+    h = float(exponential.separation(0.5, R_q=R_q, **FLATS)) / R_q
+    share, _ = integrate.quad(lambda t: t * 17 * np.exp(-3 * (t + h)), 0, 20)
+    expected = np.pi * FLATS["eta"] * FLATS["A_n"] * FLATS["R_s"] * R_q * share
+    assert exponential.contact_area(0.5, R_q=R_q, **FLATS) == pytest.approx(expected, rel=1e-8)
+
+
+def test_exponential_separation_carries_the_load():
+    d = exponential.separation([0.1, 1.0], R_q=1e-7, **FLATS)
+    np.testing.assert_allclose(exponential.load(d, R_q=1e-7, **FLATS), [0.1, 1.0])
+    assert np.isinf(exponential.separation(0.0, R_q=1e-7, **FLATS))
+
+
+def test_elastic_plastic_area_is_the_integral_over_the_asperities():
+    w = YIELDING.critical_interference
+    h = float(YIELDING.separation(0.5)) / YIELDING.R_q
+
+    def share(z):
+        t = z - h
+        return (t if t < w else 2 * t - w) * np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
+
+    total = sum(integrate.quad(share, *ends, epsabs=1e-14)[0] for ends in ((h, h + w), (h + w, 14)))
+    expected = np.pi * FLATS["eta"] * FLATS["A_n"] * FLATS["R_s"] * YIELDING.R_q * total
+    assert YIELDING.contact_area(0.5) == pytest.approx(expected, rel=1e-7)
+
+
+def test_elastic_plastic_area_of_hard_asperities_is_elastic():
+    hard = ElasticPlasticFlats(R_q=0.189e-6, H=1e13, nu=0.29, **FLATS)
+    assert hard.contact_area(0.5) == pytest.approx(float(gaussian.contact_area(0.5, R_q=0.189e-6, **FLATS)), rel=1e-6)
+
+
+def test_no_load_no_area():
+    assert gaussian.contact_area(0.0, R_q=1e-7, **FLATS) == 0.0
+    assert YIELDING.contact_area(0.0) == 0.0
+
+
+@pytest.mark.parametrize("n", [0.5, 1.0, 1.5, 2.5])
+def test_tail_moment_far_below_all_heights(n):
+    # the mean of (x + z)^n over the normal density
+    for x in (19.9, 20.1, 300.0):
+        mean, _ = integrate.quad(
+            lambda z, x=x: (x + z) ** n * np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi), -9, 9, epsabs=0
+        )
+        assert gaussian.tail_moment(n, -x) == pytest.approx(mean, rel=1e-9)
+
+
+@pytest.mark.parametrize("contact", ["paper-sphere", "paper-flat"])
+def test_every_separation_falls_as_the_stiffness_says(contact):
+    P, step = np.array([0.1, 0.9]), 1e-4
+    for curve in theory(contact):
+        if curve.separation is not None:
+            slope = -2 * step * P / (curve.separation(P * (1 + step)) - curve.separation(P * (1 - step)))
+            np.testing.assert_allclose(curve.stiffness(P), slope, rtol=1e-4)

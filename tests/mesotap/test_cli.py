@@ -17,7 +17,8 @@ import scipy.io
 from tests.mesotap.benches import SMALL
 
 CONTRACTS = Path(__file__).parents[1] / "contracts"
-COMMANDS = ["run", "resume", "calibrate", "analyze", "report", "simulate", "published", "import", "config", "info"]
+COMMANDS = ["run", "resume", "calibrate", "analyze", "report", "simulate", "published", "surface", "figures"]
+COMMANDS += ["import", "config", "info", "devices", "check"]
 QUICK = [part for change in SMALL for part in ("--set", change)]
 
 

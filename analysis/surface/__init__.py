@@ -1,0 +1,1 @@
+"""From profilometer scans to what rough-contact theories need: roughness, asperity radius and density."""

@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 DEMO := demo
 SEED := 1
 
-.PHONY: demo test check unit lint types layers kills recovery bench clean
+.PHONY: demo test check unit lint types layers kills recovery bench streaming fuzz faults faults-table clean
 
 demo: $(VENV)/.installed
 	rm -rf $(DEMO)
@@ -38,6 +38,25 @@ kills: $(VENV)/.tested
 # 200 seeded loads: does every interval cover as often as it says?
 recovery: $(VENV)/.installed
 	$(BIN)/python benchmarks/recovery.py
+
+# an hour of the recorder's stream, emulated: lost samples, processor time, memory
+streaming: $(VENV)/.installed
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/streaming.py
+
+# random fault schedules over whole sessions with the drivers on emulated devices (twenty minutes)
+SCHEDULES := 2000
+faults: $(VENV)/.tested
+	MESOTAP_FAULT_SCHEDULES=$(SCHEDULES) OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 tests/faults/test_schedules.py
+
+# docs/faults.md, written by what happens
+faults-table: $(VENV)/.tested
+	MESOTAP_WRITE_FAULTS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest tests/faults/test_table.py
+
+# damaged files, configurations and USB replies, FUZZ of each kind; another FUZZ_SEED makes others (hours)
+FUZZ := 100000
+FUZZ_SEED := 1
+fuzz: $(VENV)/.tested
+	MESOTAP_FUZZ=$(FUZZ) MESOTAP_FUZZ_SEED=$(FUZZ_SEED) OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 tests/fuzz
 
 # modal identification against the Cramer-Rao bound and beside other programs, in a virtualenv of its own
 bench: .venv-bench/.installed

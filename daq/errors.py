@@ -2,6 +2,24 @@
 
 from __future__ import annotations
 
+import re
+
+_BREAK = re.compile(r"\s*[\n\r\f\v\x85\u2028\u2029]\s*")
+
+
+def one_line(text: str) -> str:
+    """Return text on one line, with nothing in it that a terminal would act on.
+
+    Sentences quote what stands in files: names, texts, printed arrays.
+    """
+    if text.isprintable():
+        return text
+    line = _BREAK.sub(" ", text)
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in line)
+
 
 class RecordingError(ValueError):
     """A recording, session or exchange file cannot be used; the text says where, what, and what to do."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(one_line(text))

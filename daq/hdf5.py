@@ -18,15 +18,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import RecordingError
+from daq.old_layout import is_old, survives
 
 CHECKSUMMED = ("v108", "v110")
 """Bounds on the layout of files written here: readable since HDF5 1.8, and damage to their structure is noticed.
 
-The library crashes or loops on damage to the structure of files in the older layout, which has no checksums.
+The library crashes or loops on damage to the structure of files in the older layout, which has no checksums; see
+`daq.old_layout`.
 """
 
 LARGEST_ARRAY = 100_000_000
 """Values in one array beyond which a file is not believed (an hour of two channels at 14 kHz)."""
+
+LARGEST_COUNT = 2**53
+"""Whole numbers beyond which floating-point numbers skip some."""
 
 _HEAP = b"GCOL\x01\0\0\0"
 
@@ -63,7 +68,7 @@ def open_hdf5(path: Path) -> Iterator[Node]:
             pass
         if not h5py.is_hdf5(path):
             raise RecordingError(f"{path}: is no HDF5 file")
-        if not _heaps_are_sound(path):
+        if not _heaps_are_sound(path) or (is_old(path) and not survives(path, LARGEST_ARRAY)):
             raise RecordingError(f"{path}: the file is {damaged}")
         file = h5py.File(path, "r")
     with reading(path, "", damaged), file:
@@ -207,6 +212,8 @@ class Node:
             raise self._attribute_error(name, "is missing")
         if not isinstance(value, str):
             raise self._attribute_error(name, f"is not a text but {value!r:.40}")
+        if not is_storable(value):
+            raise self._attribute_error(name, "holds a character that is none in UTF-8")
         return value
 
     def flag(self, name: str) -> bool:
@@ -240,12 +247,21 @@ class Node:
         value = self.number(name)
         if not math.isfinite(value) or value != int(value):
             raise self._attribute_error(name, f"is {value:g}, expected a whole number")
-        if value < least:
-            raise self._attribute_error(name, f"is {value:g}, expected at least {least}")
+        if not least <= value <= LARGEST_COUNT:
+            limit = f"at least {least}" if value < least else f"at most {LARGEST_COUNT}"
+            raise self._attribute_error(name, f"is {value:g}, expected {limit}")
         return int(value)
 
     def _attribute_error(self, name: str, what: str) -> RecordingError:
         return RecordingError(f"{self.path}: attribute {name} of {self.name or '/'} {what}")
+
+
+def is_storable(text: str) -> bool:
+    """Return whether HDF5 can keep a text: no zeros within, and all of it UTF-8."""
+    try:
+        return b"\0" not in text.encode()
+    except UnicodeEncodeError:
+        return False
 
 
 def channel_label(channel: int, channels: int) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from daq.durable import write_whole
 from daq.errors import RecordingError
-from daq.hdf5 import CHECKSUMMED, LARGEST_ARRAY, Node, open_hdf5, reading, refuse_non_finite
+from daq.hdf5 import CHECKSUMMED, LARGEST_ARRAY, Node, is_storable, open_hdf5, reading, refuse_non_finite
 from daq.impact_group import ATTRIBUTE_LIMIT, check_shot, check_time, read_impact, scalar_text, write_impact
 from daq.records import CalibrationPoints, RigDescription, Session, Shot
 
@@ -44,7 +44,7 @@ def write_session(path: str | Path, session: Session) -> None:
 def _check_session(path: Path, session: Session) -> None:
     for name in (*_TEXTS, "config"):
         text = getattr(session, name)
-        if "\0" in text or not _is_utf8(text):
+        if not is_storable(text):
             raise RecordingError(f"{path}: {name} holds a character that cannot be stored")
         if name != "config" and len(text.encode()) > ATTRIBUTE_LIMIT:
             raise RecordingError(f"{path}: {name} is longer than {ATTRIBUTE_LIMIT} bytes")
@@ -65,14 +65,6 @@ def _check_session(path: Path, session: Session) -> None:
         raise RecordingError(f"{path}: two impacts have the same number")
     for shot in session.shots:
         check_shot(shot, f"{path}: /impacts/{shot.name}")
-
-
-def _is_utf8(text: str) -> bool:
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 def _image(session: Session) -> bytes:

@@ -25,7 +25,11 @@ GAUSSIAN_MAD = 1.4826
 
 
 class NoTap(RigError):
-    """Nothing passed the threshold in time."""
+    """There is no record of a tap, but nothing speaks against another one."""
+
+
+class SamplesLost(NoTap):
+    """The recorder lost samples where the record would have been."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +60,16 @@ class Record:
 class _Stream:
     """The blocks as one run of samples without gaps, of which the oldest can be forgotten.
 
+    Where the recorder lost samples the run begins anew: nothing is ever joined across a gap.
+
     Attributes
     ----------
     begin, end
         Indices of the first sample kept and of the one to come next.
+    unbroken
+        Index since which no sample was lost.
+    lost
+        Samples lost so far.
     """
 
     def __init__(self, accelerometers: Accelerometers) -> None:
@@ -67,22 +77,27 @@ class _Stream:
         self._blocks: list[Block] = []
         self.begin = 0
         self.end = 0
+        self.unbroken = 0
+        self.lost = 0
 
     def read(self) -> Block:
-        """Take in the next block; `RigError` if samples before it were lost."""
+        """Take in the next block; `RigError` if it cannot be one."""
         block = self._source.read_block()
         samples = block.acceleration.shape[-1]
         if block.acceleration.ndim != 2 or len(block.acceleration) != 2 or not samples:
             raise RigError(f"The recorder delivered a block of shape {block.acceleration.shape}, expected (2, n).")
-        if block.first_sample != self.end:
+        if block.first_sample < self.end:
             raise RigError(
-                f"The recorder lost samples: sample {block.first_sample} came where {self.end} was due; "
-                "close other programs, or lower the sampling rate."
+                f"The recorder sent sample {block.first_sample} again where {self.end} was due; check its driver."
             )
         if not np.isfinite(block.acceleration).all():
             raise RigError("The recorder delivered a value that is no number; check its driver.")
         if block.strain_mv is not None and block.strain_mv.shape != (samples,):
             raise RigError(f"The recorder delivered {block.strain_mv.shape} strain values for {samples} samples.")
+        if block.first_sample > self.end:
+            self.lost += block.first_sample - self.end
+            self._blocks.clear()
+            self.begin = self.end = self.unbroken = block.first_sample
         self._blocks.append(block)
         self.end += samples
         return block
@@ -141,7 +156,8 @@ def record_shot(
     """Have one tap made and record it. The stream is stopped on return, also by an error.
 
     Only samples after the pretrigger stretch are looked at, so every record has its whole pretrigger. The
-    threshold is raised to 6 standard deviations of the noise before the strike where it lies below that.
+    threshold is raised to 6 standard deviations of the noise before the strike where it lies below that. A record
+    never spans samples that were lost; samples lost before the tap cost nothing.
 
     Parameters
     ----------
@@ -152,8 +168,10 @@ def record_shot(
     ------
     NoTap
         Nothing passed the threshold within ``trigger.timeout_s`` of the strike.
+    SamplesLost
+        Samples were lost from the record, or just before the tap.
     RigError
-        Samples were lost, or a part failed.
+        A part failed.
     RecordingError
         The settings leave no room for the tap in the record.
     """
@@ -165,10 +183,13 @@ def record_shot(
     stream = _Stream(accelerometers)
     try:
         accelerometers.start()
-        while stream.end < trigger.pretrigger_samples:
-            stream.read()
         rate = accelerometers.sample_rate_hz
-        threshold = _Threshold(stream.acceleration(0, stream.end), rate, trigger.threshold_m_s2)
+        last_sample = trigger.pretrigger_samples + trigger.timeout_s * rate
+        while stream.end - stream.begin < trigger.pretrigger_samples:
+            stream.read()
+            if stream.end > last_sample:
+                raise _lost(stream)
+        threshold = _Threshold(stream.acceleration(stream.begin, stream.end), rate, trigger.threshold_m_s2)
         called = clock.now()
         impactor.strike(load_mn, hint)
         found = _await_tap(stream, threshold, clock, trigger, clock.now() - called, rate)
@@ -177,6 +198,8 @@ def record_shot(
         last = first + trigger.record_samples
         while stream.end < last:
             stream.read()
+            if stream.unbroken > first:
+                raise _lost(stream)
         return Record(
             stream.acceleration(first, last), stream.strain(first, last), trigger.pretrigger_samples, rate, time
         )
@@ -191,16 +214,27 @@ def _await_tap(
     deadline = clock.now() + trigger.timeout_s
     last_sample = stream.end + (trigger.timeout_s + strike_s) * rate
     while True:
-        first = stream.end
-        over = threshold.first_over(stream.read().acceleration)
+        block = stream.read()
+        over = threshold.first_over(block.acceleration)
         if over is not None:
-            return first + over
+            found = block.first_sample + over
+            if found - stream.unbroken < trigger.pretrigger_samples:
+                raise _lost(stream)  # only after a gap: before the strike there was a whole pretrigger stretch
+            return found
         stream.forget(stream.end - trigger.pretrigger_samples)
         if clock.now() > deadline or stream.end > last_sample:
+            if stream.lost:
+                raise _lost(stream)
             raise NoTap(
                 f"No tap within {trigger.timeout_s:g} s: nothing passed {threshold.level:.3g} m/s2; tap harder, "
                 "or check that the accelerometers are plugged in."
             )
+
+
+def _lost(stream: _Stream) -> SamplesLost:
+    return SamplesLost(
+        f"The recorder lost {stream.lost} samples while the tap was waited for; close other programs, and tap again."
+    )
 
 
 QUIET_S = 0.001
@@ -210,6 +244,7 @@ PEAK_FRACTION = 0.02
 """Fraction of a finished record's peak that its onset has to pass."""
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a file may hold numbers whose squares are none
 def find_trigger(acceleration: NDArray[np.float64], sample_rate_hz: float, threshold: float | None = None) -> int:
     """Return the index of the sample where the tap begins in a finished record.
 

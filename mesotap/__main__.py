@@ -39,6 +39,7 @@ def _sentence(error: Exception) -> str | None:
     from analysis.modal.exponentials import FitFailure
     from analysis.session import AnalysisError
     from analysis.stiffness import ResonanceError
+    from analysis.surface.scan import ScanError
     from calibration.line import CalibrationError
     from daq.errors import RecordingError
     from mesotap.config import ConfigError
@@ -52,6 +53,7 @@ def _sentence(error: Exception) -> str | None:
         RecordingError,
         ResonanceError,
         RigError,
+        ScanError,
         TheoryError,
     )
     if isinstance(error, meant):

@@ -3,34 +3,74 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from analysis.contact.theory import theory
 from mesotap.config import Config
-from rig import Operator, Rig, RigError
+from rig import Operator, Rig
 from rig.hand import HandStage
 from sim_backend.person import SimulatedPerson
 from sim_backend.rig import SimulatedRig
 
+if TYPE_CHECKING:
+    from sim_backend.emulators.rig import EmulatedRig
+    from sim_backend.emulators.wire import Disturbance
+
 
 def build_rig(
-    config: Config, simulated: bool, operator: Operator, seed: int | None = None, realtime: bool = False
+    config: Config,
+    simulated: bool,
+    operator: Operator,
+    seed: int | None = None,
+    realtime: bool = False,
+    emulated: bool = False,
 ) -> Rig:
     """Build the rig that the configuration describes.
+
+    Parameters
+    ----------
+    simulated
+        The simulated rig instead of devices.
+    operator
+        Who turns, taps and hangs weights where no motor does.
+    seed, realtime
+        Of the simulated rig.
+    emulated
+        The drivers, on emulated devices with the simulated rig's physics.
 
     Raises
     ------
     RigError
         If a part has no driver.
     """
-    if not simulated:
-        raise RigError(
-            "rig: strain-gauge amplifier and accelerometers have no driver in this version; add --simulate to work "
-            "with the simulated rig"
-        )
-    return simulated_rig(config, operator, seed, realtime)
+    if emulated:
+        return emulated_rig(config, operator, seed, wires=True)
+    if simulated:
+        return simulated_rig(config, operator, seed, realtime)
+    from rig.drivers.assembly import assemble  # hardware code only where there is hardware
+
+    return assemble(config.rig, operator)
+
+
+def emulated_rig(
+    config: Config,
+    operator: Operator | None = None,
+    seed: int | None = None,
+    wires: bool = False,
+    amplifier_wire: Disturbance | None = None,
+    stage_wire: Disturbance | None = None,
+) -> EmulatedRig:
+    """Build the emulated rig; see `sim_backend.emulators.rig.EmulatedRig`."""
+    from sim_backend.emulators.rig import EmulatedRig
+
+    stiffness = _stiffness_from_theory(config)
+    rig = EmulatedRig(config.rig, config.sim_backend, stiffness, seed, wires, amplifier_wire, stage_wire)
+    if config.rig.parts.stage == "hand":
+        person = SimulatedPerson(rig.physics.micrometer, operator)
+        rig.stage = HandStage(person, rig.clock, lambda: f"gauge {rig.load_cell.read().voltage_mv:.2f} mV")
+    return rig
 
 
 def simulated_rig(
@@ -53,5 +93,6 @@ def _stiffness_from_theory(config: Config) -> Callable[[float], float] | None:
 
 
 def truth_now(rig: Rig) -> dict[str, Any]:
-    """Truth of a simulated rig at its present load; nothing for a real one."""
-    return rig.truth_at_load(rig.true_load_mn() * 1e-3) if isinstance(rig, SimulatedRig) else {}
+    """Truth of a simulated or emulated rig at its present load; nothing for a real one."""
+    physics = getattr(rig, "physics", rig)
+    return physics.truth_at_load(physics.true_load_mn() * 1e-3) if isinstance(physics, SimulatedRig) else {}

@@ -34,6 +34,9 @@ JsonPath = Annotated[
     typer.Option("--json", metavar="OUT.json", help="Also write the answer for programs.", show_default=False),
 ]
 Simulate = Annotated[bool, typer.Option("--simulate", help="On the simulated rig instead of the real one.")]
+Emulate = Annotated[
+    bool, typer.Option("--emulate", help="With the drivers, on emulated devices behind which the simulated rig is.")
+]
 Seed = Annotated[
     int | None,
     typer.Option("--seed", min=0, help="Seed of the simulated rig, instead of the one configured.", show_default=False),
@@ -87,6 +90,7 @@ def run(
     realtime: Annotated[bool, typer.Option("--realtime", help="Let simulated time pass as on the bench.")] = False,
     changes: Changes = None,
     json: JsonPath = None,
+    emulate: Emulate = False,
 ) -> None:
     """Run a test session: calibrate, approach, eight good taps at each load, calibrate again, report.
 
@@ -94,7 +98,7 @@ def run(
     """
     from mesotap.commands.session import run as begin
 
-    begin(config, changes or (), simulate, seed, realtime, output, json, _console(json))
+    begin(config, changes or (), simulate, seed, realtime, output, json, _console(json), emulate)
 
 
 @app.command()
@@ -115,11 +119,45 @@ def calibrate(
     seed: Seed = None,
     changes: Changes = None,
     json: JsonPath = None,
+    emulate: Emulate = False,
 ) -> None:
     """Calibrate the strain gauge with the dead weights, apart from a session."""
     from mesotap.commands.session import calibrate_gauge
 
-    calibrate_gauge(config, changes or (), simulate, seed, json, _console(json))
+    calibrate_gauge(config, changes or (), simulate, seed, json, _console(json), emulate)
+
+
+@app.command()
+def devices(
+    simulate: Simulate = False,
+    emulate: Emulate = False,
+    config: ConfigPath = None,
+    seed: Seed = None,
+    changes: Changes = None,
+    json: JsonPath = None,
+) -> None:
+    """Find what is connected, and say what each configured device answers. Nothing moves."""
+    from mesotap.commands.devices import devices as look
+
+    look(config, changes or (), simulate, emulate, seed, json, _console(json))
+
+
+@app.command()
+def check(
+    simulate: Simulate = False,
+    emulate: Emulate = False,
+    config: ConfigPath = None,
+    seed: Seed = None,
+    touch: Annotated[
+        bool, typer.Option("--touch/--no-touch", help="Whether the surfaces may be brought together for a tap.")
+    ] = True,
+    changes: Changes = None,
+    json: JsonPath = None,
+) -> None:
+    """Test the rig safely, part by part: noise floor, gauge zero, a step of the stage, a tap. A verdict a line."""
+    from mesotap.commands.devices import check as test
+
+    test(config, changes or (), simulate, emulate, seed, touch, json, _console(json))
 
 
 @app.command()
@@ -186,6 +224,42 @@ def published(report: Report = None, json: JsonPath = None) -> None:
     from mesotap.commands.files import published as answer
 
     answer(report, json, _console(json))
+
+
+@app.command()
+def surface(
+    scans: Annotated[
+        list[Path],
+        typer.Argument(help="Profilometer scans as CSV; several: the surfaces that touch.", show_default=False),
+    ],
+    unit: Annotated[
+        str | None, typer.Option("--unit", help="Of the heights, where the file does not say.", show_default=False)
+    ] = None,
+    spacing: Annotated[
+        float | None,
+        typer.Option("--spacing-um", help="Of the points, where the file does not say.", show_default=False),
+    ] = None,
+    form: Annotated[
+        int, typer.Option("--form", help="Degree of the polynomial taken off: 0 mean, 1 tilt, 2 curvature.")
+    ] = 2,
+    json: JsonPath = None,
+) -> None:
+    """Find roughness, asperity radius and density for section analysis.contact from profilometer scans."""
+    from mesotap.commands.theory import surface as answer
+
+    answer(scans, unit, spacing, form, json, _console(json))
+
+
+@app.command("figures")
+def paper_figures(
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the figures.")] = Path("figures"),
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the simulated sessions.")] = 1,
+    json: JsonPath = None,
+) -> None:
+    """Draw the paper's Fig. 3, 5 to 9 again, and hold the numbers of its text against theory."""
+    from mesotap.commands.theory import paper_figures as draw
+
+    draw(output, seed, json, _console(json))
 
 
 @app.command("import")

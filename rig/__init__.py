@@ -1,6 +1,6 @@
 """What a tester is: the abstract `Rig`, its parts and readings, the interlock, and the parts that are hands."""
 
-from rig.errors import InterlockRefusal, RigError, SessionAborted, StaleReading
+from rig.errors import DeviceError, InterlockRefusal, NoAnswer, RigError, SessionAborted, StaleReading
 from rig.interface import Accelerometers, Clock, DeadWeights, Impactor, LoadCell, Operator, Rig, Stage
 from rig.readings import Block, GaugeScale, LoadReading, StageReading
 
@@ -9,11 +9,13 @@ __all__ = [
     "Block",
     "Clock",
     "DeadWeights",
+    "DeviceError",
     "GaugeScale",
     "Impactor",
     "InterlockRefusal",
     "LoadCell",
     "LoadReading",
+    "NoAnswer",
     "Operator",
     "Rig",
     "RigError",

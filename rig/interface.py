@@ -49,7 +49,15 @@ class Operator(ABC):
 
 
 class LoadCell(ABC):
-    """Strain-gauge bridge and its amplifier."""
+    """Strain-gauge bridge and its amplifier.
+
+    Attributes
+    ----------
+    name
+        What it is called in errors; a driver adds where it is connected.
+    """
+
+    name: str = "strain gauge"
 
     @abstractmethod
     def read(self, duration_s: float = 0.1) -> LoadReading:

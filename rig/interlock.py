@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable
 from types import TracebackType
 
-from rig.errors import InterlockRefusal, RigError, StaleReading
+from rig.errors import DeviceError, InterlockRefusal, RigError, SessionAborted, StaleReading
 from rig.interface import Rig
 from rig.readings import GaugeScale, LoadReading
 from rig.settings import Limits
@@ -61,6 +61,10 @@ class Interlock:
         self._turned_at: float | None = None  # where the stage last turned back, until its play is used up
 
     @property
+    def _gauge(self) -> str:
+        return self._rig.load_cell.name
+
+    @property
     def contact(self) -> tuple[float, float] | None:
         """Position (um) and load (mN) at which contact was felt; None while the surfaces are apart."""
         return self._contact
@@ -79,24 +83,26 @@ class Interlock:
         """One believable reading of the gauge."""
         try:
             reading = self._rig.load_cell.read(duration_s)
-        except StaleReading:
+        except (StaleReading, SessionAborted):  # whoever ends the session is not the gauge's fault
             raise
+        except DeviceError as error:
+            raise StaleReading(str(error)) from error
         except RigError as error:
-            raise StaleReading(f"strain gauge: no reading ({error}); the stage does not move") from error
+            raise StaleReading(f"{self._gauge}: no reading ({error}); the stage does not move") from error
         age = self._rig.clock.now() - reading.time_s
         if age > self._limits.stale_reading_s:
             raise StaleReading(
-                f"strain gauge: the last reading is {age:.2f} s old, more than {self._limits.stale_reading_s:g} s; "
+                f"{self._gauge}: the last reading is {age:.2f} s old, more than {self._limits.stale_reading_s:g} s; "
                 "check the amplifier's connection"
             )
         if not math.isfinite(reading.voltage_mv):
-            raise StaleReading("strain gauge: the amplifier answers no number; check the bridge's wiring")
+            raise StaleReading(f"{self._gauge}: the amplifier answers no number; check the bridge's wiring")
         same = reading.voltage_mv == self._last_voltage or (reading.samples > 1 and reading.spread_mv == 0.0)
         self._frozen = self._frozen + 1 if same else 0
         self._last_voltage = reading.voltage_mv
         if self._frozen >= self._limits.frozen_readings:
             raise StaleReading(
-                f"strain gauge: {self._frozen + 1} readings are the same to the last digit "
+                f"{self._gauge}: {self._frozen + 1} readings are the same to the last digit "
                 f"({reading.voltage_mv:.4f} mV); the amplifier is frozen: restart it"
             )
         return reading
@@ -134,7 +140,8 @@ class Interlock:
             self._check_limit(load)
             if load < resting - 2 * threshold:
                 raise StaleReading(
-                    f"strain gauge: it fell from {resting:.0f} to {load:.0f} mN on the approach, which no contact does"
+                    f"{self._gauge}: it fell from {resting:.0f} to {load:.0f} mN on the approach, which no contact "
+                    "does; check its cable and that nothing leans on the masses"
                 )
             return load - resting > threshold
 
@@ -200,7 +207,8 @@ class Interlock:
         standing = self.load_mn()
         if abs(standing - before) > STANDING_CHANGE_THRESHOLDS * self._limits.contact_threshold_mn:
             raise StaleReading(
-                f"strain gauge: the load changed from {before:.0f} to {standing:.0f} mN while the stage stood still"
+                f"{self._gauge}: the load changed from {before:.0f} to {standing:.0f} mN while the stage stood still; "
+                "check its cable and what touches the masses, then resume"
             )
         position = self._rig.stage.move_by(step_um, aim).position_um
         if step_um < 0 and math.isfinite(position):
@@ -283,8 +291,8 @@ class Interlock:
                 travelled = (position - self._contact[0]) * self._mn_per_um
                 if travelled > self._limits.load_mn * 0.75 + self._contact[1]:
                     raise StaleReading(
-                        f"strain gauge: {position - self._contact[0]:.1f} um past contact it shows only {load:.0f} mN; "
-                        "it does not follow the stage"
+                        f"{self._gauge}: {position - self._contact[0]:.1f} um past contact it shows only {load:.0f} "
+                        "mN; it does not follow the stage: look whether it answers a touch of the finger"
                     )
             return
         if self._judged_from is None:
@@ -302,8 +310,8 @@ class Interlock:
             self._turned_at = None
         if not SOFTEST_RESPONSE < response < STIFFEST_RESPONSE:
             raise StaleReading(
-                f"strain gauge: {travel:.2f} um of travel changed it by {response:.0%} of what the springs allow; "
-                "gauge and stage disagree"
+                f"{self._gauge}: {travel:.2f} um of travel changed it by {response:.0%} of what the springs allow; "
+                "gauge and stage disagree: check the gauge's wiring and what else touches the masses"
             )
 
     # --- leaving --------------------------------------------------------------------------------------------
@@ -311,7 +319,7 @@ class Interlock:
     def make_safe(self) -> list[str]:
         """Bring the rig into its safe state, whatever works; returns a sentence for each thing that did not."""
         troubles = []
-        for action in (self._rig.accelerometers.stop, self.retract):
+        for action in (self.retract, self._rig.accelerometers.stop):  # the load first, whatever else hangs
             try:
                 action()
             except InterlockRefusal as error:

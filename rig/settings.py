@@ -5,19 +5,29 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+from rig.parts import Parts
+from rig.section import Finite, NonNegative, Positive, Section
+
+__all__ = [
+    "STANDARD_GRAVITY",
+    "Channel",
+    "Filter",
+    "Finite",
+    "Limits",
+    "Masses",
+    "NonNegative",
+    "Parts",
+    "Positive",
+    "RigSettings",
+    "Section",
+    "Springs",
+    "Wiring",
+]
+
 STANDARD_GRAVITY = 9.80665  # m/s2
 SAFE_CLEARANCES = 2.0  # clearance over the travel that the springs need for the load limit: contacts are soft
-
-
-class Section(BaseModel):
-    """A part of config.yaml: unknown keys are errors, values do not change after loading."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class Masses(Section):
@@ -52,6 +62,10 @@ class Channel(Section):
     gain: Positive = 10.0
     polarity: Literal[1, -1] = 1
 
+    def m_s2_per_volt(self) -> float:
+        """Acceleration, m/s2, that a volt at the recorder's input means; negative when mounted the other way round."""
+        return self.polarity * STANDARD_GRAVITY / (self.sensitivity_mv_per_g * 1e-3 * self.gain)
+
 
 class Wiring(Section):
     """Which input is which, and what a volt means."""
@@ -59,17 +73,32 @@ class Wiring(Section):
     accelerometer_a: Channel = Channel(input=0)
     accelerometer_b: Channel = Channel(input=1, polarity=-1)
     strain_gauge_input: Annotated[int, Field(ge=0, le=31)] | None = 2
+    strain_gauge_gain: Positive = 1.0
+    strain_gauge_range_v: Positive = 0.3125
     input_range_v: Positive = 5.0
     bits: Annotated[int, Field(ge=8, le=32)] = 16
     sample_rate_hz: Positive = 25000.0
 
     @model_validator(mode="after")
     def _distinct(self) -> Wiring:
-        used = [self.accelerometer_a.input, self.accelerometer_b.input]
-        used += [] if self.strain_gauge_input is None else [self.strain_gauge_input]
+        used = self.inputs()
         if len(set(used)) < len(used):
             raise ValueError(f"two sensors share one input: {used}")
         return self
+
+    def inputs(self) -> list[int]:
+        """Inputs of accelerometers A and B, then that of the strain gauge if the recorder samples it."""
+        both = [self.accelerometer_a.input, self.accelerometer_b.input]
+        return both if self.strain_gauge_input is None else [*both, self.strain_gauge_input]
+
+    def ranges_v(self) -> list[float]:
+        """Range, plus and minus, of each of `inputs`, V."""
+        return [self.input_range_v, self.input_range_v, self.strain_gauge_range_v][: len(self.inputs())]
+
+    def units_per_volt(self) -> list[float]:
+        """What a volt at each of `inputs` means: m/s2 for the accelerometers, mV of the bridge for the gauge."""
+        scales = [self.accelerometer_a.m_s2_per_volt(), self.accelerometer_b.m_s2_per_volt()]
+        return [*scales, 1e3 / self.strain_gauge_gain][: len(self.inputs())]
 
     def full_scale_m_s2(self) -> float:
         """Largest acceleration that both channels can hold, m/s2."""
@@ -105,12 +134,6 @@ class Limits(Section):
     largest_backlash_um: NonNegative = 5.0
     expected_contact_um: Finite = 150.0
     search_beyond_um: Positive = 3.0
-
-
-class Parts(Section):
-    """Which kind of implementation stands behind a part."""
-
-    stage: Literal["motor", "hand"] = "motor"
 
 
 class RigSettings(Section):

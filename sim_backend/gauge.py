@@ -18,6 +18,8 @@ READING_RATE_HZ = 100.0
 LATE_BY_S = 5.0  # age of a reading with the fault "late"
 SETTLING_S = 5.0  # a weight coming to rest
 SMALLEST_WEIGHT_MN = 1e-6
+STEP_MV = 2.0**-16  # of the amplifier's converter: 24 bits over +-128 mV, whole in the float32 of a register as well
+LARGEST_CODE = 2**23 - 1
 
 Fault = str | tuple[str, float] | None
 
@@ -62,11 +64,25 @@ class SimulatedLoadCell(LoadCell):
         """Return the voltage now, mV, without noise and fault."""
         return self.true_offset() + self.true_sensitivity() * self._load_mn()
 
+    def sample_code(self) -> int:
+        """Return what the amplifier's converter reads now, noise and all, in steps of `STEP_MV`."""
+        voltage = self.true_voltage()
+        if isinstance(self.fault, tuple | list):
+            kind, amount = self.fault
+            if kind == "scale":
+                voltage = self.true_offset() + amount * (voltage - self.true_offset())
+            elif kind == "offset":
+                voltage += amount
+        voltage += self._settings.noise_mv * float(self._rng.standard_normal())
+        return min(max(round(voltage / STEP_MV), -LARGEST_CODE - 1), LARGEST_CODE)
+
     def read(self, duration_s: float = 0.1) -> LoadReading:
         """Average at 100 samples a second, at least two samples."""
         fault = self.fault
         count = max(2, round(duration_s * READING_RATE_HZ))
-        self._clock.sleep(max(duration_s, count / READING_RATE_HZ))
+        begun = self._clock.now()
+        if fault in ("dropout", "frozen"):
+            self._clock.sleep_until(begun + max(duration_s, count / READING_RATE_HZ))
         if fault == "dropout":
             raise RigError("The simulated load cell does not answer: check its cable and its amplifier.")
         if fault == "frozen":
@@ -74,14 +90,11 @@ class SimulatedLoadCell(LoadCell):
             self._last_voltage = held
             return LoadReading(self._clock.now(), held, 0.0, count)
 
-        voltage = self.true_voltage()
-        if isinstance(fault, tuple | list):
-            kind, amount = fault
-            if kind == "scale":
-                voltage = self.true_offset() + amount * (voltage - self.true_offset())
-            elif kind == "offset":
-                voltage += amount
-        samples = voltage + self._settings.noise_mv * self._rng.standard_normal(count)
+        samples = np.empty(count)
+        for i in range(count):
+            self._clock.sleep_until(begun + (i + 1) / READING_RATE_HZ)
+            samples[i] = self.sample_code() * STEP_MV
+        self._clock.sleep_until(begun + max(duration_s, count / READING_RATE_HZ))
         mean, spread = float(np.mean(samples)), float(np.std(samples, ddof=1))
         self._last_voltage = mean
         if fault == "nan":

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from rig.settings import Filter
-from sim_backend.settings import SimulatedNoise
+from rig.settings import Filter, Wiring
+from sim_backend.settings import SimulatedNoise, SimulatedRecorder
 from sim_backend.state_space import StateSpace
+
+RANGES_V = (10.0, 5.0, 2.5, 2.0, 1.25, 1.0, 0.625, 0.3125)  # of the recorder that is simulated
 
 
 def analog_filter(settings: Filter) -> StateSpace:
@@ -51,24 +53,70 @@ def _butterworth(corner_hz: float, order: int, highpass: bool) -> list[StateSpac
 
 @dataclass(frozen=True, slots=True)
 class Converter:
-    """Analog-to-digital converter, in the unit of what it measures.
+    """Analog-to-digital converter of one input, with the errors that its calibration takes out again.
 
     Attributes
     ----------
     full_scale
-        Largest magnitude it holds.
+        Largest magnitude it holds, V.
     bits
-        Two's complement codes of this many bits.
+        Codes run from 0 to ``2**bits - 1``, the middle one is 0 V.
+    slope, intercept
+        Calibration: the code of an ideal converter is ``code * slope + intercept``.
     """
 
     full_scale: float
     bits: int
+    slope: float = 1.0
+    intercept: float = 0.0
 
-    def __call__(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return ``values`` (any shape) rounded to the nearest code and clipped at the first and last one."""
+    def codes(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the nearest code of each voltage (any shape), clipped at the first and last one."""
         half = 2.0 ** (self.bits - 1)
-        step = self.full_scale / half
-        return np.clip(np.round(values / step), -half, half - 1) * step
+        ideal = volts / (self.full_scale / half) + half
+        return np.clip(np.round((ideal - self.intercept) / self.slope), 0.0, 2 * half - 1)
+
+    def __call__(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return voltages (any shape) as they are read: to the nearest code, clipped, corrected by the calibration."""
+        return self._corrected(self.codes(volts))
+
+    def reach(self) -> float:
+        """Return the voltage at which the nearer end of the scale is reached, V."""
+        half = 2.0 ** (self.bits - 1)
+        low, high = np.abs(self._corrected(np.array([0.0, 2 * half - 1])))
+        return float(min(low, high + self.full_scale / half))  # upwards there is one code less
+
+    def _corrected(self, codes: NDArray[np.float64]) -> NDArray[np.float64]:
+        half = 2.0 ** (self.bits - 1)
+        corrected = np.clip(codes * self.slope + self.intercept, 0.0, 2 * half - 1)
+        return (corrected - half) * (self.full_scale / half)
+
+
+CHANNELS = 8
+
+
+def calibration_table(settings: SimulatedRecorder, seed: int, ranges: int = 8) -> NDArray[np.float32]:
+    """Return slope and intercept (last axis) of each input at each range, (ranges, 8, 2), as the device keeps them.
+
+    Without errors in the settings every converter is ideal.
+    """
+    rng = np.random.default_rng([seed, 6])
+    table = np.empty((ranges, CHANNELS, 2), dtype=np.float32)
+    table[..., 0] = 1 + settings.gain_error_percent / 100 * rng.uniform(-1, 1, (ranges, CHANNELS))
+    table[..., 1] = settings.offset_error_codes * rng.uniform(-1, 1, (ranges, CHANNELS))
+    return table
+
+
+def converters(wiring: Wiring, settings: SimulatedRecorder, seed: int) -> list[Converter]:
+    """Return the converter behind each wired input: A, B, and the strain gauge if the recorder samples it."""
+    table = calibration_table(settings, seed, len(RANGES_V))
+    found = []
+    for channel, range_v in zip(wiring.inputs(), wiring.ranges_v(), strict=True):
+        # a range that no table is kept for has the first one's errors
+        place = RANGES_V.index(range_v) if range_v in RANGES_V else 0
+        slope, intercept = map(float, table[place, channel % CHANNELS])
+        found.append(Converter(range_v, wiring.bits, slope, intercept))
+    return found
 
 
 class Noise:

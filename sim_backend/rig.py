@@ -10,10 +10,11 @@ from typing import Any, Protocol
 from rig import Rig, RigError, Stage
 from rig.settings import RigSettings
 from sim_backend.accelerometers import SimulatedAccelerometers
+from sim_backend.analog import AnalogSignal
 from sim_backend.clock import VirtualClock
 from sim_backend.gauge import SimulatedLoadCell, SimulatedWeights
 from sim_backend.impactor import SimulatedImpactor
-from sim_backend.recorder import analog_filter
+from sim_backend.recorder import analog_filter, converters
 from sim_backend.settings import SimBackendSettings
 from sim_backend.stage import SimulatedStage
 from sim_backend.static import ContactTable
@@ -55,6 +56,10 @@ class SimulatedRig(Rig):
     ----------
     peak_true_load_mn
         Largest load the contact has really carried, mN.
+    seed
+        The seed in force.
+    micrometer
+        The motor micrometer, also where `stage` is in somebody's hand.
     """
 
     clock: VirtualClock
@@ -74,7 +79,7 @@ class SimulatedRig(Rig):
     ):
         self.name = "simulated rig"
         self.peak_true_load_mn = 0.0
-        self._seed = seed = settings.seed if seed is None else seed
+        self.seed = seed = settings.seed if seed is None else seed
         self._settings = settings
         self._truth = TrueRig(
             draw_parameters(rig_settings, settings, seed), ContactTable(settings.contact), contact_stiffness
@@ -82,8 +87,8 @@ class SimulatedRig(Rig):
         wiring, analog = rig_settings.wiring, analog_filter(rig_settings.filter)
         self.clock = VirtualClock(realtime)
         # the physics keeps to its own micrometer, also when `stage` is put into somebody's hand
-        self._micrometer = SimulatedStage(settings.stage, self.clock, self._note_load)
-        self.stage = self._micrometer
+        self.micrometer = SimulatedStage(settings.stage, self.clock, self._note_load)
+        self.stage = self.micrometer
         self.weights = SimulatedWeights(settings.gauge.weight_error_mn, self.clock, self.true_load_mn, seed)
         self.load_cell = SimulatedLoadCell(
             settings.gauge,
@@ -95,12 +100,13 @@ class SimulatedRig(Rig):
         self.impactor = SimulatedImpactor(
             settings, self._truth, analog, wiring.full_scale_m_s2(), self.clock, self._true_load_n, seed
         )
+        signal = AnalogSignal(settings, wiring, self._truth, analog, self.clock, self.impactor, self.load_cell, seed)
         self.accelerometers = SimulatedAccelerometers(
-            settings, wiring, self._truth, analog, self.clock, self.impactor, self.load_cell, seed
+            wiring, signal, converters(wiring, settings.recorder, seed), self.clock
         )
         self._load_at = (math.nan, 0.0)  # carriage position, um, and the load there, N
         self._parts: dict[str, Keeping] = {
-            "stage": self._micrometer,
+            "stage": self.micrometer,
             "weights": self.weights,
             "load_cell": self.load_cell,
             "impactor": self.impactor,
@@ -114,8 +120,8 @@ class SimulatedRig(Rig):
         recorder, stage, contact = self.accelerometers, self._settings.stage, self._settings.contact
         return [
             f"simulated load cell: {self.load_cell.true_voltage():.3f} mV, noise {self._settings.gauge.noise_mv} mV",
-            f"simulated stage: at {self._micrometer.read().position_um:.2f} um, resolution {stage.resolution_um} um, "
-            f"backlash {stage.backlash_um} um, {'clamped' if self._micrometer.locked else 'free'}",
+            f"simulated stage: at {self.micrometer.read().position_um:.2f} um, resolution {stage.resolution_um} um, "
+            f"backlash {stage.backlash_um} um, {'clamped' if self.micrometer.locked else 'free'}",
             f"simulated accelerometers: {recorder.sample_rate_hz:g} Hz, {recorder.bits} bits, "
             f"full scale {recorder.full_scale_m_s2:.1f} m/s2",
             f"simulated impactor: {self._settings.pulse.shape} pulses of {self._settings.pulse.duration_ms} ms "
@@ -145,15 +151,15 @@ class SimulatedRig(Rig):
     def checkpoint(self) -> dict[str, Any]:
         """Return all that the rig is, as JSON types; only a running stream is left out."""
         parts = {name: part.checkpoint() for name, part in self._parts.items()}
-        own = {"version": CHECKPOINT_VERSION, "seed": self._seed, "time_s": self.clock.time_s}
+        own = {"version": CHECKPOINT_VERSION, "seed": self.seed, "time_s": self.clock.time_s}
         return {**own, "peak_true_load_mn": self.peak_true_load_mn, **parts}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Take up the state of `checkpoint` of a rig with the same settings and seed."""
-        if state.get("version") != CHECKPOINT_VERSION or state.get("seed") != self._seed:
+        if state.get("version") != CHECKPOINT_VERSION or state.get("seed") != self.seed:
             raise RigError(
                 "The kept state is not of this simulated rig "
-                f"(seed {state.get('seed')} against {self._seed}): use the same config.yaml, or begin a new session."
+                f"(seed {state.get('seed')} against {self.seed}): use the same config.yaml, or begin a new session."
             )
         self.clock.time_s = state["time_s"]
         self.peak_true_load_mn = state["peak_true_load_mn"]
@@ -161,7 +167,7 @@ class SimulatedRig(Rig):
             part.restore(state[name])
 
     def _true_load_n(self) -> float:
-        carriage = self._micrometer.carriage_um
+        carriage = self.micrometer.carriage_um
         if carriage != self._load_at[0]:
             overlap_um = carriage - self._settings.contact_position_um
             self._load_at = (carriage, self._truth.equilibrium.load(overlap_um * 1e-6))

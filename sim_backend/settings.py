@@ -64,6 +64,13 @@ class SimulatedNoise(Section):
     corner_hz: Positive = 500.0
 
 
+class SimulatedRecorder(Section):
+    """Errors of the recorder's converters, up to so much either way; its calibration knows them."""
+
+    gain_error_percent: Annotated[float, Field(ge=0, le=10)] = 0.0
+    offset_error_codes: Annotated[float, Field(ge=0, le=1000)] = 0.0
+
+
 class SimulatedGauge(Section):
     """Strain gauge and its drift."""
 
@@ -93,5 +100,6 @@ class SimBackendSettings(Section):
     pulse: SimulatedPulse = SimulatedPulse()
     bad_taps: BadTaps = BadTaps()
     noise: SimulatedNoise = SimulatedNoise()
+    recorder: SimulatedRecorder = SimulatedRecorder()
     gauge: SimulatedGauge = SimulatedGauge()
     stage: SimulatedStage = SimulatedStage()

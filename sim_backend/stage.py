@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from rig import RigError, Stage, StageReading
@@ -11,7 +12,19 @@ from sim_backend import settings as sections
 from sim_backend.clock import VirtualClock
 
 SETTLING_S = 0.02  # coming to rest after each move
-CLAMPING_S = 0.5
+CLAMPING_S = 0.1  # the clamp of a motor is the motor switched off
+POLL_S = 0.01  # how often it is looked whether a move is over
+DIGITS = 6  # of a position in um
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A move of the knob: from where, to where, when it begins and when it has come to rest."""
+
+    start_um: float
+    target_um: float
+    begun_s: float
+    over_s: float
 
 
 class SimulatedStage(Stage):
@@ -28,11 +41,25 @@ class SimulatedStage(Stage):
         self._knob_um = 0.0
         self._carriage_um = 0.0
         self._locked = False
+        self._motion: Motion | None = None
 
     @property
     def carriage_um(self) -> float:
         """Where the upper mass's spring is really held, um, towards contact."""
+        self._keep_up()
         return self._carriage_um
+
+    @property
+    def knob_um(self) -> float:
+        """Where the knob is now, um."""
+        self._keep_up()
+        return self._knob_um
+
+    @property
+    def moving(self) -> bool:
+        """Whether a move is under way, its coming to rest included."""
+        self._keep_up()
+        return self._motion is not None
 
     @property
     def locked(self) -> bool:
@@ -41,7 +68,7 @@ class SimulatedStage(Stage):
 
     def read(self) -> StageReading:
         """Position of the knob now."""
-        return StageReading(self._clock.now(), self._knob_um, self._locked)
+        return StageReading(self._clock.now(), self.knob_um, self._locked)
 
     def move_by(self, step_um: float, aim: str = "") -> StageReading:
         """Move and come to rest; the end is rounded to the resolution."""
@@ -49,7 +76,7 @@ class SimulatedStage(Stage):
             raise RigError("The simulated stage is clamped: unlock it before it is moved.")
         if not math.isfinite(step_um):
             raise RigError(f"The simulated stage cannot move by {step_um} um: give a finite distance.")
-        self._go_to(self._knob_um + step_um)
+        self._go_to(self.knob_um + step_um)
         return self.read()
 
     def advance(self, travel_um: float, step_um: float, stop: Callable[[], bool], aim: str = "") -> StageReading:
@@ -60,7 +87,7 @@ class SimulatedStage(Stage):
             )
         if self._locked:
             raise RigError("The simulated stage is clamped: unlock it before it is moved.")
-        start = self._knob_um
+        start = self.knob_um
         steps = math.ceil(travel_um / step_um - 1e-9)
         for i in range(1, steps + 1):
             if stop():
@@ -72,28 +99,71 @@ class SimulatedStage(Stage):
     def lock(self) -> None:
         """Close the clamp."""
         if not self._locked:
-            self._locked = True
-            self._clock.sleep(CLAMPING_S)
+            self.clamp(True)
+            self._clock.sleep_until(self._clock.now() + CLAMPING_S)
 
     def unlock(self) -> None:
         """Open the clamp."""
         if self._locked:
-            self._locked = False
-            self._clock.sleep(CLAMPING_S)
+            self.clamp(False)
+            self._clock.sleep_until(self._clock.now() + CLAMPING_S)
+
+    def clamp(self, closed: bool) -> None:
+        """Have the clamp closed or open from now on."""
+        self._locked = closed
+
+    def begin(self, position_um: float) -> float:
+        """Begin to move to the multiple of the resolution next to ``position_um``; returns when it is over, s."""
+        resolution = self._settings.resolution_um
+        target = round(round(position_um / resolution) * resolution, DIGITS)
+        self._keep_up()
+        now = self._clock.now()
+        travel_s = abs(target - self._knob_um) / self._settings.speed_um_per_s
+        self._motion = Motion(self._knob_um, target, now, now + (travel_s + SETTLING_S))
+        return self._motion.over_s
+
+    def halt(self) -> None:
+        """End a move where it is, at once."""
+        self._keep_up()
+        self._motion = None
 
     def _go_to(self, position_um: float) -> None:
-        resolution = self._settings.resolution_um
-        target = round(position_um / resolution) * resolution
-        self._clock.sleep(abs(target - self._knob_um) / self._settings.speed_um_per_s + SETTLING_S)
-        self._knob_um = target
-        self._carriage_um = min(max(self._carriage_um, target), target + self._settings.backlash_um)
+        begun = self._clock.now()
+        over = self.begin(position_um)
+        turns = 1
+        while begun + turns * POLL_S < over:
+            turns += 1
+        self._clock.sleep_until(begun + turns * POLL_S)
+        self._keep_up()
+
+    def _keep_up(self) -> None:
+        """Bring knob and carriage to where the move has come by now."""
+        motion = self._motion
+        if motion is None:
+            return
+        now = self._clock.now()
+        if now >= motion.over_s:
+            self._motion = None
+            knob = motion.target_um
+        else:
+            way = motion.target_um - motion.start_um
+            gone = min(abs(way), self._settings.speed_um_per_s * (now - motion.begun_s))
+            knob = motion.start_um + math.copysign(gone, way)
+        if knob == self._knob_um:
+            return
+        self._knob_um = knob
+        self._carriage_um = min(max(self._carriage_um, knob), knob + self._settings.backlash_um)
         self._moved()
 
     def checkpoint(self) -> dict[str, Any]:
         """Return its state as JSON types."""
-        return {"knob_um": self._knob_um, "carriage_um": self._carriage_um, "locked": self._locked}
+        self._keep_up()
+        motion = None if self._motion is None else asdict(self._motion)
+        place = {"knob_um": self._knob_um, "carriage_um": self._carriage_um, "locked": self._locked}
+        return place if motion is None else {**place, "motion": motion}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Take up the state of `checkpoint`."""
         self._knob_um, self._carriage_um = state["knob_um"], state["carriage_um"]
         self._locked = state["locked"]
+        self._motion = Motion(**state["motion"]) if "motion" in state else None

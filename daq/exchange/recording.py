@@ -189,6 +189,9 @@ def make_recording(
     chosen = list(range(len(names))) if channels is None else [_index(path, names, c) for c in channels]
     if not chosen:
         raise RecordingError(f"{path}: no channel was asked for; it holds {_list(names)}")
+    twice = next((i for place, i in enumerate(chosen) if i in chosen[:place]), None)
+    if twice is not None:
+        raise RecordingError(f"{path}: channel {names[twice]} is asked for twice")
     rate = _settle_rate(path, columns, rate_hz)
     rows, units = [], set()
     for i in chosen:

@@ -42,6 +42,7 @@ def run(
     output: Path | None,
     json_path: Path | None,
     console: Console,
+    emulate: bool = False,
 ) -> None:
     """Begin a session in a new folder and carry it to its report."""
     config = load_config(config_path, changes)
@@ -50,7 +51,8 @@ def run(
     header = {
         "created": now.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
         "config": effective_text(config),
-        "simulated": simulate,
+        "simulated": simulate or emulate,
+        "emulated": emulate,
         "seed": config.sim_backend.seed if seed is None else seed,
         "realtime": realtime,
         "software": f"mesotap {__version__}",
@@ -62,7 +64,8 @@ def run(
 
 def _rig_of(header: dict[str, Any], config: Config, console: Console) -> Rig:
     operator = TerminalOperator(console)
-    return build_rig(config, bool(header["simulated"]), operator, int(header["seed"]), bool(header["realtime"]))
+    simulated, emulated = bool(header["simulated"]), bool(header.get("emulated"))
+    return build_rig(config, simulated, operator, int(header["seed"]), bool(header["realtime"]), emulated)
 
 
 def resume(path: Path, json_path: Path | None, console: Console) -> None:
@@ -102,7 +105,14 @@ def _report(
     from mesotap.report import write_report
 
     results = analysed(session, config, console)
-    page = write_report(folder, session, results, theory(config.analysis.contact), list(truths) if truths else None)
+    page = write_report(
+        folder,
+        session,
+        results,
+        theory(config.analysis.contact),
+        list(truths) if truths else None,
+        contact=config.analysis.contact,
+    )
     show_session(results, console)
     console.print(f"report       {page}", highlight=False, soft_wrap=True)
     return results_json(results)
@@ -126,11 +136,12 @@ def calibrate_gauge(
     seed: int | None,
     json_path: Path | None,
     console: Console,
+    emulate: bool = False,
 ) -> None:
     """Calibrate the strain gauge by itself and say what came out."""
     config = load_config(config_path, changes)
     operator = TerminalOperator(console)
-    rig = build_rig(config, simulate, operator, seed)
+    rig = build_rig(config, simulate, operator, seed, emulated=emulate)
     rig.open()
     try:
         points = calibrate(rig, config.calibration, operator.say)

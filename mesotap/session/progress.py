@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -118,10 +118,15 @@ def describe_rig(settings: RigSettings) -> RigDescription:
 
 def assemble(header: dict[str, Any], config: Config, progress: Progress, shots: Iterable[Shot]) -> Session:
     """Make the session from what is on disk; complete if the plan was carried out to its end."""
+    recorded = tuple(shots)
+    rig = describe_rig(config.rig)
+    if recorded:
+        # what the recorder's clock really gave: 25.6 kHz where 25 was asked of an NI 9234
+        rig = replace(rig, sample_rate_hz=recorded[0].sample_rate_hz)
     return Session(
         created=str(header["created"]),
-        rig=describe_rig(config.rig),
-        shots=tuple(shots),
+        rig=rig,
+        shots=recorded,
         pre=progress.pre,
         post=progress.post,
         operator=config.mesotap.operator,

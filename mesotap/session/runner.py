@@ -27,6 +27,7 @@ from rig.interlock import Interlock
 MISSES_IN_A_ROW = 5  # waits in vain after which the sensors are suspected
 MOST_SETTINGS = 10  # times a load is set, since the last start, before it counts as creeping
 DWELL_SLICE_S = 1.0
+NOTHING_MOVED = "nothing was moved; 'mesotap resume' goes on"
 
 
 class Control(Protocol):
@@ -83,6 +84,7 @@ class SessionRunner:
         self._folder = folder
         self._bench = bench
         self._rig = bench.rig
+        self._connected = False
         self._reconcile()
         self.progress: Progress = progress_of(folder.events())
         self._interlock = Interlock(
@@ -143,6 +145,7 @@ class SessionRunner:
         self._take_up()
         for line in self._rig.open():
             self._tell(State.CONNECT, line)
+        self._connected = True
         self._take_up()  # connecting must not have changed anything
         if self.progress.contact is None:
             return
@@ -367,9 +370,9 @@ class SessionRunner:
 
     def _leave_safely(self, error: BaseException) -> None:
         """Take the surfaces apart, say in the journal and with the error whether that worked."""
-        troubles = self._interlock.make_safe()
+        troubles = self._interlock.make_safe() if self._connected else [NOTHING_MOVED]
         for trouble in troubles:
-            error.add_note(trouble)
+            error.add_note(trouble.replace(f": {error}", ""))  # what was said need not be said again
         if not troubles:
             error.add_note("the surfaces are apart; 'mesotap resume' goes on")
         try:

@@ -1,0 +1,115 @@
+"""From section ``rig`` of the configuration to a rig of drivers and hands."""
+
+from __future__ import annotations
+
+from typing import cast
+
+from rig.assembled import AssembledRig
+from rig.drivers.amplifier import DEVICE as AMPLIFIER
+from rig.drivers.amplifier import ModbusLoadCell
+from rig.drivers.motor_stage import DEVICE as STAGE
+from rig.drivers.motor_stage import MotorStage
+from rig.drivers.ni9234 import Ni9234
+from rig.drivers.recorder_settings import Ni9234Settings, SolenoidSettings, Usb1608Settings
+from rig.drivers.settings import AmplifierRtu, AmplifierTcp, NewportStage
+from rig.drivers.solenoid import SolenoidImpactor
+from rig.drivers.transport import SerialTransport, TcpTransport, Transport
+from rig.drivers.usb1608 import Usb1608
+from rig.errors import RigError
+from rig.hand import HandImpactor, HandStage, HandWeights
+from rig.interface import Accelerometers, Clock, Impactor, LoadCell, Operator, Stage
+from rig.settings import RigSettings
+from rig.wall_clock import WallClock
+
+NAME = "rig"
+
+
+def assemble(settings: RigSettings, operator: Operator, clock: Clock | None = None) -> AssembledRig:
+    """Return the rig that ``rig.parts`` describes, not yet connected.
+
+    Parameters
+    ----------
+    settings
+        Section ``rig``.
+    operator
+        Who turns, taps and hangs weights where no motor does.
+    clock
+        Rig time; None for that of the machine.
+
+    Raises
+    ------
+    RigError
+        A part is only simulated, or is asked for what it cannot do.
+    """
+    clock = WallClock() if clock is None else clock
+    parts = settings.parts
+    missing = [
+        f"rig.parts.{name} (now {part})"
+        for name, part in (
+            ("load_cell", parts.load_cell),
+            ("stage", parts.stage),
+            ("accelerometers", parts.accelerometers),
+        )
+        if isinstance(part, str) and part != "hand"
+    ]
+    if missing:
+        raise RigError(
+            f"rig: no device is configured for {', '.join(missing)}; name its driver and port there, or add --simulate "
+            "to work with the simulated rig"
+        )
+    load_cell = amplifier(cast("AmplifierRtu | AmplifierTcp", parts.load_cell), clock)
+    accelerometers = recorder(settings, clock)
+    return AssembledRig(
+        NAME,
+        clock,
+        load_cell,
+        stage(settings, operator, clock, load_cell),
+        accelerometers,
+        impactor(settings, operator, clock, accelerometers),
+        HandWeights(operator, clock),
+    )
+
+
+def amplifier(settings: AmplifierRtu | AmplifierTcp, clock: Clock) -> ModbusLoadCell:
+    """Return the driver of the strain-gauge amplifier."""
+    wire: Transport
+    if isinstance(settings, AmplifierRtu):
+        wire = SerialTransport(AMPLIFIER, settings.port, settings.baud_rate, settings.parity, settings.stop_bits)
+        return ModbusLoadCell(wire, "rtu", settings, clock)
+    wire = TcpTransport(AMPLIFIER, settings.host, settings.tcp_port)
+    return ModbusLoadCell(wire, "tcp", settings, clock)
+
+
+def motor_stage(part: NewportStage, largest_step_um: float, clock: Clock) -> MotorStage:
+    """Return the driver of the motor micrometer."""
+    wire = SerialTransport(STAGE, part.port, part.line_rate())
+    return MotorStage(wire, part, clock, largest_step_um)
+
+
+def stage(settings: RigSettings, operator: Operator, clock: Clock, load_cell: LoadCell) -> Stage:
+    """Return the motor micrometer, or the one that is turned by hand."""
+    part = settings.parts.stage
+    if isinstance(part, NewportStage):
+        return motor_stage(part, settings.limits.largest_approach_step_um, clock)
+    return HandStage(operator, clock, lambda: f"gauge {load_cell.read().voltage_mv:.2f} mV")
+
+
+def recorder(settings: RigSettings, clock: Clock) -> Accelerometers:
+    """Return the driver of the recorder."""
+    part = settings.parts.accelerometers
+    if isinstance(part, Ni9234Settings):
+        return Ni9234(settings.wiring, part, clock)
+    return Usb1608(settings.wiring, part if isinstance(part, Usb1608Settings) else Usb1608Settings(), clock)
+
+
+def impactor(settings: RigSettings, operator: Operator, clock: Clock, accelerometers: Accelerometers) -> Impactor:
+    """Return the solenoid, or the person who taps."""
+    part = settings.parts.impactor
+    if not isinstance(part, SolenoidSettings):
+        return HandImpactor(operator)
+    if not isinstance(accelerometers, Usb1608):
+        raise RigError(
+            "rig.parts.impactor: a solenoid needs a digital line of a usb-1608fs-plus, which rig.parts.accelerometers "
+            "does not name; tap by hand"
+        )
+    return SolenoidImpactor(accelerometers, part, clock)

@@ -1,0 +1,182 @@
+"""Protocol layer of Newport's CONEX-CC and SMC100: lines ``{address}{command}{value}`` over a serial transport.
+
+The protocol has no checksum. What is read back is therefore held against what was asked (address and command are
+repeated in every reply), bad news has to be said twice, and absolute moves are used, which may be sent again.
+Nothing here configures the controller or writes to its flash memory (``PW``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+from rig.drivers.newport_codes import (
+    AxisStatus,
+    CommandError,
+    ReplyError,
+    parse_error,
+    parse_number,
+    parse_reply,
+    parse_status,
+)
+from rig.drivers.transport import Transport, settle
+from rig.errors import DeviceError, NoAnswer
+from rig.interface import Clock
+
+QUIET_S = 0.02
+END = b"\n"
+LONGEST_LINE = 200  # bytes; more without an end of line is noise
+COMMANDS = frozenset({"MM", "OR", "PA", "ST"})  # all that is ever told: nothing that is kept, nothing relative
+
+T = TypeVar("T")
+
+
+class NewportAxis:
+    """One controller and its actuator.
+
+    Parameters
+    ----------
+    transport
+        Opened port.
+    address
+        Controller address.
+    clock
+        Rig time.
+    timeout_s
+        Time that a reply may take.
+    tries
+        How often a question is asked before the controller counts as silent.
+    """
+
+    def __init__(self, transport: Transport, address: int, clock: Clock, timeout_s: float, tries: int) -> None:
+        self._transport = transport
+        self._address = address
+        self._clock = clock
+        self._timeout_s = timeout_s
+        self._tries = tries
+        self.repeated = 0
+        """How many questions had to be asked again so far."""
+        self.power_came_back = False
+        """A NUL was seen: the motor's power was cut and came back since this was last set to False."""
+
+    # --- questions ------------------------------------------------------------------------------------------
+
+    def status(self) -> AxisStatus:
+        """Errors and state; errors count once two answers in a row name them."""
+        first = self._ask("TS", parse_status)
+        if not first.errors:
+            return first
+        second = self._ask("TS", parse_status)
+        return AxisStatus(first.errors & second.errors, second.state, second.code)
+
+    def position_mm(self) -> float:
+        """Position of the encoder, mm."""
+        return self._ask("TP", parse_number)
+
+    def velocity_mm_s(self) -> float:
+        """Velocity of moves, mm/s."""
+        return self._ask("VA", parse_number, "?")
+
+    def soft_limits_mm(self) -> tuple[float, float]:
+        """Limits within which the controller moves, mm."""
+        return self._ask("SL", parse_number, "?"), self._ask("SR", parse_number, "?")
+
+    def version(self) -> str:
+        """What the controller says that it is."""
+        return self._ask("VE", str)
+
+    # --- commands -------------------------------------------------------------------------------------------
+
+    def home(self) -> None:
+        """Begin to look for the reference."""
+        self._tell("OR", "", CommandError.HOMING_ALREADY, CommandError.HOMING)
+
+    def move_to(self, position_mm: float) -> None:
+        """Begin to move to ``position_mm``."""
+        self._tell("PA", f"{position_mm:.6f}")
+
+    def switch_motor(self, on: bool) -> None:
+        """Switch the motor's control loop on or off; the screw holds the position."""
+        self._tell("MM", "1" if on else "0", CommandError.READY if on else CommandError.DISABLED)
+
+    def stop(self) -> None:
+        """Stop at once. Sent three times before anything is asked: a stop must not wait for a reply."""
+        with self._transport.lock:
+            for _ in range(3):
+                self._transport.write(self._line("ST", ""))
+
+    # --- lines ----------------------------------------------------------------------------------------------
+
+    def _line(self, command: str, value: str) -> bytes:
+        return f"{self._address}{command}{value}\r\n".encode("ascii")
+
+    def _tell(self, command: str, value: str = "", *so_already: CommandError) -> None:
+        """Send a command and have the controller say that it took it, or that it is as wanted already."""
+        if command not in COMMANDS:
+            raise DeviceError(
+                self._transport.device, self._transport.port, f"{command} is never sent", "report this as a fault"
+            )
+        error = CommandError.NONE
+        with self._transport.lock:
+            for _ in range(self._tries):
+                self._watch_for_nul(self._transport.discard())
+                self._transport.write(self._line(command, value))
+                error = self._ask("TE", parse_error)
+                if error is CommandError.NONE or error in so_already:
+                    return
+                # a damaged line is not the operator's business as long as the next one gets through
+                self.repeated += 1
+        raise DeviceError(
+            self._transport.device,
+            self._transport.port,
+            f"refuses {command}{value}: {error.value[1]}",
+            "look at the controller's display and at the settings in rig.parts.stage",
+        )
+
+    def _ask(self, command: str, parse: Callable[[str], T], suffix: str = "") -> T:
+        """Return the parsed reply to a question."""
+        heard = False
+        with self._transport.lock:
+            for attempt in range(self._tries):
+                if attempt:
+                    self.repeated += 1
+                    self._watch_for_nul(settle(self._transport, QUIET_S))
+                else:
+                    self._watch_for_nul(self._transport.discard())
+                self._transport.write(self._line(command, suffix))
+                deadline = self._clock.now() + self._timeout_s
+                pending = b""
+                while (line := self._next_line(pending, deadline)) is not None:
+                    whole, pending = line
+                    heard = True
+                    try:
+                        return parse(parse_reply(whole, self._address, command))
+                    except ReplyError:
+                        continue  # foreign or damaged: the true reply may follow
+        what = "its replies make no sense" if heard else "it does not answer"
+        raise NoAnswer(
+            self._transport.device,
+            self._transport.port,
+            f"{what}, asked {command} {self._tries} times",
+            "check its power, its cable, and the address and speed in rig.parts.stage",
+        )
+
+    def _watch_for_nul(self, data: bytes) -> bytes:
+        """Return the bytes without a NUL, which says that the motor's power was cut and came back."""
+        if b"\0" not in data:
+            return data
+        self.power_came_back = True
+        return data.replace(b"\0", b"")
+
+    def _next_line(self, pending: bytes, deadline: float) -> tuple[bytes, bytes] | None:
+        """Return the next whole line and what came after it; None once it is too late."""
+        while END not in pending:
+            left = deadline - self._clock.now()
+            if left <= 0 or len(pending) > LONGEST_LINE:
+                return None
+            data = self._transport.read(left)
+            if not data:
+                return None
+            pending += self._watch_for_nul(data)
+        line, _, rest = pending.partition(END)
+        return line, rest

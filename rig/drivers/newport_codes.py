@@ -1,0 +1,163 @@
+"""What Newport's CONEX-CC and SMC100 controllers say, in their letters and in sentences.
+
+The facts are those on which public drivers of these controllers agree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, IntFlag
+
+
+class CommandError(Enum):
+    """Letters that ``TE`` answers after a command."""
+
+    NONE = ("@", "")
+    CODE = ("A", "the command or its address is not known to the controller")
+    ADDRESS = ("B", "the controller's address is not correct")
+    PARAMETER = ("C", "a parameter is missing or out of range")
+    NOT_ALLOWED = ("D", "the command is not allowed")
+    HOMING_ALREADY = ("E", "homing has begun already")
+    STAGE_UNKNOWN = ("F", "the stage is not known to the controller")
+    DISPLACEMENT = ("G", "the displacement is out of the limits")
+    NOT_REFERENCED = ("H", "not allowed before the stage has found its reference")
+    CONFIGURATION = ("I", "not allowed in configuration state")
+    DISABLED = ("J", "not allowed while the motor is off")
+    READY = ("K", "not allowed while the stage is ready")
+    HOMING = ("L", "not allowed while the stage looks for its reference")
+    MOVING = ("M", "not allowed while the stage moves")
+    SOFT_LIMIT = ("N", "the position is outside the soft limits")
+    TIMED_OUT = ("S", "communication timed out")
+    EEPROM = ("U", "its memory failed")
+    EXECUTION = ("V", "the command could not be carried out")
+
+    @classmethod
+    def of(cls, letter: str) -> CommandError | None:
+        """Return the error of a letter; None if there is no such letter."""
+        return next((error for error in cls if error.value[0] == letter), None)
+
+
+class PositionerError(IntFlag):
+    """Bits of the error word in the answer to ``TS``."""
+
+    NEGATIVE_END = 0x001
+    POSITIVE_END = 0x002
+    PEAK_CURRENT = 0x004
+    RMS_CURRENT = 0x008
+    SHORT_CIRCUIT = 0x010
+    FOLLOWING = 0x020
+    HOMING_TIMED_OUT = 0x040
+    WRONG_STAGE = 0x080
+    LOW_VOLTAGE = 0x100
+    POWER = 0x200
+
+
+MEANINGS: dict[PositionerError, tuple[str, str]] = {
+    PositionerError.NEGATIVE_END: (
+        "it ran into its end on the retracted side",
+        "move it off the end by hand and correct zero_mm",
+    ),
+    PositionerError.POSITIVE_END: (
+        "it ran into its end on the side of the contact",
+        "mount the specimen higher or correct zero_mm",
+    ),
+    PositionerError.PEAK_CURRENT: ("the motor's current was too high", "look what blocks it"),
+    PositionerError.RMS_CURRENT: ("the motor's current was too high for too long", "look what blocks it"),
+    PositionerError.SHORT_CIRCUIT: ("the motor is short-circuited", "check the motor's cable"),
+    PositionerError.FOLLOWING: ("the motor did not follow (following error)", "look what blocks it"),
+    PositionerError.HOMING_TIMED_OUT: ("it did not find its reference in time", "look what blocks it"),
+    PositionerError.WRONG_STAGE: ("another actuator is plugged in than was configured", "plug in the right one"),
+    PositionerError.LOW_VOLTAGE: ("its supply voltage is too low", "check the power supply"),
+    PositionerError.POWER: ("its output power was exceeded", "look what blocks it"),
+}
+
+
+class AxisState(Enum):
+    """State codes in the answer to ``TS``: the kind of state, and what it is called."""
+
+    NOT_REFERENCED = ("not referenced", tuple(range(0x0A, 0x11)))
+    CONFIGURATION = ("in configuration", (0x14,))
+    HOMING = ("looking for its reference", (0x1E, 0x1F))
+    MOVING = ("moving", (0x28,))
+    READY = ("ready", (0x32, 0x33, 0x34, 0x35, 0x36, 0x37, 0x38))
+    DISABLED = ("motor off", (0x3C, 0x3D, 0x3E, 0x3F))
+
+    @classmethod
+    def of(cls, code: int) -> AxisState | None:
+        """Return the state of a code; None if there is no such code."""
+        return next((state for state in cls if code in state.value[1]), None)
+
+
+@dataclass(frozen=True, slots=True)
+class AxisStatus:
+    """Answer to ``TS``."""
+
+    errors: PositionerError
+    state: AxisState
+    code: int
+
+    def trouble(self) -> tuple[str, str] | None:
+        """Return what happened and what to do, of the gravest error; None if there is none."""
+        for bit in reversed(PositionerError):
+            if bit in self.errors:
+                return MEANINGS[bit]
+        return None
+
+
+class ReplyError(ValueError):
+    """A line that is no sound reply to what was asked."""
+
+
+def parse_reply(line: bytes, address: int, command: str) -> str:
+    """Return the value in a reply line such as ``1TP2.15``, without its end of line.
+
+    Raises
+    ------
+    ReplyError
+        The line is not ASCII, or does not repeat address and command.
+    """
+    try:
+        text = line.strip(b"\r\n").decode("ascii")
+    except UnicodeDecodeError as error:
+        raise ReplyError("the line is not ASCII") from error
+    prefix = f"{address}{command}"
+    if not text.startswith(prefix):
+        raise ReplyError(f"{text!r} does not answer {prefix}")
+    return text[len(prefix) :].strip(" ")
+
+
+def parse_status(value: str) -> AxisStatus:
+    """Return the status in the value of a ``TS`` reply: four hexadecimal digits of errors, two of state."""
+    if len(value) != 6 or any(c not in "0123456789ABCDEFabcdef" for c in value):
+        raise ReplyError(f"{value!r} is no status")
+    errors, code = int(value[:4], 16), int(value[4:], 16)
+    state = AxisState.of(code)
+    if state is None:
+        raise ReplyError(f"{code:02X} is no state")
+    if errors & ~sum(PositionerError):
+        raise ReplyError(f"{errors:04X} has error bits that mean nothing")
+    return AxisStatus(PositionerError(errors), state, code)
+
+
+def parse_error(value: str) -> CommandError:
+    """Return the error in the value of a ``TE`` reply."""
+    error = CommandError.of(value)
+    if error is None:
+        raise ReplyError(f"{value!r} is no error letter")
+    return error
+
+
+def parse_number(value: str) -> float:
+    """Return the number in a reply: digits, sign, point, exponent; nothing else that Python calls a float."""
+    if not value or any(c not in "0123456789+-.eE" for c in value):
+        raise ReplyError(f"{value!r} is no number")
+    try:
+        number = float(value)
+    except ValueError as error:
+        raise ReplyError(f"{value!r} is no number") from error
+    if abs(number) > LARGEST_NUMBER:
+        raise ReplyError(f"{value!r} is out of all bounds")
+    return number
+
+
+LARGEST_NUMBER = 1e6  # mm, or any other quantity of these controllers

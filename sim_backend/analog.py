@@ -1,0 +1,125 @@
+"""What arrives at the recorder's inputs: accelerations and bridge voltage, before any converter.
+
+The simulated recorder and the emulated one sample the same signal, so that with one seed both record the same.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig import RigError
+from rig.settings import Wiring
+from sim_backend import random_state
+from sim_backend.clock import VirtualClock
+from sim_backend.gauge import SimulatedLoadCell
+from sim_backend.impactor import SimulatedImpactor
+from sim_backend.recorder import Noise
+from sim_backend.settings import SimBackendSettings
+from sim_backend.state_space import StateSpace
+from sim_backend.taps import Tap, tap_record
+from sim_backend.truth import TrueRig
+
+
+class AnalogSignal:
+    """Noise in which taps arrive, sampled while somebody takes samples.
+
+    Attributes
+    ----------
+    inputs
+        Recorder inputs that are wired, in the order A, B, strain gauge.
+    """
+
+    def __init__(
+        self,
+        settings: SimBackendSettings,
+        wiring: Wiring,
+        truth: TrueRig,
+        analog: StateSpace,
+        clock: VirtualClock,
+        impactor: SimulatedImpactor,
+        gauge: SimulatedLoadCell,
+        seed: int,
+    ):
+        self.inputs = wiring.inputs()
+        self._units_per_volt = np.array(wiring.units_per_volt())[:, None]
+        self._settings = settings
+        self._truth = truth
+        self._analog = analog
+        self._clock = clock
+        self._impactor = impactor
+        self._gauge = gauge
+        self._rng = random_state.generator(seed, 3)
+        self._noise: Noise | None = None
+        self._rate_hz = wiring.sample_rate_hz
+        self._started_s = 0.0
+        self._next = 0
+        self._records: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
+        impactor.on_tap(self._hear)
+
+    @property
+    def running(self) -> bool:
+        """Whether it is being sampled."""
+        return self._noise is not None
+
+    def begin(self, sample_rate_hz: float) -> None:
+        """Begin to be sampled, now: sample i is taken i / rate from here; whatever rang before has come to rest."""
+        self._rate_hz = sample_rate_hz
+        self._started_s = self._clock.now()
+        self._next = 0
+        self._records = []
+        self._noise = Noise(self._settings.noise, 2, sample_rate_hz, self._rng)
+        for tap in self._impactor.pending():
+            self._hear(tap)
+
+    def end(self) -> None:
+        """Be sampled no longer."""
+        self._noise = None
+        self._records = []
+
+    def skip(self, samples: int) -> None:
+        """Leave out samples: time passes, nobody looks."""
+        self._next += samples
+
+    def take(self, samples: int) -> NDArray[np.float64]:
+        """Return the next voltages at `inputs`, (inputs, samples), V; time passes until the last has been taken."""
+        if self._noise is None:
+            raise RigError("The simulated signal is not being sampled: begin before samples are taken.")
+        first, n = self._next, samples
+        self._next += n
+        self._clock.sleep_until(self._started_s + self._next / self._rate_hz)
+
+        acceleration = self._noise.draw(n)
+        dynamic_mn = np.zeros(n)
+        for start, record, load in self._records:
+            low, high = max(first, start), min(first + n, start + len(load))
+            if low < high:
+                acceleration[:, low - first : high - first] += record[:, low - start : high - start]
+                dynamic_mn[low - first : high - first] += load[low - start : high - start]
+        self._records = [r for r in self._records if r[0] + len(r[2]) > self._next]
+        if len(self.inputs) == len(acceleration):
+            return acceleration / self._units_per_volt
+        strain_mv = self._gauge.stream(dynamic_mn, self._rng)
+        return np.vstack([acceleration, strain_mv]) / self._units_per_volt
+
+    def _hear(self, tap: Tap) -> None:
+        if self._noise is None:
+            return
+        after_start = tap.onset_s - self._started_s
+        start = math.floor(after_start * self._rate_hz)
+        onset = max(0.0, after_start - start / self._rate_hz)
+        pulse, contact = self._settings.pulse, self._settings.contact
+        record, load = tap_record(tap, self._truth, contact, pulse, onset, self._rate_hz, self._analog)
+        self._records.append((start, record, load))
+
+    def checkpoint(self) -> dict[str, Any]:
+        """Return its state as JSON types; that it is being sampled is not part of it."""
+        return random_state.state_of(self._rng)
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Take up the state of `checkpoint`, not being sampled."""
+        self.end()
+        random_state.restore(self._rng, state)

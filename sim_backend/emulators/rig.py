@@ -1,0 +1,170 @@
+"""The emulated rig: real drivers on emulated wires, with the simulated rig's physics at the other end.
+
+A session here and one on the simulated rig with the same configuration and seed are equal to the last bit: the same
+noise is drawn in the same order, and what goes over the wire (steps of the converters, positions in um with six
+digits, virtual time) loses nothing.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rig import Accelerometers, Impactor, LoadCell, RigError, Stage
+from rig.assembled import AssembledRig
+from rig.drivers.amplifier import DEVICE as AMPLIFIER
+from rig.drivers.amplifier import ModbusLoadCell
+from rig.drivers.motor_stage import DEVICE as STAGE
+from rig.drivers.motor_stage import MotorStage
+from rig.drivers.recorder_settings import SolenoidSettings, Usb1608Settings
+from rig.drivers.settings import AmplifierRtu, AmplifierTcp, NewportStage
+from rig.drivers.solenoid import SolenoidImpactor
+from rig.drivers.transport import SerialTransport, TcpTransport, Transport
+from rig.drivers.usb1608 import Usb1608
+from rig.settings import RigSettings
+from sim_backend.emulators.amplifier import EmulatedAmplifier
+from sim_backend.emulators.modbus import ModbusServer
+from sim_backend.emulators.newport import EmulatedController
+from sim_backend.emulators.ports import PtyPort, TcpPort
+from sim_backend.emulators.usb1608 import EmulatedUsb1608
+from sim_backend.emulators.wire import Disturbance, InProcessTransport, VirtualTimeTransport
+from sim_backend.recorder import calibration_table
+from sim_backend.rig import SimulatedRig
+from sim_backend.settings import SimBackendSettings
+
+DEFAULT_AMPLIFIER = AmplifierRtu(driver="modbus-rtu", preset="seneca-z-sg", port="/dev/ttyUSB0")
+DEFAULT_STAGE = NewportStage(driver="conex-cc", port="/dev/ttyUSB1")
+PATIENCE_S = 2.0  # real time that an emulated device is given by a busy machine before it counts as silent
+
+
+class EmulatedRig(AssembledRig):
+    """Drivers as configured, defaults for parts that have none, and the emulated devices behind them.
+
+    Parameters
+    ----------
+    rig_settings, settings, contact_stiffness, seed
+        Of the simulated rig; see `SimulatedRig`.
+    wires
+        Over pseudo-terminals and TCP as a program outside would see them, or within the process, at the cost of a
+        function call.
+    amplifier_wire, stage_wire
+        Faults on the wires; None for none.
+
+    Attributes
+    ----------
+    physics
+        The simulated rig behind the devices.
+    amplifier, controller, recorder
+        The emulated devices, to be made to fail.
+    ports
+        Pseudo-terminals and TCP servers, where ``wires`` asked for them.
+    """
+
+    def __init__(
+        self,
+        rig_settings: RigSettings,
+        settings: SimBackendSettings,
+        contact_stiffness: Callable[[float], float] | None = None,
+        seed: int | None = None,
+        wires: bool = False,
+        amplifier_wire: Disturbance | None = None,
+        stage_wire: Disturbance | None = None,
+    ) -> None:
+        self.physics = physics = SimulatedRig(rig_settings, settings, contact_stiffness, False, seed)
+        parts = rig_settings.parts
+        self._wires = wires
+        self.ports: list[PtyPort | TcpPort] = []
+        load_cell = self._load_cell(parts.load_cell, amplifier_wire)
+        motor = DEFAULT_STAGE if isinstance(parts.stage, str) else parts.stage
+        self.controller = EmulatedController(physics.micrometer, motor, settings.stage.speed_um_per_s, physics.clock)
+        stage: Stage = physics.stage
+        if parts.stage != "hand":
+            stage = self._motor_stage(motor, rig_settings.limits.largest_approach_step_um, stage_wire)
+        accelerometers, impactor = self._recorder(rig_settings, settings)
+        super().__init__("emulated rig", physics.clock, load_cell, stage, accelerometers, impactor, physics.weights)
+
+    def open(self) -> list[str]:
+        """Put the cables in, and connect every driver."""
+        for port in self.ports:
+            port.plug()
+        return super().open()
+
+    def close(self) -> None:
+        """Let go of the devices, and take their ports away."""
+        super().close()
+        for port in self.ports:
+            port.unplug()
+
+    def checkpoint(self) -> dict[str, Any]:
+        """Return physics and devices as JSON types."""
+        devices = {"amplifier": self.amplifier.checkpoint(), "controller": self.controller.checkpoint()}
+        return {**self.physics.checkpoint(), "devices": devices}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Take up the state of `checkpoint`."""
+        if "devices" not in state:
+            raise RigError("The kept state is not of an emulated rig: resume this session as it was begun.")
+        self.physics.restore(state)
+        self.amplifier.restore(state["devices"]["amplifier"])
+        self.controller.restore(state["devices"]["controller"])
+
+    # --- the parts ------------------------------------------------------------------------------------------
+
+    def _load_cell(self, part: str | AmplifierRtu | AmplifierTcp, disturbance: Disturbance | None) -> LoadCell:
+        settings = DEFAULT_AMPLIFIER if isinstance(part, str) else part
+        framing = "rtu" if isinstance(settings, AmplifierRtu) else "tcp"
+        self.amplifier = EmulatedAmplifier(self.physics.load_cell, settings)
+        server = ModbusServer(self.amplifier, settings.address, framing)
+        wire: Transport
+        if not self._wires:
+            port = settings.port if isinstance(settings, AmplifierRtu) else f"{settings.host}:{settings.tcp_port}"
+            wire = InProcessTransport(AMPLIFIER, port, server, self.physics.clock, disturbance)
+        elif isinstance(settings, AmplifierRtu):
+            pty = PtyPort(server, self._place("amplifier"), disturbance)
+            self.ports.append(pty)
+            wire = self._in_virtual_time(SerialTransport(AMPLIFIER, str(pty.path), settings.baud_rate))
+        else:
+            tcp = TcpPort(server, disturbance)
+            self.ports.append(tcp)
+            wire = self._in_virtual_time(TcpTransport(AMPLIFIER, tcp.host, tcp.tcp_port))
+        return ModbusLoadCell(wire, framing, settings, self.physics.clock)
+
+    def _motor_stage(self, settings: NewportStage, step_um: float, disturbance: Disturbance | None) -> Stage:
+        wire: Transport
+        if self._wires:
+            pty = PtyPort(self.controller, self._place("stage"), disturbance)
+            self.ports.append(pty)
+            wire = self._in_virtual_time(SerialTransport(STAGE, str(pty.path), settings.line_rate()))
+        else:
+            wire = InProcessTransport(STAGE, settings.port, self.controller, self.physics.clock, disturbance)
+        return MotorStage(wire, settings, self.physics.clock, step_um)
+
+    def _recorder(self, rig_settings: RigSettings, settings: SimBackendSettings) -> tuple[Accelerometers, Impactor]:
+        parts, physics = rig_settings.parts, self.physics
+        recorder = parts.accelerometers if isinstance(parts.accelerometers, Usb1608Settings) else Usb1608Settings()
+        solenoid = parts.impactor if isinstance(parts.impactor, SolenoidSettings) else None
+        self.recorder = EmulatedUsb1608(
+            physics.accelerometers.signal,
+            physics.clock,
+            calibration=calibration_table(settings.recorder, physics.seed),
+            on_line=lambda line, high: self._switched(solenoid, line, high),
+        )
+        driver = Usb1608(rig_settings.wiring, recorder, physics.clock, self.recorder.bus)
+        impactor: Impactor = physics.impactor
+        if solenoid is not None:
+            impactor = SolenoidImpactor(driver, solenoid, physics.clock)
+        return driver, impactor
+
+    def _switched(self, solenoid: SolenoidSettings | None, line: int, high: bool) -> None:
+        """A solenoid on the recorder's line taps when it is switched on."""
+        if solenoid is not None and line == solenoid.line and high:
+            self.physics.impactor.strike(self.physics.true_load_mn())
+
+    def _place(self, name: str) -> Path:
+        return Path(tempfile.gettempdir()) / f"mesotap-emulated-{os.getpid()}-{id(self):x}" / name
+
+    def _in_virtual_time(self, inner: Transport) -> Transport:
+        return VirtualTimeTransport(inner, self.physics.clock, PATIENCE_S)

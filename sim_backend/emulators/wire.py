@@ -1,0 +1,162 @@
+"""The wire between a driver and an emulated device: in this process, and with faults put on it if a test asks.
+
+A device takes bytes and gives replies at once; what happens to them on the way is the disturbance's business. Time on
+the wire is virtual: a reply that does not come costs its time-out in virtual seconds, and a sound one nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from rig import Clock
+from rig.drivers.transport import Transport
+
+Delayed = tuple[float, bytes]  # delay, s, and bytes
+
+
+class EmulatedDevice(Protocol):
+    """A device at the end of a wire."""
+
+    def receive(self, data: bytes) -> list[bytes]:
+        """Take bytes in, in whatever pieces they come; returns the replies that are complete now."""
+
+    def unasked(self) -> bytes:
+        """Return what the device sends by itself since it was last asked for that."""
+
+
+class Disturbance(Protocol):
+    """What happens to bytes on their way."""
+
+    plugged: bool
+    """Whether the cable is in."""
+
+    def request(self, data: bytes) -> bytes:
+        """Return what arrives of bytes that the program sent."""
+
+    def reply(self, data: bytes) -> list[Delayed]:
+        """Return what arrives of a reply, and how much later."""
+
+
+class Clean:
+    """A wire without faults."""
+
+    plugged = True
+
+    def request(self, data: bytes) -> bytes:
+        """Return the bytes as they are."""
+        return data
+
+    def reply(self, data: bytes) -> list[Delayed]:
+        """Return the reply as it is, at once."""
+        return [(0.0, data)]
+
+
+class InProcessTransport(Transport):
+    """A wire within this process: the same bytes as on a real one, at the cost of a function call.
+
+    Parameters
+    ----------
+    device, port
+        What the driver calls it.
+    emulated
+        The device at the other end.
+    clock
+        Virtual time.
+    disturbance
+        Faults; None for none.
+    """
+
+    def __init__(
+        self, device: str, port: str, emulated: EmulatedDevice, clock: Clock, disturbance: Disturbance | None = None
+    ) -> None:
+        super().__init__(device, port)
+        self._emulated = emulated
+        self._clock = clock
+        self._disturbance: Disturbance = Clean() if disturbance is None else disturbance
+        self._coming: list[tuple[float, bytes]] = []  # when, and what
+        self._open = False
+
+    def open(self) -> None:
+        """Open the wire, unless its cable is out."""
+        if not self._disturbance.plugged:
+            raise self.gone("no such device")
+        self._open = True
+
+    def close(self) -> None:
+        """Close the wire; what is under way is lost."""
+        self._open = False
+        self._coming.clear()
+
+    def write(self, data: bytes) -> None:
+        """Let the device have ``data``, and its replies be on their way."""
+        self._require_connection()
+        for reply in self._emulated.receive(self._disturbance.request(data)):
+            now = self._clock.now()
+            self._coming += [(now + delay, part) for delay, part in self._disturbance.reply(reply)]
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what has come; time passes until then, or until it is too late."""
+        self._require_connection()
+        unasked = self._emulated.unasked()
+        now = self._clock.now()
+        if unasked:
+            self._coming.insert(0, (now, unasked))
+        if not self._coming:
+            self._clock.sleep(timeout_s)
+            return b""
+        first = min(when for when, _ in self._coming)
+        if first > now + timeout_s:
+            self._clock.sleep(timeout_s)
+            return b""
+        self._clock.sleep(first - now)
+        now = max(now, first)
+        data = b"".join(part for when, part in self._coming if when <= now)
+        self._coming = [(when, part) for when, part in self._coming if when > now]
+        return data
+
+    def _require_connection(self) -> None:
+        if not self._disturbance.plugged:
+            raise self.gone("device disconnected")
+        if not self._open:
+            raise self.gone("the port is closed")
+
+
+class VirtualTimeTransport(Transport):
+    """A transport over a real port, in virtual time: what does not come takes its time-out of virtual seconds.
+
+    Parameters
+    ----------
+    inner
+        The transport that moves the bytes.
+    clock
+        Virtual time.
+    patience_s
+        Real time that an emulated device, which answers at once, is given by a busy machine.
+    """
+
+    def __init__(self, inner: Transport, clock: Clock, patience_s: float) -> None:
+        super().__init__(inner.device, inner.port)
+        self._inner = inner
+        self._clock = clock
+        self._patience_s = patience_s
+
+    def open(self) -> None:
+        """Open the port."""
+        self._inner.open()
+
+    def close(self) -> None:
+        """Close the port."""
+        self._inner.close()
+
+    def write(self, data: bytes) -> None:
+        """Send."""
+        self._inner.write(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what has come."""
+        if timeout_s <= 0:
+            return self._inner.read(0.0)
+        data = self._inner.read(self._patience_s)
+        if not data:
+            self._clock.sleep(timeout_s)
+        return data

@@ -1,0 +1,177 @@
+"""The faults that are promised for: where each happens, how it is made, and what is to come of it.
+
+Each case happens in the second load of a small session, so that there are accepted taps to lose.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mesotap.session.states import State
+from rig.drivers.newport_codes import PositionerError
+from sim_backend.emulators.disturbance import WireFault
+from tests.faults.bench import FLOAT_MAP, FaultyBench
+
+UNNOTICED, APART, STANDS, AT_CONNECT, KILLED = "unnoticed", "apart", "stands", "at connect", "killed"
+AMPLIFIER, STAGE, RECORDER, PROGRAM = "amplifier", "stage", "recorder", "program"
+NAMES = {
+    AMPLIFIER: ("strain-gauge amplifier", "/dev/ttyUSB0"),
+    STAGE: ("micrometer stage", "/dev/ttyUSB1"),
+    RECORDER: ("recorder MCC USB-1608FS-Plus", "usb"),
+    PROGRAM: ("", ""),
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault.
+
+    Attributes
+    ----------
+    device, name
+        The row's heading.
+    make
+        Makes it happen.
+    expected
+        What is to come of it.
+    state, nth
+        When: at the n-th look at the operator's keys in this state of the second load.
+    changes
+        Of the configuration.
+    between
+        Whether it happens between an end by the operator and the next start.
+    """
+
+    device: str
+    name: str
+    make: Callable[[FaultyBench], None]
+    expected: str
+    state: State = State.SET_LOAD
+    nth: int = 2
+    changes: tuple[str, ...] = ()
+    between: bool = False
+
+
+def wire(device: str, fault: WireFault, times: int = 1) -> Callable[[FaultyBench], None]:
+    def make(bench: FaultyBench) -> None:
+        for _ in range(times):
+            (bench.amplifier_wire if device == AMPLIFIER else bench.stage_wire).inject(fault)
+
+    return make
+
+
+def setting(target: str, name: str, value) -> Callable[[FaultyBench], None]:
+    def make(bench: FaultyBench) -> None:
+        setattr(getattr(bench, target), name, value)
+
+    return make
+
+
+def gauge(value) -> Callable[[FaultyBench], None]:
+    def make(bench: FaultyBench) -> None:
+        bench.rig.physics.load_cell.fault = value
+
+    return make
+
+
+def usb(*faults: str) -> Callable[[FaultyBench], None]:
+    def make(bench: FaultyBench) -> None:
+        # in the midst of the recording, not before it
+        for fault in faults:
+            bench.recorder.inject(fault, bench.rig.clock.now() + 0.25)
+
+    return make
+
+
+def end_in_the_way(bench: FaultyBench) -> None:
+    here = bench.rig.physics.micrometer.knob_um
+    bench.controller.ends_um = (bench.controller.ends_um[0], here + 0.1)
+
+
+def cut_power(bench: FaultyBench) -> None:
+    bench.controller.cut_power()
+    bench.after(0.05, bench.controller.restore_power)
+
+
+def fill_the_disk(bench: FaultyBench) -> None:
+    sync = os.fsync
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    mend = bench.mend
+
+    def mended() -> None:
+        os.fsync = sync
+        mend()
+
+    os.fsync = full
+    bench.mend = mended
+
+
+def set_the_clock_back(bench: FaultyBench) -> None:
+    clock = bench.rig.clock
+    utc = clock.utc
+    clock.utc = lambda: utc().replace("2026-01-01T", "2025-12-31T")
+
+
+def terminate(bench: FaultyBench) -> None:
+    bench.after(0.004, lambda: os.kill(os.getpid(), signal.SIGTERM))
+
+
+def kill(bench: FaultyBench) -> None:
+    bench.after(0.004, bench.kill)
+
+
+CASES = [
+    *(
+        Case(device, name, wire(device, fault), UNNOTICED)
+        for device in (AMPLIFIER, STAGE)
+        for name, fault in (
+            ("a bit of a reply flipped", WireFault.FLIPPED_REPLY),
+            ("a bit of a request flipped", WireFault.FLIPPED_REQUEST),
+            ("a reply late", WireFault.LATE),
+            ("a reply truncated", WireFault.TRUNCATED),
+            ("a reply twice", WireFault.DUPLICATED),
+            ("the reply of another device", WireFault.FOREIGN),
+            ("a reply lost", WireFault.LOST),
+        )
+    ),
+    Case(AMPLIFIER, "silent from now on", wire(AMPLIFIER, WireFault.SILENT), APART),
+    Case(AMPLIFIER, "all replies damaged", wire(AMPLIFIER, WireFault.FLIPPED_REPLY, 50), APART),
+    Case(AMPLIFIER, "cable pulled and put back", wire(AMPLIFIER, WireFault.PULLED), APART),
+    Case(AMPLIFIER, "exception: failure", setting("amplifier", "fault", 4), APART),
+    Case(AMPLIFIER, "exception: busy", setting("amplifier", "fault", 6), APART),
+    Case(AMPLIFIER, "exception: no such register", setting("amplifier", "fault", 2), APART),
+    Case(AMPLIFIER, "gauge answers no number", setting("amplifier", "fault", "nan"), APART, changes=FLOAT_MAP),
+    Case(AMPLIFIER, "gauge frozen", setting("amplifier", "fault", "frozen"), APART),
+    Case(AMPLIFIER, "gauge jumps", gauge(("offset", -10.0)), APART),
+    Case(AMPLIFIER, "gauge saturated", gauge(("offset", 1e3)), APART),
+    Case(AMPLIFIER, "another one plugged in", setting("amplifier", "identity", 15), AT_CONNECT, between=True),
+    Case(STAGE, "silent from now on", wire(STAGE, WireFault.SILENT), STANDS),
+    Case(STAGE, "cable pulled and put back", wire(STAGE, WireFault.PULLED), STANDS),
+    Case(STAGE, "stalled", setting("controller", "stalled", True), STANDS),
+    Case(STAGE, "following error", setting("controller", "fails_next", PositionerError.FOLLOWING), APART),
+    Case(STAGE, "motor current too high", setting("controller", "fails_next", PositionerError.PEAK_CURRENT), APART),
+    Case(STAGE, "supply voltage too low", setting("controller", "fails_next", PositionerError.LOW_VOLTAGE), APART),
+    Case(STAGE, "end of run", end_in_the_way, APART),
+    Case(STAGE, "power cut and back", cut_power, APART),
+    Case(
+        STAGE, "another one plugged in", setting("controller", "version", "SMC_CC 3.1.2"), AT_CONNECT, between=True
+    ),
+    Case(RECORDER, "overrun", usb("overrun"), UNNOTICED, State.TAP, 1),
+    Case(RECORDER, "endpoint stalls", usb("stall"), UNNOTICED, State.TAP, 1),
+    Case(RECORDER, "a transfer truncated", usb("truncated"), UNNOTICED, State.TAP, 1),
+    Case(RECORDER, "one time-out", usb("timeout"), UNNOTICED, State.TAP, 1),
+    Case(RECORDER, "silent from now on", usb("silent"), APART, State.TAP, 1),
+    Case(RECORDER, "cable pulled and put back", usb("unplug"), APART, State.TAP, 1),
+    Case(RECORDER, "another one plugged in", usb("swapped"), APART, State.TAP, 1),
+    Case(PROGRAM, "disk full", fill_the_disk, APART, State.TAP, 1),
+    Case(PROGRAM, "clock set back a day", set_the_clock_back, UNNOTICED),
+    Case(PROGRAM, "SIGTERM", terminate, APART),
+    Case(PROGRAM, "killed (SIGKILL)", kill, KILLED),
+]

@@ -1,0 +1,209 @@
+"""The amplifier's protocol, word for word, and what its driver makes of it."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from rig import DeviceError, NoAnswer
+from rig.drivers.amplifier import ModbusLoadCell
+from rig.drivers.modbus import ModbusDevice, ModbusFault
+from rig.drivers.registers import PRESETS, Register, RegisterMap, decode, encode
+from rig.drivers.settings import AmplifierRtu
+from tests.rig.drivers.wire_dialogue import SILENCE, Dialogue, rtu
+
+ASK = rtu(1, 3, 0, 77, 0, 2)
+GOOD = rtu(1, 3, 4, 0x12, 0x34, 0x56, 0x78)
+
+
+def asked(*pairs, tries=3, framing="rtu"):
+    wire = Dialogue(*pairs)
+    device = ModbusDevice(wire, framing, 1, 0.1, tries)
+    return wire, device
+
+
+def test_registers_are_read_by_one_request_and_one_reply():
+    wire, device = asked((ASK, GOOD))
+    assert device.read("holding", 77, 2) == [0x1234, 0x5678]
+    assert device.repeated == 0
+    wire.finished()
+
+
+def test_input_registers_are_another_function():
+    wire, device = asked((rtu(1, 4, 0, 77, 0, 2), rtu(1, 4, 4, 0, 1, 0, 2)))
+    assert device.read("input", 77, 2) == [1, 2]
+    wire.finished()
+
+
+def test_a_reply_in_two_pieces_is_one():
+    wire, device = asked((ASK, (GOOD[:4], GOOD[4:])))
+    assert device.read("holding", 77, 2) == [0x1234, 0x5678]
+    wire.finished()
+
+
+def test_tcp_frames_carry_a_number():
+    request = bytes([0, 1, 0, 0, 0, 6, 1, 3, 0, 77, 0, 1])
+    foreign = bytes([0, 9, 0, 0, 0, 5, 1, 3, 2, 6, 6])
+    reply = bytes([0, 1, 0, 0, 0, 5, 1, 3, 2, 0, 7])
+    wire, device = asked((request, foreign + reply), framing="tcp")
+    assert device.read("holding", 77, 1) == [7]
+    wire.finished()
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [SILENCE, GOOD[:-3], GOOD[:-1] + bytes([GOOD[-1] ^ 4]), rtu(2, 3, 4, 0, 0, 0, 0), rtu(1, 3, 2, 0, 0)],
+    ids=["silence", "truncated", "flipped", "foreign", "too few registers"],
+)
+def test_a_bad_reply_is_asked_for_again(bad):
+    wire, device = asked((ASK, bad), (ASK, GOOD))
+    assert device.read("holding", 77, 2) == [0x1234, 0x5678]
+    assert device.repeated == 1
+    wire.finished()
+
+
+def test_a_late_reply_does_not_answer_the_next_question():
+    other = rtu(1, 3, 4, 0xDE, 0xAD, 0xBE, 0xEF)
+    wire, device = asked((ASK, (SILENCE, other)), (ASK, GOOD))
+    assert device.read("holding", 77, 2) == [0x1234, 0x5678]
+    wire.finished()
+
+
+@pytest.mark.parametrize(("bad", "said"), [(SILENCE, "does not answer"), (GOOD[:-2] + b"\0\0", "replies are damaged")])
+def test_silence_and_damage_are_told_apart(bad, said):
+    wire, device = asked(*[(ASK, bad)] * 3)
+    with pytest.raises(NoAnswer, match=rf"a device on /dev/ttyX: it.*{said}.*asked 3 times; check its power"):
+        device.read("holding", 77, 2)
+    wire.finished()
+
+
+@pytest.mark.parametrize("code", [fault.value[0] for fault in ModbusFault])
+def test_exception_codes_are_sentences(code):
+    wire, device = asked((ASK, rtu(1, 0x83, code)))
+    with pytest.raises(DeviceError, match=rf"a device on /dev/ttyX: .*\(Modbus exception {code}\); "):
+        device.read("holding", 77, 2)
+    wire.finished()
+
+
+def test_a_code_without_meaning_is_said_to_have_none():
+    _, device = asked((ASK, rtu(1, 0x83, 77)))
+    with pytest.raises(DeviceError, match="exception 77, which has no meaning"):
+        device.read("holding", 77, 2)
+
+
+@pytest.mark.parametrize("order", ["high_first", "low_first"])
+@pytest.mark.parametrize("kind", ["uint16", "int16", "int32", "uint32", "float32"])
+def test_numbers_survive_their_registers(kind, order):
+    for value in (0, 1, 255, 30000) if kind.startswith("u") else (0, -1, 1, -30000, 30000):
+        assert decode(encode(value, kind, order), kind, order) == value
+
+
+def test_known_words():
+    assert decode([0x4000, 0x0000], "float32", "high_first") == 2.0
+    assert decode([0x0000, 0x4000], "float32", "low_first") == 2.0
+    assert decode([0xFFFF, 0xFFFE], "int32", "high_first") == -2
+    assert decode([0xFFFE], "int16", "high_first") == -2
+    with pytest.raises(ValueError, match="are not the registers"):
+        decode([1], "int32", "high_first")
+
+
+def words(value, kind="float32", order="high_first") -> list[int]:
+    return [octet for word in encode(value, kind, order) for octet in word.to_bytes(2, "big")]
+
+
+def seneca(ratio=2.0, full_scale=10.0, unit=5, rate=3, order="high_first", **settings):
+    """An amplifier that is being connected, up to its last answer."""
+    wire = Dialogue(
+        (rtu(1, 3, 0, 0, 0, 1), rtu(1, 3, 2, 0, 14)),
+        (rtu(1, 3, 0, 1, 0, 1), rtu(1, 3, 2, 0, 112)),
+        (rtu(1, 3, 0, 2, 0, 1), rtu(1, 3, 2, 0, unit)),
+        (rtu(1, 3, 0, 13, 0, 2), rtu(1, 3, 4, *words(ratio, order=order))),
+        (rtu(1, 3, 0, 15, 0, 2), rtu(1, 3, 4, *words(full_scale, order=order))),
+        (rtu(1, 3, 0, 33, 0, 1), rtu(1, 3, 2, 0, rate)),
+        *settings.pop("then", ()),
+    )
+    chosen = AmplifierRtu(driver="modbus-rtu", preset="seneca-z-sg", port="/dev/ttyX", **settings)
+    return wire, ModbusLoadCell(wire, "rtu", chosen, wire.clock)
+
+
+def test_connecting_says_what_answers():
+    wire, cell = seneca()
+    assert cell.connect() == (
+        "strain-gauge amplifier on /dev/ttyX: answers at address 1; id 14, firmware 112, unit N, 2 mV/V at 10, "
+        "100 readings/s"
+    )
+    wire.finished()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (
+            {"order": "low_first"},
+            "with the words the other way round; give its register map with word_order: low_first",
+        ),
+        ({"ratio": 1e9}, "which no bridge has"),
+        ({"full_scale": float("nan")}, "which no bridge has"),
+        ({"unit": 77}, "its unit reads 77, which is none"),
+        ({"rate": 5}, "makes 12 readings a second, fewer than the 100 asked for"),
+        ({"rate": 9}, "its converter's rate reads 9"),
+        ({"expected_id": 3}, "it is number 14, not the 3 of rig.parts.load_cell.expected_id"),
+    ],
+    ids=["word order", "ratio", "full scale", "unit", "rate", "rate code", "identity"],
+)
+def test_what_cannot_be_is_refused_when_connecting(wrong, said):
+    _, cell = seneca(**wrong)
+    with pytest.raises(DeviceError, match=said) as refused:
+        cell.connect()
+    assert str(refused.value).startswith("strain-gauge amplifier on /dev/ttyX: ")
+
+
+def block(code: int, status: int = 0) -> bytes:
+    """Registers 77 to 94 of a Seneca."""
+    octets = [*status.to_bytes(2, "big"), *[0] * 30, *words(code, "int32")]
+    return rtu(1, 3, 36, *octets)
+
+
+READ = rtu(1, 3, 0, 77, 0, 18)
+
+
+def test_a_reading_is_the_mean_of_readings_at_a_steady_rate():
+    wire, cell = seneca(then=[(READ, block(65536 * k)) for k in (1, 2, 3)])
+    cell.connect()
+    begun = wire.clock.now()
+    reading = cell.read(0.03)
+    assert reading.voltage_mv == 2.0
+    assert reading.spread_mv == 1.0
+    assert reading.samples == 3
+    assert reading.time_s - begun == pytest.approx(0.03)
+    wire.finished()
+
+
+def test_full_scale_is_an_error_and_not_a_reading():
+    wire, cell = seneca(then=[(READ, block(2**23 - 1, status=2))])
+    cell.connect()
+    with pytest.raises(DeviceError, match="full scale is reached; take the load off"):
+        cell.read(0.02)
+
+
+def test_a_negative_weight_has_its_sign_in_the_status():
+    ask = rtu(1, 3, 0, 6, 0, 3)
+    wire = Dialogue(*[(ask, rtu(1, 3, 6, 0, 0x80, *words(1000, "uint32")))] * 2)
+    settings = AmplifierRtu(driver="modbus-rtu", preset="laumas-tlb", port="/dev/ttyX", mv_per_count=0.001)
+    assert ModbusLoadCell(wire, "rtu", settings, wire.clock).read(0.02).voltage_mv == -1.0
+    wire.finished()
+
+
+def test_no_number_is_passed_on_as_no_number():
+    own = RegisterMap(signal=Register(offset=2, kind="float32"), signal_is="mv")
+    wire = Dialogue(*[(rtu(1, 3, 0, 2, 0, 2), rtu(1, 3, 4, 0x7F, 0x80, 0, 0))] * 2)
+    settings = AmplifierRtu(driver="modbus-rtu", registers=own, port="/dev/ttyX")
+    assert math.isnan(ModbusLoadCell(wire, "rtu", settings, wire.clock).read(0.02).voltage_mv)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_fits_one_request(name):
+    offset, count = PRESETS[name].reading_block()
+    assert 0 < count <= 32, "a Laumas answers no more than 32 registers"
+    assert offset <= PRESETS[name].signal.offset

@@ -164,6 +164,11 @@ def analyse_session(
     )
 
 
+def session_modes(session: Session, settings: AnalysisSettings) -> dict[int, ImpactModes]:
+    """Return both modes of every accepted shot, by its number."""
+    return _modes(session, session.load_sets(), _noise(session), settings, None)
+
+
 def _modes(
     session: Session,
     load_sets: Sequence[int],

@@ -296,6 +296,31 @@ def info(
     describe(file, json, _console(json))
 
 
+@app.command()
+def diagnose(
+    file: Annotated[Path | None, typer.Argument(help="Session file.", show_default=False)] = None,
+    json: JsonPath = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option("--without", metavar="MECHANISM", help="Strike a mechanism from the list.", show_default=False),
+    ] = None,
+) -> None:
+    """Say which physics Eq. 9 leaves out of a session's recordings, where, and how sure."""
+    if file is None:
+        raise typer.BadParameter("name a session file")
+    from mesotap.commands.diagnose import diagnose as find_out
+
+    find_out(file, json, without or (), _console(json))
+
+
+@app.command()
+def mechanisms() -> None:
+    """List the mechanisms that a diagnosis can name."""
+    from mesotap.commands.diagnose import list_mechanisms
+
+    list_mechanisms(_console(None))
+
+
 @config_app.command("check")
 def config_check(
     file: Annotated[Path | None, typer.Argument(help="config.yaml by default.", show_default=False)] = None,

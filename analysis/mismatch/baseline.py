@@ -1,0 +1,179 @@
+"""The linear rig as a function of its constants: what a record of it is made of, and how each constant changes that.
+
+Free in every record are the modal amplitudes when the pulse has ended (the state of all bodies: no assumption on the
+pulse is needed) and the slow ringing of each channel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.mismatch.linear import LinearRig, linear_rig
+from analysis.mismatch.records import Record, Recordings
+from sim_backend.arrangement import LOAD, Arrangement
+from sim_backend.state_space import StateSpace
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+SMALL = 1e-9  # |Im s| over |s| below which a pole counts as real
+STEP = 1e-5  # relative step of the differences of poles and gains
+
+
+@dataclass(frozen=True, slots=True)
+class Constants:
+    """Values of a rig's constants: ``rig`` those with one value, ``load`` (groups, k) those with one at each load."""
+
+    arrangement: Arrangement
+    rig: Real
+    load: Real
+
+    def names(self) -> tuple[list[str], list[str]]:
+        """Names of the constants in ``rig`` and in a row of ``load``."""
+        p = self.arrangement.parameters
+        return [q.name for q in p if q.scope != LOAD], [q.name for q in p if q.scope == LOAD]
+
+    def at(self, group: int) -> dict[str, float]:
+        """All constants at one load."""
+        rig, load = self.names()
+        return dict(zip(rig, self.rig.tolist(), strict=True)) | dict(zip(load, self.load[group].tolist(), strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class Sensitivity:
+    """Modes at one load, and how poles and gains change with each constant (rig's first, then the load's)."""
+
+    rig: LinearRig
+    pole_slopes: Complex
+    gain_slopes: Complex
+    drive_slopes: Complex
+    tied: tuple[int, ...] = ()
+
+    @property
+    def reference(self) -> int:
+        """The lowest mode that is not tied."""
+        return next(j for j in range(len(self.rig.poles)) if j not in self.tied)
+
+    def ties(self, since_tap_s: float) -> Complex:
+        """Return (tied,) amplitudes of the tied modes over that of the reference, so long after the tap.
+
+        The tap gave all modes their amplitudes at once; a mode too weak to be read by itself is computed.
+        """
+        at, first = list(self.tied), self.reference
+        share = self.rig.drive[at] / self.rig.drive[first]
+        grown: Complex = share * np.exp((self.rig.poles[at] - self.rig.poles[first]) * since_tap_s)
+        return grown
+
+    def tie_slopes(self, since_tap_s: float) -> Complex:
+        """Return (constants, tied) the relative change of `ties` with each constant."""
+        at, first = list(self.tied), [self.reference]
+        relative = self.drive_slopes[:, at] / self.rig.drive[at] - self.drive_slopes[:, first] / self.rig.drive[first]
+        grown: Complex = relative + (self.pole_slopes[:, at] - self.pole_slopes[:, first]) * since_tap_s
+        return grown
+
+
+class Nuisance:
+    """Columns of one record that every model leaves free: its modes' amplitudes and the filter's own ringing."""
+
+    def __init__(self, recordings: Recordings, ringing: Complex):
+        self._rate = recordings.sample_rate_hz
+        own = [m.ringing(self._rate) for m in recordings.noise]
+        self._ringing = [np.append(ringing, [s] if np.isfinite(s) else []) for s in own]
+
+    def columns(self, s: Sensitivity, record: Record) -> Real:
+        """Return (c, n, q): per pair of poles two columns, per real pole one, per filter pole one a channel.
+
+        A tied mode has no column of its own: it rings in those of the reference.
+        """
+        modes = s.rig
+        t = np.arange(record.y.shape[1]) / self._rate
+        waves = np.exp(np.outer(t, modes.poles))
+        shown = modes.gains[:, None, :] * waves[None]
+        if s.tied:
+            shown[:, :, s.reference] += shown[:, :, list(s.tied)] @ s.ties(record.since_tap_s)
+        parts = []
+        for j, w in enumerate(modes.weight):
+            if j in s.tied:
+                continue
+            parts.append(w * shown[:, :, j].real)
+            if w == 2.0:
+                parts.append(-w * shown[:, :, j].imag)
+        for c, ringing in enumerate(self._ringing):
+            for pole in ringing:
+                wave = np.exp(t * pole)
+                for part in (wave.real, wave.imag) if abs(pole.imag) > SMALL * abs(pole) else (wave.real,):
+                    column = np.zeros(shown.shape[:2])
+                    column[c] = part
+                    parts.append(column)
+        return np.stack(parts, axis=-1)
+
+    @staticmethod
+    def amplitudes(s: Sensitivity, coefficients: Real, record: Record) -> Complex:
+        """Return the complex modal amplitudes that coefficients of `columns` mean."""
+        found, at = np.zeros(len(s.rig.poles), np.complex128), 0
+        for j, w in enumerate(s.rig.weight):
+            if j in s.tied:
+                continue
+            found[j] = complex(coefficients[at], coefficients[at + 1] if w == 2.0 else 0.0)
+            at += int(w)
+        if s.tied:
+            found[list(s.tied)] = found[s.reference] * s.ties(record.since_tap_s)
+        return found
+
+
+def slow_filter_poles(highpass_hz: float, order: int) -> Complex:
+    """Return zero (an offset) and the poles of the declared Butterworth high-pass, 1/s."""
+    if not np.isfinite(highpass_hz) or order < 1:
+        return np.zeros(1, np.complex128)
+    angles = np.pi * (2 * np.arange(order) + order + 1) / (2 * order)
+    s = 2 * np.pi * highpass_hz * np.exp(1j * angles)
+    upper: Complex = s[s.imag > -1e-9 * np.abs(s)]
+    return np.append(0.0, upper)
+
+
+def sensitivity(
+    constants: Constants, group: int, analog: StateSpace, recordings: Recordings, tied: tuple[int, ...] = ()
+) -> Sensitivity:
+    """Solve for the modes at one load and difference them with respect to every constant."""
+    values = constants.at(group)
+    names = [name for scope in constants.names() for name in scope]
+
+    def solve(changed: dict[str, float]) -> LinearRig:
+        return linear_rig(constants.arrangement, changed, analog, recordings.noise, recordings.sample_rate_hz)
+
+    middle = solve(values)
+    poles = np.empty((len(names), len(middle.poles)), np.complex128)
+    gains = np.empty((len(names), *middle.gains.shape), np.complex128)
+    drive = np.empty_like(poles)
+    for i, name in enumerate(names):
+        step = STEP * max(abs(values[name]), _natural(constants, name))
+        up, down = solve(values | {name: values[name] + step}), solve(values | {name: values[name] - step})
+        poles[i] = (up.poles - down.poles) / (2 * step)
+        gains[i] = (up.gains - down.gains) / (2 * step)
+        drive[i] = (up.drive - down.drive) / (2 * step)
+    return Sensitivity(middle, poles, gains, drive, tied)
+
+
+def _natural(constants: Constants, name: str) -> float:
+    """Size of a constant that may be zero."""
+    declared = next(p for p in constants.arrangement.parameters if p.name == name)
+    return abs(declared.value) or 1.0
+
+
+def slope_columns(s: Sensitivity, amplitudes: Complex, record: Record, sample_rate_hz: float) -> Real:
+    """Return (c, n, k): what a unit change of each constant does to a record with these modal amplitudes."""
+    t = np.arange(record.y.shape[1]) / sample_rate_hz
+    waves = np.exp(np.outer(t, s.rig.poles)) * (s.rig.weight * amplitudes)
+    # d(g b e^(s t)) = (dg + g db / b + g t ds) b e^(s t)
+    relative = s.gain_slopes.copy()
+    if s.tied:
+        relative[:, :, list(s.tied)] += s.rig.gains[:, list(s.tied)] * s.tie_slopes(record.since_tap_s)[:, None, :]
+    growing = s.rig.gains[None] * s.pole_slopes[:, None, :]
+    shape = (relative.shape[0], relative.shape[1], t.size)
+    fixed_part = (relative.reshape(-1, waves.shape[1]) @ waves.T).real.reshape(shape)
+    growing_part = (growing.reshape(-1, waves.shape[1]) @ waves.T).real.reshape(shape)
+    columns: Real = np.moveaxis(fixed_part + growing_part * t, 0, -1)
+    return columns

@@ -1,0 +1,118 @@
+"""The recorder's noise as white noise and a slow part: spectrum ``1 + b / (1 + (f / f_c)^2)``, and how to undo it.
+
+The stretches before the trigger are too short to show the slow part, so its shape comes from the difference of two
+channels that see the same motion, over whole records. It is read from medians over bands: lines, which a channel's
+gain or a turning mass would leave in the difference, do not move them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.signal import lfilter
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+BANDS = 18
+LOWEST_HZ = 15.0
+LEVEL_TRUST = 0.1  # difference of the two levels beyond which the difference holds more than noise
+MEDIAN = math.log(2.0)  # of a periodogram's value over its mean
+
+
+@dataclass(frozen=True, slots=True)
+class Colour:
+    """Noise that ``(1 - pole / z) / (1 - zero / z) / deviation`` makes white with unit variance."""
+
+    pole: float
+    zero: float
+    deviation: float
+
+    def whiten(self, y: Real) -> Real:
+        """Whiten (..., n) that was zero before its first sample."""
+        out: Real = lfilter([1.0, -self.pole], [1.0, -self.zero], y, axis=-1) / self.deviation
+        return out
+
+    def gain(self, s: Complex, sample_rate_hz: float) -> Complex:
+        """Return by what a ring-down with poles s (1/s) is multiplied in whitening."""
+        back = np.exp(-s / sample_rate_hz)
+        return np.asarray((1 - self.pole * back) / (1 - self.zero * back) / self.deviation, np.complex128)
+
+    def ringing(self, sample_rate_hz: float) -> float:
+        """Pole of the whitening itself, 1/s, which what came before a record leaves in it; NaN where it has none."""
+        return math.log(self.zero) * sample_rate_hz if self.zero > 0 else math.nan
+
+
+def noise_colour(quiet: Sequence[Real], whole: Sequence[Real], sample_rate_hz: float) -> tuple[Colour, ...]:
+    """Return the noise of each channel.
+
+    Parameters
+    ----------
+    quiet
+        Records (c, n) before the trigger of each impact.
+    whole
+        (n,) stretches of noise as long as the records, such as the difference of two channels; only the shape of
+        their spectrum is used. Without any, the noise counts as white.
+    """
+    variance = np.mean([np.var(q, axis=1, ddof=1) for q in quiet], axis=0)
+    if not np.all(variance > 0):
+        raise ValueError("a channel shows no noise before the trigger")
+    share, corner, white_sum = _slow_part(whole, sample_rate_hz) if len(whole) else (0.0, 1.0, math.nan)
+    pole = math.exp(-2 * math.pi * corner / sample_rate_hz)
+    # slow part's variance over the white one's; `share` is its spectral density at zero over the white one's
+    slow = share * (1 - pole) ** 2 / (1 - pole**2)
+    # what the mean of a short stretch takes away of a slow noise is put back
+    length = quiet[0].shape[1]
+    kept = (1 + slow * (1 - _mean_share(pole, length))) / (1 + slow)
+    whites = variance / kept / (1 + slow)
+    if math.isfinite(white_sum) and abs(white_sum / whites.sum() - 1) < LEVEL_TRUST:
+        whites = whites * (white_sum / whites.sum())  # the long stretches tell the level better
+    colours = []
+    for white in whites.tolist():
+        total = white * (1 + pole**2) + white * slow * (1 - pole**2)
+        product = white * pole
+        root = math.sqrt(max(total**2 - 4 * product**2, 0.0))
+        deviation2 = (total + root) / 2
+        colours.append(Colour(pole, product / deviation2, math.sqrt(deviation2)))
+    return tuple(colours)
+
+
+def _mean_share(pole: float, n: int) -> float:
+    """Variance of the mean of n samples of the slow noise over that of a sample, beyond that of white noise."""
+    k = np.arange(1, n)
+    correlation = 1 + 2 * float(np.sum((1 - k / n) * pole**k))
+    return correlation / n - 1 / n
+
+
+def _slow_part(whole: Sequence[Real], sample_rate_hz: float) -> tuple[float, float, float]:
+    """Density of the slow part at zero frequency over that of the white part, its corner (Hz), the white variance."""
+    n = min(w.size for w in whole)
+    taper = np.hanning(n)
+    spectra = np.stack([np.abs(np.fft.rfft((w[:n] - w[:n].mean()) * taper)) ** 2 for w in whole])
+    frequency = np.fft.rfftfreq(n, 1 / sample_rate_hz)
+    edges = np.geomspace(LOWEST_HZ, 0.45 * sample_rate_hz, BANDS + 1)
+    middle, level, count = [], [], []
+    for low, high in pairwise(edges):
+        inside = (frequency >= low) & (frequency < high)
+        if inside.any():
+            middle.append(float(frequency[inside].mean()))
+            level.append(math.log(float(np.median(spectra[:, inside])) / MEDIAN))
+            count.append(math.sqrt(spectra.shape[0] * inside.sum()))
+    f, y, w = np.array(middle), np.array(level), np.minimum(np.array(count), 60.0)
+
+    def off(p: Real) -> Real:
+        out: Real = w * (p[0] + np.log1p(np.exp(p[1]) / (1 + (f / np.exp(p[2])) ** 2)) - y)
+        return out
+
+    starts = [np.array([y[-1], math.log(share), math.log(corner)]) for share in (0.5, 5.0) for corner in (100.0, 800.0)]
+    lower, upper = [-np.inf, math.log(1e-3), math.log(30.0)], [np.inf, math.log(1e4), math.log(0.2 * sample_rate_hz)]
+    best = min(
+        (least_squares(off, s, bounds=(lower, upper), loss="soft_l1") for s in starts), key=lambda found: found.cost
+    )
+    return math.exp(best.x[1]), math.exp(best.x[2]), math.exp(best.x[0]) / float(np.sum(taper**2))

@@ -1,0 +1,261 @@
+"""The contest: which mechanisms, if any, made the recordings what they are.
+
+Screened by score tests on some of the impacts (the others are held out), the best confirmed by full fits, further ones
+added one by one as long as impacts that took no part get better. What is then left over is tested once more against
+forces of any shape: where much is left, nothing listed is right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.mismatch.fit import Fit, fit
+from analysis.mismatch.problem import Problem, Term
+from analysis.mismatch.screen import Score, Screening, screen
+from sim_backend.mechanisms.mechanism import Mechanism
+
+Real = NDArray[np.float64]
+
+LEVEL = 0.01  # of the test whether anything is missing
+HELD_OUT_EVERY = 4  # every fourth impact of a load is held out
+MOST_TERMS = 3
+FINALISTS = 5  # mechanisms that are fitted in full
+CLOSE = 0.25  # share of the best score's gain that earns a full fit
+LEAST_GAIN = 16.0  # chi-squared beyond its parameters that a further mechanism must take away
+LEAST_SHARE = 0.03  # of what is explained already, likewise
+LEFT_OVER = 0.05  # share of all misfit that may be left over by a right explanation
+LEFT_LEVEL = 1e-3  # p-value below which what is left over counts
+TEMPERATURE = 2.0  # by which differences of chi-squared are divided: laws are never exactly right
+LOOK_ALIKE = 0.9  # cosine of two signatures
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A mechanism in the contest: fitted in full (with those already accepted), or only screened (``fit`` None).
+
+    ``evidence`` is the chi-squared it takes away less what its free numbers take away by chance.
+    """
+
+    score: Score
+    fit: Fit | None
+    evidence: float
+
+    @property
+    def id(self) -> str:
+        """Name of the mechanism."""
+        return self.score.term.mechanism.id
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """One step of the contest: what stood before it, all entries (best first), and what was accepted."""
+
+    before: Fit
+    screening: Screening
+    entries: tuple[Entry, ...]
+    accepted: Entry | None
+
+
+@dataclass(frozen=True, slots=True)
+class Contest:
+    """Outcome.
+
+    Attributes
+    ----------
+    p_value
+        That Eq. 9 with its constants refitted made the recordings.
+    chosen
+        The accepted mechanisms' fit to the impacts not held out; None where Eq. 9 will do or nothing explains.
+    best
+        The best fit there is, even if it does not explain enough.
+    left_over, left_p_value
+        Chi-squared beyond chance that the best fit leaves, and its p-value.
+    """
+
+    problem: Problem
+    training: tuple[int, ...]
+    held_out: tuple[int, ...]
+    baseline: Fit
+    rounds: tuple[Round, ...]
+    p_value: float
+    chosen: Fit | None
+    best: Fit
+    left_over: float
+    left_p_value: float
+
+
+def split(problem: Problem) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return records for fitting and held-out ones, from every load."""
+    seen: dict[int, int] = {}
+    training: list[int] = []
+    held: list[int] = []
+    for i, record in enumerate(problem.recordings.records):
+        place = seen.get(record.group, 0)
+        seen[record.group] = place + 1
+        (held if place % HELD_OUT_EVERY == HELD_OUT_EVERY - 1 else training).append(i)
+    return tuple(training), tuple(held)
+
+
+def run_contest(
+    problem: Problem, known: Sequence[Mechanism], progress: Callable[[str], None] = lambda stage: None
+) -> Contest:
+    """Find the mechanisms that the recordings hold beyond the linear rig."""
+    training, held = split(problem)
+    inner = problem.only(training)
+    progress("fitting the linear rig")
+    baseline = fit(inner)
+    progress("screening")
+    screening = screen(baseline, known)
+    p_value = screening.p_value
+    current = baseline
+    rounds: list[Round] = []
+    explained = 0.0
+    while p_value < LEVEL and len(current.terms) < MOST_TERMS:
+        entries = _full_fits(current, screening, known, progress)
+        best = entries[0] if entries else None
+        enough = best is not None and best.fit is not None and best.evidence > max(LEAST_GAIN, LEAST_SHARE * explained)
+        if enough and rounds:
+            enough = _better_held_out(problem, held, current, best.fit)  # type: ignore[union-attr, arg-type]
+        rounds.append(Round(current, screening, entries, best if enough else None))
+        if not enough:
+            break
+        current = best.fit  # type: ignore[union-attr, assignment]
+        explained = baseline.objective - current.objective
+        progress("looking at what is left")
+        screening = screen(current, known)
+        if screening.p_value > LEFT_LEVEL:
+            break
+    left = screening.unexplained if p_value < LEVEL else 0.0
+    left_p = screening.p_value
+    chosen = current if current.terms else None
+    if chosen is not None and left_p < LEFT_LEVEL and left > LEFT_OVER * (explained + left):
+        chosen = None
+    return Contest(problem, training, held, baseline, tuple(rounds), p_value, chosen, current, left, left_p)
+
+
+def _full_fits(
+    current: Fit, screening: Screening, known: Sequence[Mechanism], progress: Callable[[str], None]
+) -> tuple[Entry, ...]:
+    """Fit the best screened mechanisms in full, each with those already accepted."""
+    present = {t.mechanism.id for t in current.terms}
+    best: dict[str, Score] = {}
+    for score in screening.scores:
+        name = score.term.mechanism.id
+        if name in present or not screened_gain(score) > 0:
+            continue
+        if name not in best or screened_gain(score) > screened_gain(best[name]):
+            best[name] = score
+    ranked = sorted(best.values(), key=lambda s: -screened_gain(s))
+    entries = []
+    for place, score in enumerate(ranked):
+        close = screened_gain(score) > CLOSE * screened_gain(ranked[0])
+        certain = score.p_value < LEVEL / max(len(ranked), 1)
+        if place >= FINALISTS or not ((close and certain) or place == 0):
+            entries.append(Entry(score, None, screened_gain(score)))
+            continue
+        progress(f"fitting {name_of(score)}")
+        try:
+            fitted = fit(current.problem, (*current.terms, started(score)), begin=current, delays=score.delays)
+        except (ValueError, np.linalg.LinAlgError):
+            entries.append(Entry(score, None, 0.0))  # it cannot be joined with what is there already
+            continue
+        gain = current.objective - fitted.objective
+        entries.append(Entry(score, fitted, gain - cost(score)))
+    entries.sort(key=lambda e: (e.fit is None, -(e.evidence + stiffness_evidence(e))))
+    return tuple(entries)
+
+
+def name_of(score: Score) -> str:
+    """What progress calls a mechanism."""
+    return score.term.mechanism.id.replace("_", " ")
+
+
+def cost(score: Score) -> float:
+    """Chi-squared that a mechanism's free numbers take away by chance, and what choosing them costs."""
+    mechanism = score.term.mechanism
+    return 2.0 * len(mechanism.parameters) + (float(score.dof) if score.dof > 1 else 0.0)
+
+
+def screened_gain(score: Score) -> float:
+    """Gain of a score beyond what its free numbers take away by chance."""
+    return score.gain - (score.dof if score.dof > 1 else 0)
+
+
+def started(score: Score) -> Term:
+    """Return the screened term with the strength that the score test found."""
+    term, strength = score.term, score.term.mechanism.strength
+    values = dict(term.values)
+    if term.mechanism.blow or term.mechanism.lines is not None:
+        return term
+    if strength is not None:
+        factor = score.strength if score.strength != 0 else 1.0
+        quantities = {q.name: q for q in term.mechanism.parameters}
+        value = values[strength] * factor
+        if quantities[strength].log:
+            value = abs(value)
+        scaled = [strength] if not term.mechanism.tied and term.mechanism.extend is None else None
+        if scaled is None and quantities[strength].log:
+            # a body of this strength: mass, stiffness and damping grow together
+            factor = abs(factor)
+            values = {k: v * factor if k in quantities else v for k, v in values.items()}
+        else:
+            values[strength] = value
+        for name, q in quantities.items():
+            values[name] = min(max(values[name], q.low), q.high)
+    elif term.mechanism.tied:
+        factor = max(abs(score.strength), 1e-6)
+        values = {k: v / factor for k, v in values.items()}
+    return replace(term, values=values)
+
+
+def stiffness_evidence(entry: Entry) -> float:
+    """Chi-squared by which k_c(P) speaks against a force law of the contact: its exponent must be the law's."""
+    mechanism = entry.score.term.mechanism
+    if mechanism.stiffness_exponent is None or entry.fit is None:
+        return 0.0
+    exponent = stiffness_exponent(entry.fit)
+    if exponent is None:
+        return 0.0
+    expected, tolerance = mechanism.stiffness_exponent
+    return -min(((exponent[0] - expected) / math.hypot(tolerance, exponent[1])) ** 2, 25.0)
+
+
+def stiffness_exponent(fitted: Fit) -> tuple[float, float] | None:
+    """Return d ln k_c / d ln P over the loads and its standard error; None with less than three loads."""
+    loads = np.log(np.array(fitted.problem.recordings.loads_n))
+    names = fitted.constants.names()[1]
+    if "kc" not in names or loads.size < 3 or np.ptp(loads) < 0.1:
+        return None
+    y = np.log(fitted.constants.load[:, names.index("kc")])
+    x = loads - loads.mean()
+    slope = float(x @ y / (x @ x))
+    scatter = y - y.mean() - slope * x
+    return slope, math.sqrt(float(scatter @ scatter) / (loads.size - 2) / float(x @ x))
+
+
+def held_out_rms(problem: Problem, held: Sequence[int], fitted: Fit, delays: Sequence[int] = ()) -> float:
+    """Return the rms of the residual on held-out impacts, m/s2: only what belongs to each impact is fitted on them."""
+    kept = problem.only(held)
+    if any(t.mechanism.blow for t in fitted.terms) and not delays:
+        delays = blow_delays(kept, fitted)
+    outer = fit(kept, held=fitted, delays=delays)
+    deviations = np.array([m.deviation for m in problem.recordings.noise])
+    total = sum(float(np.sum((r * deviations[:, None]) ** 2)) for r in outer.residuals)
+    return math.sqrt(total / sum(r.size for r in outer.residuals))
+
+
+def blow_delays(problem: Problem, fitted: Fit) -> tuple[int, ...]:
+    """Return when the second blow fell in records that took no part in the fit."""
+    others = tuple(t for t in fitted.terms if not t.mechanism.blow)
+    blows = [t.mechanism for t in fitted.terms if t.mechanism.blow]
+    plain = fit(problem, held=replace(fitted, terms=others))
+    return next(s.delays for s in screen(plain, blows).scores if s.term.mechanism.blow)
+
+
+def _better_held_out(problem: Problem, held: Sequence[int], before: Fit, after: Fit) -> bool:
+    return held_out_rms(problem, held, after) < held_out_rms(problem, held, before)

@@ -1,0 +1,371 @@
+"""From a session file to a diagnosis: what was left out of Eq. 9, where, how sure, and what would settle it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from analysis.mismatch.baseline import slow_filter_poles
+from analysis.mismatch.contest import (
+    LEFT_LEVEL,
+    LEVEL,
+    LOOK_ALIKE,
+    TEMPERATURE,
+    Contest,
+    Entry,
+    Round,
+    held_out_rms,
+    run_contest,
+    stiffness_evidence,
+)
+from analysis.mismatch.excess import excess_by_frequency, excess_by_time
+from analysis.mismatch.fit import Fit
+from analysis.mismatch.problem import Problem, Term
+from analysis.mismatch.records import tester_recordings
+from analysis.session import AnalysisError, session_modes
+from analysis.settings import AnalysisSettings
+from analysis.stiffness import ResonanceError, contact_from_pole
+from daq.records import RigDescription, Session
+from rig.settings import Filter
+from sim_backend.arrangement import tester
+from sim_backend.mechanisms.mechanism import Mechanism
+from sim_backend.recorder import analog_filter
+from sim_backend.state_space import StateSpace
+
+Real = NDArray[np.float64]
+
+MASS_UNCERTAINTY = 5e-4  # relative, as weighed
+SPRING_UNCERTAINTY = 0.01  # relative, as identified
+NORMAL_95 = 1.959964
+SOMETHING_ELSE = -12.0  # evidence of what is not listed where nothing is left over
+STRONGER_TAP = 1.5  # over the strongest so far, for the next experiment
+MOST_FORCE_RATIO = 0.9  # of the preload: beyond, the surfaces would part
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """An estimate with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """A mechanism that was left out."""
+
+    id: str
+    probability: float
+    where: str
+    statement: str
+    parameters: dict[str, Interval]
+    indistinguishable_from: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Location:
+    """Where the recordings hold more than Eq. 9."""
+
+    component: str
+    channels: tuple[str, ...]
+    time_ms: tuple[float, float]
+    frequency_hz: tuple[float, float]
+    loads_mn: tuple[float, ...]
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class NextExperiment:
+    """What would part the two best explanations."""
+
+    load_mn: float
+    peak_force_ratio: float
+    separates: tuple[str, str]
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """The answer; ``contest`` holds all that is behind it."""
+
+    session: str
+    verdict: str
+    p_value: float
+    mechanisms: tuple[Named, ...]
+    location: Location | None
+    noise_rms: float
+    rms_before: float
+    rms_after: float | None
+    next_experiment: NextExperiment | None
+    contest: Contest
+
+
+def tester_problem(session: Session) -> Problem:
+    """Return the fitting problem of a session of the two-mass tester.
+
+    Raises
+    ------
+    AnalysisError
+        The rig is unknown, or too few impacts show both modes.
+    """
+    rig, name = session.rig, session.source or "session"
+    if not rig.is_tester:
+        raise AnalysisError(f"{name}: masses and springs are unknown, so there is no Eq. 9 to compare with")
+    rates = {s.sample_rate_hz for s in session.shots if s.accepted}
+    if len(rates) != 1:
+        raise AnalysisError(f"{name}: a diagnosis needs accepted impacts of one sampling rate, not of {len(rates)}")
+    modes = session_modes(session, AnalysisSettings())
+    contact: dict[int, tuple[float, float]] = {}
+    loads: dict[int, float] = {}
+    for load_set in session.load_sets():
+        found = []
+        for shot in session.accepted(load_set):
+            mode = modes[shot.number].contact
+            if mode is None:
+                continue
+            try:
+                found.append(contact_from_pole(mode.pole, rig.m1_kg, rig.m2_kg, rig.k1_n_per_m, rig.k2_n_per_m))
+            except ResonanceError:
+                continue
+        if not found:
+            continue
+        middle = np.median(found, axis=0)
+        contact[load_set] = (float(middle[0]), float(middle[1]))
+        loads[load_set] = 1e-3 * _load(session, load_set)
+    if sum(len(session.accepted(k)) for k in contact) < 4:
+        raise AnalysisError(f"{name}: a diagnosis needs at least four accepted impacts that show both modes")
+    try:
+        recordings = tester_recordings(session, loads, contact, (rig.k1_n_per_m, rig.k2_n_per_m))
+    except ValueError as error:
+        raise AnalysisError(f"{name}: {error}") from None
+    arrangement = tester(
+        rig.m1_kg, rig.m2_kg, rig.k1_n_per_m, rig.k2_n_per_m, 1e6, 1.0,
+        mass_uncertainty=MASS_UNCERTAINTY, spring_uncertainty=SPRING_UNCERTAINTY,
+    )  # fmt: skip
+    start = np.array([contact[k] for k in sorted(contact)])
+    highpass = rig.highpass_hz if rig.filter_family == "butterworth" else math.nan
+    return Problem(
+        recordings, arrangement, declared_filter(rig), slow_filter_poles(highpass, int(rig.highpass_order)), start
+    )
+
+
+def declared_filter(rig: RigDescription) -> StateSpace:
+    """Return the recorder's filter as the session declares it; none where it declares none."""
+    known = rig.filter_family == "butterworth" and all(map(math.isfinite, (rig.highpass_hz, rig.lowpass_hz)))
+    if not known or rig.highpass_order < 1 or rig.lowpass_order < 1:
+        return analog_filter(Filter(family="none"))
+    return analog_filter(
+        Filter(
+            family="butterworth",
+            highpass_hz=rig.highpass_hz,
+            highpass_order=int(rig.highpass_order),
+            lowpass_hz=rig.lowpass_hz,
+            lowpass_order=int(rig.lowpass_order),
+        )
+    )
+
+
+def _load(session: Session, load_set: int) -> float:
+    """Load of a load set as the session file gives it, mN."""
+    shots = session.accepted(load_set)
+    read = [v for s in shots for v in (s.load_before_mn, s.load_after_mn) if math.isfinite(v)]
+    return float(np.mean(read)) if read else shots[0].target_load_mn
+
+
+def diagnose_session(
+    session: Session, known: Sequence[Mechanism], progress: Callable[[str], None] = lambda stage: None
+) -> Diagnosis:
+    """Find out what physics Eq. 9 leaves out of a session's recordings.
+
+    Parameters
+    ----------
+    known
+        Mechanisms that may be named.
+    progress
+        Called with what is being done.
+
+    Raises
+    ------
+    AnalysisError
+        The session cannot carry a diagnosis.
+    """
+    # the matrices are small: further threads of the linear algebra would only get in each other's way
+    with threadpool_limits(limits=1, user_api="blas"):
+        progress("identifying the modes of each impact")
+        problem = tester_problem(session)
+        contest = run_contest(problem, known, progress)
+        progress("comparing with the held-out impacts")
+        return _answer(session.source, contest)
+
+
+def _answer(source: str, contest: Contest) -> Diagnosis:
+    problem, held = contest.problem, contest.held_out
+    before = held_out_rms(problem, held, contest.baseline) if held else math.nan
+    found = contest.p_value < LEVEL
+    verdict = "consistent" if not found else "unexplained" if contest.chosen is None else "missing_physics"
+    after, named = None, []
+    if contest.chosen is not None:
+        after = held_out_rms(problem, held, contest.chosen) if held else None
+        for number, step in enumerate(r for r in contest.rounds if r.accepted is not None):
+            named.append(_named(contest.chosen, number, step, contest))
+    return Diagnosis(
+        source,
+        verdict,
+        contest.p_value,
+        tuple(named),
+        _location(contest, named) if found else None,
+        problem.recordings.noise_rms,
+        before,
+        after,
+        _next_experiment(contest) if found else None,
+        contest,
+    )
+
+
+def _named(fit: Fit, number: int, step: Round, contest: Contest) -> Named:
+    term, accepted = fit.terms[number], step.accepted
+    mechanism = term.mechanism
+    entries = [e for e in step.entries if e.fit is not None]
+    strength = {e.id: e.evidence + stiffness_evidence(e) for e in entries}
+    left = contest.left_over if contest.left_p_value < LEFT_LEVEL else 0.0
+    strength["something else"] = strength[mechanism.id] + SOMETHING_ELSE + left
+    top = max(strength.values())
+    weights = {k: math.exp((v - top) / 2 / TEMPERATURE) for k, v in strength.items()}
+    total = sum(weights.values())
+    rivals = tuple(
+        k for k in weights if k not in (mechanism.id, "something else") and weights[k] > 0.02 * weights[mechanism.id]
+    )
+    alike = _looking_alike(step, mechanism.id, rivals)
+    return Named(
+        mechanism.id,
+        min(weights[mechanism.id] / total, 1.0),
+        mechanism.component,
+        mechanism.statement(term.values),
+        _intervals(term, fit.parameter_errors[number]),
+        alike if accepted is not None else (),
+    )
+
+
+def _looking_alike(step: Round, chosen: str, rivals: Sequence[str]) -> tuple[str, ...]:
+    """Rivals that these data cannot tell apart: close in evidence, and either alike in signature or never compared."""
+    labels, cosines = step.screening.labels, np.abs(step.screening.cosines)
+    found = []
+    for rival in rivals:
+        mine = [i for i, k in enumerate(labels) if k == chosen]
+        theirs = [i for i, k in enumerate(labels) if k == rival]
+        if not mine or not theirs or cosines[np.ix_(mine, theirs)].max() > LOOK_ALIKE:
+            found.append(rival)
+    return tuple(found)
+
+
+def _intervals(term: Term, errors: dict[str, float]) -> dict[str, Interval]:
+    out = {}
+    for q in term.mechanism.parameters:
+        if q.name not in errors:
+            continue
+        value, error = float(term.values[q.name]), NORMAL_95 * errors[q.name]
+        if q.log:
+            spread = math.exp(min(error, 50.0))
+            low, high = value / spread, value * spread
+        else:
+            low, high = value - error, value + error
+        out[q.name] = Interval(value, max(low, q.low), min(high, q.high), q.unit)
+    return out
+
+
+def _location(contest: Contest, named: Sequence[Named]) -> Location:
+    """Read off the residual of the linear rig where it is more than noise."""
+    fit = contest.baseline
+    rate = contest.problem.recordings.sample_rate_hz
+    bins, windows = excess_by_frequency(fit), excess_by_time(fit)
+    frequency = _range(bins.edges, np.any(bins.sure, axis=0), (0.0, rate / 2))
+    begin = float(np.mean([r.start_s for r in fit.problem.recordings.records]))
+    low, high = _range(windows.edges, np.any(windows.sure, axis=0), (0.0, float(windows.edges[-1])))
+    share = _misfit_by_channel(fit, contest.best)
+    channels = ("A-B",) if len(share) == 2 and share[1] > 2 * share[0] else ("A", "B")
+    misfit = np.zeros(len(contest.problem.recordings.loads_n))
+    for record, r, better in zip(fit.problem.recordings.records, fit.residuals, contest.best.residuals, strict=True):
+        misfit[record.group] += float(np.vdot(r, r) - np.vdot(better, better))
+    loads = 1e3 * np.array(contest.problem.recordings.loads_n)
+    chosen = loads if misfit.max() <= 0 else loads[misfit > 0.1 * misfit.max()]
+    if named:
+        component = named[0].where
+    elif channels == ("A-B",):
+        component = "sensor chain"
+    else:
+        by = contest.rounds[0].screening.free.by_component
+        component = max(by, key=lambda k: by[k])
+    what = "what is named explains" if named else "forces of any shape in it explain"
+    return Location(
+        component,
+        channels,
+        (1e3 * (begin + low), 1e3 * (begin + high)),
+        frequency,
+        tuple(float(v) for v in chosen),
+        f"The residual of Eq. 9 is more than noise from {frequency[0]:.0f} to {frequency[1]:.0f} Hz, and {what} "
+        "most of it.",
+    )
+
+
+def _range(edges: Real, sure: NDArray[np.bool_], fallback: tuple[float, float]) -> tuple[float, float]:
+    at = np.flatnonzero(sure)
+    return (float(edges[at[0]]), float(edges[at[-1] + 1])) if at.size else fallback
+
+
+def _misfit_by_channel(before: Fit, after: Fit) -> Real:
+    """Sum of squares that the better fit takes away in mean and difference of the channels."""
+    if len(before.residuals[0]) != 2:
+        return np.zeros(1)
+    out = np.zeros(2)
+    for a, b in zip(before.residuals, after.residuals, strict=True):
+        for i, sign in enumerate((1.0, -1.0)):
+            out[i] += float(np.sum((a[0] + sign * a[1]) ** 2) - np.sum((b[0] + sign * b[1]) ** 2))
+    return out
+
+
+def _next_experiment(contest: Contest) -> NextExperiment | None:
+    """Return the load at which the two best explanations differ most per impact, with a stronger tap."""
+    fitted: list[Entry] = [e for e in contest.rounds[0].entries if e.fit is not None] if contest.rounds else []
+    if len(fitted) < 2:
+        return None
+    first, second = fitted[0], fitted[1]
+    records = contest.baseline.problem.recordings.records
+    groups = len(contest.problem.recordings.loads_n)
+    apart, count = np.zeros(groups), np.zeros(groups)
+    for i, record in enumerate(records):
+        a, b = first.fit.residuals[i], second.fit.residuals[i]  # type: ignore[union-attr]
+        apart[record.group] += float(np.sum((a - b) ** 2))
+        count[record.group] += 1
+    group = int(np.argmax(apart / np.maximum(count, 1)))
+    load = contest.problem.recordings.loads_n[group]
+    ratio = min(STRONGER_TAP * strongest_tap(contest.baseline, group), MOST_FORCE_RATIO)
+    return NextExperiment(
+        1e3 * load,
+        ratio,
+        (first.id, second.id),
+        f"At {1e3 * load:.0f} mN the two differ most: by {math.sqrt(apart[group] / count[group]):.1f} standard "
+        "deviations an impact at the taps made; a stronger one parts them further.",
+    )
+
+
+def strongest_tap(fit: Fit, group: int) -> float:
+    """Return the largest dynamic contact force over the preload among the impacts of a load."""
+    from analysis.mismatch.response import response
+
+    place = next(i for i, e in enumerate(fit.arrangement.elements) if e.role == "contact")
+    values = fit.constants.at(group)
+    to = response(fit.arrangement, values, fit.modes[group].rig, fit.problem.analog)
+    t = np.arange(60) / fit.problem.recordings.sample_rate_hz
+    peaks = [0.0]
+    for record, amplitudes in zip(fit.problem.recordings.records, fit.amplitudes, strict=True):
+        if record.group == group:
+            d, v = to.motion(amplitudes, place, t)
+            peaks.append(float(np.abs(values["kc"] * d + values["cc"] * v).max()) / record.preload_n)
+    return max(peaks)

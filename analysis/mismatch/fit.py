@@ -1,0 +1,503 @@
+"""Full fits: the rig with any mechanisms in it, all constants, all impacts together.
+
+Free are, for every impact, the modal amplitudes when its pulse has ended and the slow ringing of each channel; for
+every load the constants that differ from load to load; for the session the declared constants within their
+uncertainties and the mechanisms' parameters. Gauss and Newton's method; what belongs to one impact is eliminated with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.mismatch.baseline import Constants, Nuisance, Sensitivity, sensitivity, slope_columns
+from analysis.mismatch.linear import linear_rig
+from analysis.mismatch.problem import Problem, Term, acted_on, law_parameters
+from analysis.mismatch.records import Record
+from analysis.mismatch.response import Response, response, whiten
+from sim_backend.arrangement import LOAD, Arrangement
+from sim_backend.mechanisms.mechanism import Quantity
+from sim_backend.modal_march import MEMORY, SLOTS, march, no_law, step_weights
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+MOST_ITERATIONS = 25
+CONVERGED = 0.02  # change of chi-squared below which a fit is done
+SUBSTEPS = 4
+PARAMETER_STEP = 1e-4  # of differences, relative to the parameter (or its range where it is small)
+AMPLITUDE_STEP = 1e-3  # of differences, relative to the record's largest amplitude
+MOST_GROWTH = 2.5  # factor by which a positive constant may change in one step
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A fitted model.
+
+    Attributes
+    ----------
+    terms
+        Mechanisms with their fitted values.
+    arrangement
+        Of the rig with the bodies and elements that they add.
+    chi_squared
+        Sum of squares of the whitened residuals; ``penalty`` is what the declared constants add to it.
+    covariance
+        Of the session's constants, those of each load, and the terms' parameters, in this order.
+    parameter_errors
+        For each term: standard errors of its parameters, by name (of the logarithm where it is fitted as such).
+    amplitudes, coefficients
+        Of each record: modal amplitudes, and all free coefficients.
+    residuals
+        Of each record (c, n), whitened.
+    """
+
+    problem: Problem
+    terms: tuple[Term, ...]
+    arrangement: Arrangement
+    constants: Constants
+    modes: tuple[Sensitivity, ...]
+    responses: tuple[Response, ...]
+    coefficients: tuple[Real, ...]
+    amplitudes: tuple[Complex, ...]
+    residuals: tuple[Real, ...]
+    chi_squared: float
+    penalty: float
+    covariance: Real
+    parameter_errors: tuple[dict[str, float], ...]
+    delays: tuple[int, ...]
+
+    @property
+    def objective(self) -> float:
+        """What was minimised."""
+        return self.chi_squared + self.penalty
+
+    def sum_of_squares(self, records: Sequence[int]) -> float:
+        """Sum of squares of the residuals of some records."""
+        return float(sum(np.vdot(self.residuals[i], self.residuals[i]) for i in records))
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    rig: Real
+    load: Real
+    free: Real
+    coefficients: tuple[Real, ...]
+
+
+class _Model:
+    """A problem with terms: predicts, differences and steps."""
+
+    def __init__(self, problem: Problem, terms: Sequence[Term], delays: Sequence[int] = ()):
+        self.problem, self.terms = problem, tuple(terms)
+        arrangement = problem.arrangement
+        for term in terms:
+            if term.mechanism.extend is not None:
+                arrangement = term.mechanism.extend(arrangement, term.values)
+        self.arrangement = arrangement
+        lines = [hz for t in terms if t.mechanism.lines is not None for hz in t.mechanism.lines(t.values)]
+        slow = np.append(problem.slow, 2j * np.pi * np.array(lines)) if lines else problem.slow
+        self.nuisance = Nuisance(problem.recordings, slow)
+        self.rate = problem.recordings.sample_rate_hz
+        self.delays = tuple(delays)
+        self.rig_parameters = [p for p in arrangement.parameters if p.scope != LOAD]
+        self.declared = np.array([p.value for p in self.rig_parameters])
+        self.precision = np.array(
+            [1 / p.uncertainty**2 if np.isfinite(p.uncertainty) else 0.0 for p in self.rig_parameters]
+        )
+        self.positive = np.array([p.positive for p in self.rig_parameters])
+        self.free: list[tuple[int, Quantity]] = [
+            (i, q) for i, t in enumerate(terms) if t.nonlinear for q in t.mechanism.parameters
+        ]
+        self.marched = [t for t in terms if t.mechanism.law is not None]
+        self.nonlinear = any(t.nonlinear for t in terms)
+        self.substeps = SUBSTEPS
+
+    def start_free(self) -> Real:
+        return np.array([_inward(self.terms[i].values[q.name], q) for i, q in self.free])
+
+    def with_free(self, free: Real) -> tuple[Term, ...]:
+        """Terms with the values of the free parameters put in."""
+        values = [dict(t.values) for t in self.terms]
+        for (i, q), x in zip(self.free, free, strict=True):
+            values[i][q.name] = _outward(float(x), q)
+        return tuple(replace(t, values=v) for t, v in zip(self.terms, values, strict=True))
+
+    def constants(self, state: _State) -> Constants:
+        return Constants(self.arrangement, state.rig, state.load)
+
+    def modes(self, constants: Constants) -> tuple[list[Sensitivity], list[Response]]:
+        problem = self.problem
+        modes = [
+            sensitivity(constants, g, problem.analog, problem.recordings, self.tied(constants.at(g)))
+            for g in range(len(constants.load))
+        ]
+        made = [
+            response(self.arrangement, constants.at(g), m.rig, problem.analog) if self.nonlinear else None
+            for g, m in enumerate(modes)
+        ]
+        return modes, made  # type: ignore[return-value]
+
+    def tied(self, values: dict[str, float]) -> tuple[int, ...]:
+        """Modes of bodies that are set going by the rig alone and too weak to be read record by record."""
+        added = len(self.arrangement.bodies) - len(self.problem.arrangement.bodies)
+        if not added or not any(t.mechanism.tied for t in self.terms):
+            return ()
+        rig = linear_rig(self.arrangement, values, self.problem.analog, self.problem.recordings.noise, self.rate)
+        size = np.abs(rig.shapes) * np.sqrt([[values[m]] for m in self.arrangement.masses])
+        share = size[-added:].sum(axis=0) / size.sum(axis=0)
+        return tuple(int(j) for j in np.argsort(-share)[:added])
+
+    def extra(
+        self, terms: Sequence[Term], number: int, amplitudes: Complex, values: dict[str, float], to: Response
+    ) -> Real:
+        """Return (c, n) what the terms add to the whitened record of the linear rig."""
+        record = self.problem.recordings.records[number]
+        samples = record.y.shape[1]
+        added = np.zeros_like(record.y)
+        h = 1 / self.rate / self.substeps
+        marched = [t for t in terms if t.mechanism.law is not None]
+        if marched:
+            slots = [(t, e) for t in marched for e in acted_on(t, self.arrangement)]
+            slots.sort(key=lambda s: s[0].mechanism.last)
+            if len(slots) > SLOTS:
+                raise ValueError("more force laws than can act together")
+            laws = [t.mechanism.law for t, _ in slots] + [no_law] * (SLOTS - len(slots))
+            acting = np.array([e for _, e in slots] + [-1] * (SLOTS - len(slots)))
+            used = sorted({e for _, e in slots})
+            place = np.array([used.index(e) if e >= 0 else -1 for e in acting])
+            rows = [law_parameters(t, self.arrangement.elements[e], values, record, h) for t, e in slots]
+            p = np.zeros((SLOTS, max(map(len, rows))))
+            for row, filled in zip(p, rows, strict=False):
+                row[: len(filled)] = filled
+            e, w0, w1 = step_weights(to.rig.poles, h)
+            steps = (samples - 1) * self.substeps
+            forces = march(
+                tuple(laws), place, p, to.seen[used], to.rate[used], to.drive[used], e, w0, w1,
+                amplitudes, to.rig.weight, record.start_s, h, steps, np.zeros((SLOTS, MEMORY)),
+            )  # fmt: skip
+            for row, element in zip(forces, used, strict=True):
+                added += to.to(element, row, h, self.substeps)
+        for term in terms:
+            if term.mechanism.blow:
+                added += self._blow(term, number, amplitudes, to)
+        distorted = [t for t in terms if t.mechanism.distort is not None]
+        if distorted:
+            t = np.arange(samples) / self.rate
+            waves = np.exp(np.outer(t, to.rig.poles)) * (to.rig.weight * amplitudes)
+            clean = (to.rig.filtered @ waves.T).real + added
+            shown = clean
+            for term in distorted:
+                shown = term.mechanism.distort(shown, self._seen(term, record, clean), self.rate)  # type: ignore[misc]
+            added = added + shown - clean
+        return whiten(added, self.problem.recordings.noise)
+
+    def _seen(self, term: Term, record: Record, clean: Real) -> dict[str, float]:
+        """Values of a channel's distortion with the peak it is measured by."""
+        own = max(float(np.abs(record.raw).max()), float(np.abs(clean).max()))
+        whole = max(float(np.abs(r.raw).max()) for r in self.problem.recordings.records)
+        return dict(term.values) | {"peak": whole if term.values.get("of_session") else own}
+
+    def _blow(self, term: Term, number: int, amplitudes: Complex, to: Response) -> Real:
+        """Response of the channels to a second blow, before whitening."""
+        record = self.problem.recordings.records[number]
+        samples, delay = record.y.shape[1], self.delays[number]
+        struck = self.arrangement.bodies.index(self.arrangement.struck)
+        left = to.rig.left[struck]
+        impulse = first_impulse(to, amplitudes, record, struck)
+        kick = left * impulse * next(iter(term.values.values()))
+        out = np.zeros((len(to.rig.filtered), samples))
+        t = np.arange(samples - delay) / self.rate
+        waves = np.exp(np.outer(t, to.rig.poles)) * (to.rig.weight * kick)
+        out[:, delay:] = smooth_blow((to.rig.filtered @ waves.T).real)
+        return out
+
+    def residual(
+        self,
+        number: int,
+        state: _State,
+        terms: Sequence[Term],
+        modes: Sensitivity,
+        to: Response,
+        values: dict[str, float],
+    ) -> tuple[Real, Real]:
+        """Return residual and what the terms added, (c, n) each."""
+        record = self.problem.recordings.records[number]
+        columns = self.nuisance.columns(modes, record)
+        coefficients = state.coefficients[number]
+        added = (
+            self.extra(terms, number, Nuisance.amplitudes(modes, coefficients, record), values, to)
+            if self.nonlinear
+            else np.zeros_like(record.y)
+        )
+        return record.y - columns @ coefficients - added, added
+
+
+def first_impulse(to: Response, amplitudes: Complex, record: Record, struck: int) -> float:
+    """Impulse of the tap that these amplitudes tell of, N s."""
+    at_tap = amplitudes * np.exp(-to.rig.poles * (record.since_tap_s))
+    return float(np.mean((at_tap / to.rig.left[struck]).real))
+
+
+def smooth_blow(y: Real) -> Real:
+    """Spread a blow over as many samples as a tap takes."""
+    kernel = np.hanning(7)[1:-1]
+    kernel /= kernel.sum()
+    return np.stack([np.convolve(row, kernel)[: row.size] for row in y])
+
+
+def _inward(value: float, q: Quantity) -> float:
+    return float(np.log(value)) if q.log else float(value)
+
+
+def _outward(x: float, q: Quantity) -> float:
+    value = float(np.exp(x)) if q.log else x
+    return min(max(value, q.low), q.high)
+
+
+def fit(
+    problem: Problem,
+    terms: Sequence[Term] = (),
+    begin: Fit | None = None,
+    held: Fit | None = None,
+    delays: Sequence[int] = (),
+    most_iterations: int = MOST_ITERATIONS,
+) -> Fit:
+    """Fit a model.
+
+    Parameters
+    ----------
+    terms
+        Mechanisms with starting values.
+    begin
+        A fit of the same records to start from (its constants and amplitudes).
+    held
+        A fit whose constants and parameters are kept as they are: only what belongs to each impact is fitted.
+    delays
+        For a second blow: its sample after each record's first one.
+    """
+    if held is not None:
+        terms = held.terms
+    if not delays and begin is not None:
+        delays = begin.delays
+    model = _Model(problem, terms, delays)
+    records = problem.recordings.records
+    rig, load = model.declared.copy(), np.array(problem.start, np.float64)
+    if begin is not None:
+        known = dict(zip(begin.constants.names()[0], begin.constants.rig, strict=True))
+        rig = np.array([known.get(p.name, p.value) for p in model.rig_parameters])
+        load = begin.constants.load.copy()
+    if held is not None:
+        rig, load = held.constants.rig.copy(), held.constants.load.copy()
+    free = model.start_free()
+    state = _State(rig, load, free, tuple(np.zeros(0) for _ in records))
+    return _Solver(model, frozen=held is not None).solve(state, most_iterations)
+
+
+class _Solver:
+    """Gauss-Newton with damping; the columns of each record's own coefficients are projected out."""
+
+    def __init__(self, model: _Model, frozen: bool):
+        self.model, self.frozen = model, frozen
+        self.common = len(model.rig_parameters)
+        self.groups, self.each = model.problem.start.shape
+        self.size = self.common + self.groups * self.each + len(model.free)
+        self.exact = False
+
+    def solve(self, state: _State, most_iterations: int) -> Fit:
+        model = self.model
+        constants = model.constants(state)
+        modes, to = model.modes(constants)
+        state = self._first_amplitudes(state, modes)
+        found = self._evaluate(state, modes, to)
+        damping, stalled = 0.0, 0
+        for _ in range(most_iterations):
+            normal, gradient, solve_own = self._linearise(state, modes, to, found)
+            accepted = False
+            for _ in range(6):
+                step = self._step(normal, gradient, damping)
+                trial = self._moved(state, step, solve_own)
+                candidate: tuple[float, float, list[Real], list[Real]] = (np.inf, 0.0, [], [])
+                if self._sensible(trial):
+                    trial_modes, trial_to = (modes, to) if self.frozen else model.modes(model.constants(trial))
+                    candidate = self._evaluate(trial, trial_modes, trial_to)
+                if candidate[0] <= found[0] + 1e-6:
+                    accepted = True
+                    break
+                damping = max(10 * damping, 1e-3)
+                if damping > 1e5:
+                    break
+            if not accepted:
+                if model.nonlinear and not self.exact:
+                    self.exact, damping = True, 0.0
+                    continue
+                break
+            gain = found[0] - candidate[0]
+            state, modes, to, found = trial, trial_modes, trial_to, candidate
+            damping = 0.0 if damping < 1e-2 else damping / 10
+            if gain < CONVERGED:
+                stalled += 1
+                if stalled >= (2 if model.nonlinear and not self.exact else 1):
+                    break
+            elif model.nonlinear and not self.exact and gain > 0 and _ > 3:
+                self.exact = True
+        return self._finished(state, modes, to, found)
+
+    def _sensible(self, state: _State) -> bool:
+        """Whether masses and stiffnesses are such that the rig can be solved."""
+        values = np.concatenate([state.rig, state.load.ravel(), state.free])
+        masses = self.model.arrangement.masses
+        names = [p.name for p in self.model.rig_parameters]
+        heavy = all(state.rig[names.index(m)] > 0 for m in masses if m in names)
+        return bool(np.all(np.isfinite(values)) and heavy and np.all(state.load[:, 0] > 0))
+
+    def _first_amplitudes(self, state: _State, modes: list[Sensitivity]) -> _State:
+        coefficients: list[Real] = []
+        for record in self.model.problem.recordings.records:
+            columns = self.model.nuisance.columns(modes[record.group], record)
+            flat = columns.reshape(-1, columns.shape[-1])
+            coefficients.append(np.asarray(np.linalg.lstsq(flat, record.y.ravel(), rcond=None)[0], np.float64))
+        return replace_coefficients(state, coefficients)
+
+    def _evaluate(
+        self, state: _State, modes: list[Sensitivity], to: list[Response]
+    ) -> tuple[float, float, list[Real], list[Real]]:
+        model = self.model
+        terms = model.with_free(state.free)
+        constants = model.constants(state)
+        values = [constants.at(g) for g in range(self.groups)]
+        residuals, added, total = [], [], 0.0
+        for i, record in enumerate(model.problem.recordings.records):
+            g = record.group
+            r, a = model.residual(i, state, terms, modes[g], to[g], values[g])
+            residuals.append(r)
+            added.append(a)
+            total += float(np.vdot(r, r))
+        off = state.rig - model.declared
+        penalty = float(model.precision @ off**2)
+        return total + penalty, penalty, residuals, added
+
+    def _linearise(self, state: _State, modes: list[Sensitivity], to: list[Response], found):  # type: ignore[no-untyped-def]
+        model = self.model
+        constants = model.constants(state)
+        normal, gradient = np.zeros((self.size, self.size)), np.zeros(self.size)
+        terms = model.with_free(state.free)
+        own = []
+        at_free = self.common + self.groups * self.each
+        values = [constants.at(g) for g in range(self.groups)]
+        for i, record in enumerate(model.problem.recordings.records):
+            g = record.group
+            s, residual, base = modes[g], found[2][i], found[3][i]
+            columns = model.nuisance.columns(s, record)
+            c = state.coefficients[i]
+            amplitudes = Nuisance.amplitudes(s, c, record)
+            slopes = slope_columns(s, amplitudes, record, model.rate)
+            if self.exact:
+                columns, slopes = columns.copy(), slopes.copy()
+                self._differences(i, c, terms, s, to[g], values[g], base, columns, slopes)
+            parts = [slopes.reshape(residual.size, -1)]
+            for k, (_, q) in enumerate(model.free):
+                x = state.free.copy()
+                step = PARAMETER_STEP * max(abs(x[k]), PARAMETER_STEP * abs(q.high - q.low) if not q.log else 1.0)
+                if abs(_outward(x[k] + step, q) - _outward(x[k], q)) < 1e-300:
+                    step = -step
+                x[k] += step
+                moved = model.extra(model.with_free(x), i, amplitudes, values[g], to[g])
+                parts.append(((moved - base) / step).reshape(residual.size, 1))
+            tangent = np.concatenate(parts, axis=1)
+            flat = columns.reshape(residual.size, -1)
+            q_, r_ = np.linalg.qr(flat)
+            cross = q_.T @ tangent
+            tangent = tangent - q_ @ cross
+            where = np.r_[
+                np.arange(self.common),
+                self.common + g * self.each + np.arange(self.each),
+                at_free + np.arange(len(model.free)),
+            ]
+            normal[np.ix_(where, where)] += tangent.T @ tangent
+            gradient[where] += tangent.T @ residual.ravel()
+            own.append((r_, q_.T @ residual.ravel(), cross, where))
+        off = state.rig - model.declared
+        diagonal = np.arange(self.common)
+        normal[diagonal, diagonal] += model.precision
+        gradient[: self.common] -= model.precision * off
+        return normal, gradient, own
+
+    def _differences(self, i, c, terms, s, to, values, base, columns, slopes):  # type: ignore[no-untyped-def]
+        """Add what a change of the record's amplitudes and the load's constants does to the terms' part."""
+        model = self.model
+        modal = int(sum(w for j, w in enumerate(s.rig.weight) if j not in s.tied))
+        record = model.problem.recordings.records[i]
+        step = AMPLITUDE_STEP * float(np.abs(c[:modal]).max())
+        for j in range(modal):
+            moved = c.copy()
+            moved[j] += step
+            extra = model.extra(terms, i, Nuisance.amplitudes(s, moved, record), values, to)
+            columns[:, :, j] += (extra - base) / step
+
+    def _step(self, normal: Real, gradient: Real, damping: float) -> Real:
+        if self.frozen:
+            return np.zeros(self.size)
+        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        scaled = normal / np.outer(scale, scale) + damping * np.eye(self.size)
+        step: Real = np.linalg.lstsq(scaled, gradient / scale, rcond=1e-13)[0] / scale
+        return step
+
+    def _moved(self, state: _State, step: Real, own) -> _State:  # type: ignore[no-untyped-def]
+        model = self.model
+        rig = state.rig + step[: self.common]
+        limited = np.clip(rig, state.rig / MOST_GROWTH, state.rig * MOST_GROWTH)
+        rig = np.where(model.positive, limited, rig)
+        load = state.load + step[self.common : self.common + self.groups * self.each].reshape(self.groups, self.each)
+        free = state.free + step[self.common + self.groups * self.each :]
+        for k, (_, q) in enumerate(model.free):
+            if q.log:
+                free[k] = min(max(free[k], state.free[k] - 1.0), state.free[k] + 1.0)
+            free[k] = _inward(_outward(free[k], q), q)
+        coefficients = []
+        for c, (r_, target, cross, where) in zip(state.coefficients, own, strict=True):
+            coefficients.append(c + np.linalg.lstsq(r_, target - cross @ step[where], rcond=1e-12)[0])
+        return _State(rig, load, free, tuple(coefficients))
+
+    def _finished(self, state: _State, modes: list[Sensitivity], to: list[Response], found) -> Fit:  # type: ignore[no-untyped-def]
+        model = self.model
+        covariance = np.zeros((self.size, self.size))
+        if not self.frozen:
+            normal, _, _ = self._linearise(state, modes, to, found)
+            scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+            covariance = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
+        terms = model.with_free(state.free)
+        errors: list[dict[str, float]] = [{} for _ in terms]
+        at_free = self.common + self.groups * self.each
+        for k, (i, q) in enumerate(model.free):
+            errors[i][q.name] = float(np.sqrt(max(covariance[at_free + k, at_free + k], 0.0)))
+        names = [p.name for p in model.rig_parameters]
+        final = []
+        for i, term in enumerate(terms):
+            if term.mechanism.extend is None:
+                final.append(term)
+                continue
+            values = dict(term.values)
+            for q in term.mechanism.parameters:
+                at = names.index(q.name)
+                values[q.name] = float(state.rig[at])
+                error = float(np.sqrt(max(covariance[at, at], 0.0)))
+                errors[i][q.name] = error / abs(values[q.name]) if q.log and values[q.name] else error
+            final.append(replace(term, values=values))
+        amplitudes = tuple(
+            Nuisance.amplitudes(modes[r.group], c, r)
+            for r, c in zip(model.problem.recordings.records, state.coefficients, strict=True)
+        )
+        return Fit(
+            model.problem, tuple(final), model.arrangement, model.constants(state), tuple(modes), tuple(to),
+            state.coefficients, amplitudes, tuple(found[2]), found[0] - found[1], found[1], covariance, tuple(errors),
+            model.delays,
+        )  # fmt: skip
+
+
+def replace_coefficients(state: _State, coefficients: Sequence[Real]) -> _State:
+    """The same constants with other coefficients of the records."""
+    return _State(state.rig, state.load, state.free, tuple(coefficients))

@@ -1,0 +1,77 @@
+"""What is fitted: recordings, the rig that should have made them, its filter, and the mechanisms added to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.mismatch.records import Record, Recordings
+from sim_backend.arrangement import Arrangement, Element
+from sim_backend.mechanisms.mechanism import AtRest, Mechanism
+from sim_backend.state_space import StateSpace
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Recordings and the linear rig they are held against.
+
+    Attributes
+    ----------
+    analog
+        Declared filter.
+    slow
+        Poles that every channel may ring on by itself: an offset and the declared high-pass.
+    start
+        (groups, k) starting values of the constants that differ from load to load.
+    """
+
+    recordings: Recordings
+    arrangement: Arrangement
+    analog: StateSpace
+    slow: Complex
+    start: Real
+
+    def only(self, kept: Sequence[int]) -> Problem:
+        """Return the same problem with these records alone."""
+        records = tuple(self.recordings.records[i] for i in kept)
+        return replace(self, recordings=replace(self.recordings, records=records))
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """A mechanism with values of its parameters (and of what stays fixed in it)."""
+
+    mechanism: Mechanism
+    values: Mapping[str, float]
+
+    @property
+    def nonlinear(self) -> bool:
+        """Whether the rig with it is no longer linear, or a channel no longer shows it as it is."""
+        m = self.mechanism
+        return m.law is not None or m.distort is not None or m.blow
+
+
+def at_rest(element: Element, values: Mapping[str, float], preload: float) -> AtRest:
+    """Return what a law may know of an element."""
+    return AtRest(
+        preload if element.role == "contact" else 0.0,
+        values[element.stiffness] if element.stiffness else 0.0,
+        values[element.damping] if element.damping else 0.0,
+    )
+
+
+def law_parameters(term: Term, element: Element, values: Mapping[str, float], record: Record, h: float) -> Real:
+    """Return the compiled law's parameters for a record."""
+    rest = at_rest(element, values, record.preload_n)
+    return np.array([rest.preload, rest.stiffness, rest.damping, h, *term.mechanism.constants(term.values, rest)])
+
+
+def acted_on(term: Term, arrangement: Arrangement) -> list[int]:
+    """Places of the elements that a term's law acts in."""
+    return [i for i, e in enumerate(arrangement.elements) if e.role == term.mechanism.acts]

@@ -1,0 +1,148 @@
+"""From a session to what is compared with a model: whitened channels of every accepted impact, after its pulse."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.mismatch.colour import Colour, noise_colour
+from daq.records import Session, Shot
+
+Real = NDArray[np.float64]
+
+GUARD_SAMPLES = 5  # before the trigger that a slow rise may already touch
+PULSE_BAND_HZ = (400.0, 6000.0)  # where a tap's force stands clear of drift and of the recorder's noise
+PULSE_EDGE = 0.05  # of the tap's peak: below this the pulse is over
+MARGIN_S = 0.16e-3  # left after it: the pulse's foot, and the low-pass ringing out
+LONGEST_PULSE_S = 1.2e-3
+PULSE_MIDDLE_S = 1e-4  # after the trigger: when a tap counts as having struck
+OTHER_BLOWS = 0.5  # a peak of another blow is below this of the first one
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One impact, whitened to noise of unit variance.
+
+    Attributes
+    ----------
+    y
+        (c, n) channels from the end of the pulse.
+    start_s
+        Time of its first sample after the tap began, s.
+    raw
+        (c, n) the same samples before whitening, m/s2.
+    group
+        Place of its load among the loads of all sessions; ``preload_n`` is that load.
+    order
+        Place in the session, from 0.
+    """
+
+    name: str
+    y: Real
+    raw: Real
+    start_s: float
+    group: int
+    preload_n: float
+    order: int
+
+    @property
+    def since_tap_s(self) -> float:
+        """Time of the first sample after the middle of the tap, s."""
+        return self.start_s - PULSE_MIDDLE_S
+
+
+@dataclass(frozen=True, slots=True)
+class Recordings:
+    """All impacts of a session (or several of one rig) that are fitted together."""
+
+    records: tuple[Record, ...]
+    noise: tuple[Colour, ...]
+    sample_rate_hz: float
+    loads_n: tuple[float, ...]
+    noise_rms: float
+
+
+def tap_force(
+    acceleration: Real,
+    sample_rate_hz: float,
+    masses: tuple[float, float],
+    springs: tuple[float, float],
+    contact: tuple[float, float],
+) -> Real:
+    """Return the force on the upper mass that Eq. 9 needs for this acceleration of the lower one, (n,) N.
+
+    In the frequency domain, within `PULSE_BAND_HZ` only: a tap stands out in it as one lobe.
+    """
+    n = acceleration.size
+    padded = 1 << (2 * n - 1).bit_length()
+    frequency = np.fft.rfftfreq(padded, 1 / sample_rate_hz)
+    s = 2j * np.pi * np.maximum(frequency, 1.0)
+    (m1, m2), (k1, k2), (kc, cc) = masses, springs, contact
+    z = kc + cc * s
+    upper = (m2 * s**2 + k2 + z) / z  # x1 over x2
+    force = ((m1 * s**2 + k1 + z) * upper - z) / s**2
+    low, high = PULSE_BAND_HZ
+    band = np.exp(-((frequency / high) ** 4)) * (1 - np.exp(-((frequency / low) ** 4)))
+    out: Real = np.fft.irfft(np.fft.rfft(acceleration, padded) * force * band, padded)[:n]
+    return out
+
+
+def pulse_end(force: Real, trigger: int, sample_rate_hz: float) -> int:
+    """Return the first sample after the tap's main lobe, which lies near sample ``trigger``."""
+    longest = int(LONGEST_PULSE_S * sample_rate_hz)
+    near = slice(max(0, trigger - 10), trigger + longest)
+    peak = near.start + int(np.argmax(force[near]))
+    edge = PULSE_EDGE * float(force[peak])
+    after = np.flatnonzero(force[peak : trigger + longest] < edge)
+    return peak + int(after[0]) if after.size else trigger + longest
+
+
+def channel_noise(shots: Sequence[Shot], sample_rate_hz: float) -> tuple[Colour, ...]:
+    """Return the noise of each channel: its level before the triggers, its colour from the channels' difference."""
+    quiet = [s.acceleration[:, : max(2, s.pretrigger - GUARD_SAMPLES)] for s in shots]
+    whole = [s.acceleration[0] - s.acceleration[1] for s in shots if s.acceleration.shape[0] == 2]
+    return noise_colour(quiet, whole, sample_rate_hz)
+
+
+def tester_recordings(
+    session: Session, loads_n: dict[int, float], contact: dict[int, tuple[float, float]], springs: tuple[float, float]
+) -> Recordings:
+    """Whiten the accepted impacts of a session of the two-mass tester.
+
+    Parameters
+    ----------
+    loads_n
+        Load of each load set, N.
+    contact
+        Stiffness (N/m) and damping (N s/m) of the contact at each load set, as a linear analysis has them.
+    """
+    rate = session.rig.sample_rate_hz
+    shots = [s for s in session.shots if s.accepted and s.load_set in contact]
+    noise = channel_noise(shots, rate)
+    groups = {load_set: g for g, load_set in enumerate(sorted(contact))}
+    masses = session.rig.m1_kg, session.rig.m2_kg
+    records = []
+    for shot in shots:
+        rest = shot.acceleration[:, : max(1, shot.pretrigger - GUARD_SAMPLES)].mean(axis=1, keepdims=True)
+        clean = shot.acceleration - rest
+        force = tap_force(clean.mean(axis=0), rate, masses, springs, contact[shot.load_set])
+        start = pulse_end(force, shot.pretrigger, rate) + math.ceil(MARGIN_S * rate)
+        y = np.stack([m.whiten(row)[start:] for m, row in zip(noise, clean, strict=True)])
+        records.append(
+            Record(
+                shot.name,
+                y,
+                clean[:, start:],
+                (start - shot.pretrigger) / rate,
+                groups[shot.load_set],
+                loads_n[shot.load_set],
+                shot.number,
+            )
+        )
+    loads = tuple(loads_n[k] for k in sorted(groups, key=lambda k: groups[k]))
+    rms = float(np.mean([np.std(s.acceleration[:, : s.pretrigger - GUARD_SAMPLES]) for s in shots]))
+    return Recordings(tuple(records), noise, rate, loads, rms)

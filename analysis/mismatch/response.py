@@ -1,0 +1,99 @@
+"""What a force in an element does to the recorded channels, at one load: modes and declared filter taken together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.mismatch.colour import Colour
+from analysis.mismatch.linear import LinearRig, transfer
+from sim_backend.arrangement import Arrangement
+from sim_backend.modal_march import respond, step_weights
+from sim_backend.state_space import StateSpace
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """Response of the channels to extra forces, and the motion of the elements for modal amplitudes.
+
+    Attributes
+    ----------
+    seen, rate, drive
+        (elements, p): deformation and its rate for each modal amplitude, and what a unit extra force does to them.
+    poles, weight
+        (p + q,) of the rig and of the filter.
+    residues, direct
+        (elements, c, p + q) and (elements, c): channels' response to a force in an element.
+    """
+
+    rig: LinearRig
+    seen: Complex
+    rate: Complex
+    drive: Complex
+    poles: Complex
+    weight: Real
+    residues: Complex
+    direct: Real
+
+    def motion(self, amplitudes: Complex, element: int, t: Real) -> tuple[Real, Real]:
+        """Return deformation (m) and its rate (m/s) of an element at the times t, both (n,)."""
+        waves = np.exp(np.outer(t, self.rig.poles)) * (self.rig.weight * amplitudes)
+        return (waves @ self.seen[element]).real.copy(), (waves @ self.rate[element]).real.copy()
+
+    def to(self, element: int, force: Real, h: float, substeps: int) -> Real:
+        """Return (c, n) the channels' response from rest to an extra force of an element at every substep."""
+        e, w0, w1 = step_weights(self.poles, h)
+        return respond(force, e, w0, w1, self.residues[element], self.weight, self.direct[element], substeps)
+
+
+def response(arrangement: Arrangement, values: Mapping[str, float], rig: LinearRig, analog: StateSpace) -> Response:
+    """Join the modes of the rig with the filter by partial fractions."""
+    rows = np.array([arrangement.vector(e.row, values) for e in arrangement.elements])
+    seen = rows @ rig.shapes
+    drive = -(rows @ rig.left)  # a positive force in an element pushes its first body back
+    filter_poles, filter_residues = _fractions(analog)
+    own = transfer(analog, rig.poles)
+    residues = np.empty((len(rows), len(rig.gains), len(rig.poles) + len(filter_poles)), np.complex128)
+    direct = np.empty((len(rows), len(rig.gains)))
+    for i, row in enumerate(rows):
+        for c in range(len(rig.gains)):
+            through = -float(rig.direct[c] @ row)
+            parts = rig.raw_gains[c] * drive[i]
+            residues[i, c, : len(rig.poles)] = parts * own
+            at = np.array([_value(parts, rig, s) + through for s in filter_poles], np.complex128)
+            residues[i, c, len(rig.poles) :] = filter_residues * at
+            direct[i, c] = through * (analog.d[0] if len(analog.d) else 1.0)
+    # what of the drive the modes themselves have taken up is in `drive`; the channels' response starts from unit forces
+    weight = np.concatenate([rig.weight, np.where(np.abs(filter_poles.imag) > 0, 2.0, 1.0)])
+    poles = np.concatenate([rig.poles, filter_poles])
+    return Response(rig, seen, seen * rig.poles, drive, poles, weight, residues, direct)
+
+
+def _value(parts: Complex, rig: LinearRig, s: complex) -> complex:
+    """Transfer function of the rig at s from its residues."""
+    pairs = rig.weight == 2.0
+    total = np.sum(parts / (s - rig.poles)) + np.sum(np.conj(parts[pairs]) / (s - np.conj(rig.poles[pairs])))
+    return complex(total)
+
+
+def _fractions(system: StateSpace) -> tuple[Complex, Complex]:
+    """Poles (one of each pair) and residues of a filter."""
+    if len(system.b) == 0:
+        return np.zeros(0, np.complex128), np.zeros(0, np.complex128)
+    s, right = np.linalg.eig(system.a)
+    left = np.linalg.inv(right)
+    residues = (system.c[0] @ right) * (left @ system.b)
+    kept = s.imag >= -1e-9 * np.abs(s)
+    poles = np.where(np.abs(s.imag) < 1e-9 * np.abs(s), s.real + 0j, s)
+    return poles[kept], residues[kept]
+
+
+def whiten(y: Real, noise: Sequence[Colour]) -> Real:
+    """Whiten (c, n) that was zero before its first sample."""
+    return np.stack([m.whiten(row) for m, row in zip(noise, y, strict=True)])

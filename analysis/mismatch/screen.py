@@ -1,0 +1,472 @@
+"""Score tests: what each mechanism would do to the records, projected off all that the linear rig can mimic.
+
+A mechanism's force along the fitted linear motion goes through the linear rig, the filter and the whitening; what the
+amplitudes of each impact and the constants of the rig can explain is taken out; the rest is compared with the residual.
+All of it is inner products of a few columns, kept load by load.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import oaconvolve
+from scipy.stats import chi2
+
+from analysis.mismatch.baseline import Nuisance, Sensitivity, slope_columns
+from analysis.mismatch.excess import Excess, excess_by_frequency, excess_by_time
+from analysis.mismatch.fit import Fit, first_impulse, smooth_blow
+from analysis.mismatch.free_form import free_terms
+from analysis.mismatch.linear import LinearRig, linear_rig
+from analysis.mismatch.problem import Term, acted_on, law_parameters
+from analysis.mismatch.response import response, whiten
+from sim_backend.arrangement import LOAD, Element
+from sim_backend.mechanisms.mechanism import Mechanism, Scale
+from sim_backend.modal_march import MEMORY, along
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+SUBSTEPS = 2
+EARLY_S = 2.5e-3  # of a record: where amplitudes are read
+BLOW_FROM_S, BLOW_TO_S = 1.0e-3, 40e-3  # after the tap: where a second blow is looked for
+SHARES = np.geomspace(5e-4, 0.5, 60)  # of a second blow
+FREE_FLOOR = 1e-5  # eigenvalue of the free terms' cosines below which they repeat each other
+DRAWS = 4000  # of the null distribution of the largest score
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """How a mechanism fares against the residual of the linear rig.
+
+    Attributes
+    ----------
+    gain
+        Chi-squared that it would take away, and for how many free numbers (``dof``).
+    strength
+        Estimate of its strength relative to the trial's (of a mechanism without one: 1 is expected).
+    p_value
+        Of this trial alone.
+    """
+
+    term: Term
+    gain: float
+    dof: int
+    strength: float
+    p_value: float
+    delays: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class FreeForm:
+    """What forces and channels of any shape would take away together, and how much of it by component."""
+
+    gain: float
+    dof: int
+    p_value: float
+    by_component: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Screening:
+    """All scores, best first; ``cosines`` of the projected signatures of ``labels`` with each other."""
+
+    scores: tuple[Score, ...]
+    p_value: float
+    labels: tuple[str, ...]
+    cosines: Real
+    free: FreeForm
+    bins: Excess
+
+    @property
+    def unexplained(self) -> float:
+        """Chi-squared beyond chance that forces and channels of any shape, or lines in the spectra, would take away."""
+        return max(self.free.gain - self.free.dof, self.bins.gain, 0.0)
+
+
+def scale_of(fit: Fit, element: Element) -> Scale:
+    """Return how far an element moves after the taps."""
+    problem, place = fit.problem, fit.arrangement.elements.index(element)
+    count = int(EARLY_S * problem.recordings.sample_rate_hz)
+    t = np.arange(count) / problem.recordings.sample_rate_hz
+    values = [fit.constants.at(g) for g in range(len(fit.modes))]
+    to = [response(fit.arrangement, v, m.rig, problem.analog) for v, m in zip(values, fit.modes, strict=True)]
+    rows = []
+    for record, amplitudes in zip(problem.recordings.records, fit.amplitudes, strict=True):
+        d, v = to[record.group].motion(amplitudes, place, t)
+        stiffness = _stiffness(fit, element, values[record.group])
+        rows.append((np.abs(d).max(), np.abs(v).max(), record.preload_n / stiffness, stiffness * np.abs(d).max()))
+    middle = np.median(rows, axis=0)
+    frequencies = np.array([np.abs(m.rig.poles) / (2 * np.pi) for m in fit.modes])
+    deformation, rate, static, force = map(float, middle)
+    return Scale(deformation, rate, static, force, (float(frequencies.min()), float(frequencies.max())))
+
+
+def _stiffness(fit: Fit, element: Element, values: dict[str, float]) -> float:
+    """Of the element; of the first that has one where it has none of its own."""
+    names = [element.stiffness, *(e.stiffness for e in fit.arrangement.elements)]
+    return next(values[n] for n in names if n is not None)
+
+
+def trials(fit: Fit, known: Sequence[Mechanism]) -> list[Term]:
+    """Return every mechanism with every set of values worth screening in these recordings."""
+    found = []
+    scales: dict[str, Scale] = {}
+    for mechanism in known:
+        elements = [e for e in fit.arrangement.elements if e.role == mechanism.acts]
+        if (mechanism.law is not None or mechanism.shape is not None) and not elements:
+            continue
+        element = elements[0] if elements else fit.arrangement.elements[0]
+        if element.name not in scales:
+            scales[element.name] = scale_of(fit, element)
+        found += [Term(mechanism, values) for values in mechanism.trials(scales[element.name])]
+    return found
+
+
+class _Columns:
+    """What trials do to a record, before projection."""
+
+    def __init__(self, fit: Fit):
+        self.fit, self.problem = fit, fit.problem
+        self.rate = fit.problem.recordings.sample_rate_hz
+        self.h = 1 / self.rate / SUBSTEPS
+        self.to = [
+            response(fit.arrangement, fit.constants.at(g), m.rig, fit.problem.analog) for g, m in enumerate(fit.modes)
+        ]
+        self.motion: dict[int, tuple[Real, Real]] = {}
+        self.changed: dict[tuple[int, int], tuple[Complex, ...]] = {}
+        self.struck = fit.arrangement.bodies.index(fit.arrangement.struck)
+        self.kept: dict[complex, Complex] = {}
+        self.peak = max(float(np.abs(r.raw).max()) for r in fit.problem.recordings.records)
+
+    def begin(self, number: int) -> None:
+        """Go on to another record."""
+        self.number = number
+        self.record = self.problem.recordings.records[number]
+        self.amplitudes = self.fit.amplitudes[number]
+        self.motion = {}
+        self.samples = self.record.y.shape[1]
+        to = self.to[self.record.group]
+        t = np.arange(self.samples) / self.rate
+        self.t = t
+        self.waves = np.exp(np.outer(t, to.rig.poles)) * (to.rig.weight * self.amplitudes)
+        self.clean = (to.rig.filtered @ self.waves.T).real
+
+    def of(self, term: Term, index: int) -> tuple[Real, Real | None]:
+        """Return the shared column (c, n), and columns (c, n, k) whose coefficients are the record's own."""
+        m = term.mechanism
+        if m.law is not None or m.shape is not None:
+            return self._law(term), None
+        if m.distort is not None:
+            values = dict(term.values)
+            own = max(float(np.abs(self.record.raw).max()), float(np.abs(self.clean).max()))
+            values["peak"] = self.peak if values.get("of_session") else own
+            return whiten(m.distort(self.clean, values, self.rate) - self.clean, self.problem.recordings.noise), None
+        if m.extend is not None:
+            return self._extended(term, index)
+        return np.zeros((len(self.clean), self.samples)), self._lines(term)
+
+    def _law(self, term: Term) -> Real:
+        to = self.to[self.record.group]
+        values = self.fit.constants.at(self.record.group)
+        out = np.zeros((len(self.clean), self.samples))
+        for place in acted_on(term, self.fit.arrangement):
+            if place not in self.motion:
+                t: Real = np.arange((self.samples - 1) * SUBSTEPS + 1) * self.h
+                self.motion[place] = to.motion(self.amplitudes, place, t)
+            d, v = self.motion[place]
+            if term.mechanism.shape is not None:
+                since = self.record.start_s + self.h * np.arange(d.size)
+                force = term.mechanism.shape(d, v, np.asarray(since, np.float64), term.values)
+            else:
+                p = law_parameters(term, self.fit.arrangement.elements[place], values, self.record, self.h)
+                force = along(term.mechanism.law, p, d, v, self.record.start_s, self.h, np.zeros(MEMORY))
+            out += to.to(place, force, self.h, SUBSTEPS)
+        return whiten(out, self.problem.recordings.noise)
+
+    def _extended(self, term: Term, index: int) -> tuple[Real, Real | None]:
+        """First-order change of poles and gains, and the added bodies' own ringing."""
+        key = (index, self.record.group)
+        base = self.to[self.record.group].rig
+        if key not in self.changed:
+            self.changed[key] = self._change(term, base)
+        poles, gains, own_poles, own_gains, own_left = self.changed[key]
+        if term.mechanism.tied:
+            b = (
+                self.amplitudes[0]
+                * own_left
+                / base.left[self.struck, 0]
+                * np.exp((own_poles - base.poles[0]) * self.record.since_tap_s)
+            )
+            waves = np.stack([self._wave(complex(s)) for s in own_poles], axis=1) * (2 * b)
+            shared = (gains @ self.waves.T + ((base.gains * poles) @ self.waves.T) * self.t + own_gains @ waves.T).real
+            return shared, None
+        shared = (gains @ self.waves.T + ((base.gains * poles) @ self.waves.T) * self.t).real
+        own = []
+        for s, g in zip(own_poles, own_gains.T, strict=True):
+            wave = self._wave(complex(s))
+            own += [(g[:, None] * wave).real, (g[:, None] * wave).imag]
+        return shared, np.stack(own, axis=-1) if own else None
+
+    def _wave(self, s: complex) -> Complex:
+        """exp(s t), kept: the same few are asked for in every record."""
+        if s not in self.kept or self.kept[s].size < self.samples:
+            self.kept[s] = np.exp(self.t * s)
+        return self.kept[s][: self.samples]
+
+    def _change(self, term: Term, base: LinearRig) -> tuple[Complex, ...]:
+        problem, mechanism = self.problem, term.mechanism
+        arrangement = mechanism.extend(self.fit.arrangement, term.values)  # type: ignore[misc]
+        values = arrangement.declared() | self.fit.constants.at(self.record.group)
+        rig = linear_rig(arrangement, values, problem.analog, problem.recordings.noise, self.rate)
+        taken: list[int] = []
+        for s in base.poles:
+            order = np.argsort(np.abs(rig.poles - s))
+            taken.append(next(int(i) for i in order if int(i) not in taken))
+        rest = [i for i in range(len(rig.poles)) if i not in taken]
+        left = rig.left[self.struck, rest]
+        return (
+            rig.poles[taken] - base.poles,
+            rig.gains[:, taken] - base.gains,
+            rig.poles[rest],
+            rig.gains[:, rest],
+            left,
+        )
+
+    def _lines(self, term: Term) -> Real:
+        own = []
+        for hz in term.mechanism.lines(term.values):  # type: ignore[misc]
+            wave = self._wave(2j * np.pi * hz)
+            gains = np.array([m.gain(np.array([2j * np.pi * hz]), self.rate)[0] for m in self.problem.recordings.noise])
+            own += [(gains[:, None] * wave).real, (gains[:, None] * wave).imag]
+        return np.stack(own, axis=-1)
+
+
+def screen(fit: Fit, known: Sequence[Mechanism], progress: Callable[[int, int], None] | None = None) -> Screening:
+    """Score every mechanism against the residual of a fit.
+
+    Parameters
+    ----------
+    fit
+        Of the linear rig (or of a rig with mechanisms already in it: then scores are to first order about it).
+    """
+    present = {t.mechanism.id for t in fit.terms}
+    known = [m for m in known if m.id not in present or m.blow]
+    terms = [t for t in trials(fit, known) if not t.mechanism.blow]
+    ringing = [t for t in terms if t.mechanism.extend is not None or t.mechanism.lines is not None]
+    named = [t for t in terms if t not in ringing]
+    free = trials(fit, free_terms(len(fit.problem.recordings.noise)))
+    shared = named + free
+    problem, records = fit.problem, fit.problem.recordings.records
+    slow = problem.slow
+    lines = [hz for t in fit.terms if t.mechanism.lines is not None for hz in t.mechanism.lines(t.values)]
+    if lines:
+        slow = np.append(slow, 2j * np.pi * np.array(lines))
+    nuisance = Nuisance(problem.recordings, slow)
+    columns = _Columns(fit)
+    common = fit.constants.rig.size
+    groups, each = fit.constants.load.shape
+    known_size = common + groups * each
+    size = known_size + len(shared) + 1
+    gram = np.zeros((size, size))
+    tests = _RingingTests(ringing, len(shared), known_size)
+    for number, record in enumerate(records):
+        columns.begin(number)
+        s: Sensitivity = fit.modes[record.group]
+        flat = nuisance.columns(s, record).reshape(record.y.size, -1)
+        q, _ = np.linalg.qr(flat)
+        slopes = slope_columns(s, fit.amplitudes[number], record, columns.rate).reshape(record.y.size, -1)
+        made = [columns.of(t, i)[0].ravel() for i, t in enumerate(shared)]
+        residual = fit.residuals[number].ravel()
+        block = np.column_stack([slopes, *made, residual])
+        block -= q @ (q.T @ block)
+        where = np.r_[
+            np.arange(common), common + record.group * each + np.arange(each), known_size + np.arange(len(shared) + 1)
+        ]
+        gram[np.ix_(where, where)] += block.T @ block
+        tests.add(columns, np.column_stack([block[:, : common + each], block[:, -1]]), q, where[: common + each])
+        if progress is not None:
+            progress(number + 1, len(records))
+    precision = np.array(
+        [
+            1 / p.uncertainty**2 if np.isfinite(p.uncertainty) else 0.0
+            for p in fit.arrangement.parameters
+            if p.scope != LOAD
+        ]
+    )
+    schur = _eliminated(gram, known_size, precision)
+    inner, score = schur[:-1, :-1], schur[:-1, -1]
+    power = np.maximum(np.diag(inner), 1e-12 * np.diag(gram)[known_size:-1] + 1e-300)
+    z = score / np.sqrt(power)
+    scores = []
+    for t, value, g, s_ in zip(named, z, power, score, strict=False):
+        one_sided = t.mechanism.one_signed
+        gain = float(value**2) if value > 0 or not one_sided else 0.0
+        p = _tail(float(value), one_sided)
+        scores.append(Score(t, gain, 1, float(s_ / g), p))
+    scores += tests.scores(precision)
+    for mechanism in known:
+        if mechanism.blow:
+            scores.append(_second_blow(fit, mechanism, nuisance, columns))
+    cosines = inner / np.outer(np.sqrt(power), np.sqrt(power))
+    rest = _free(cosines, z, len(named), [t.mechanism for t in free])
+    bins = excess_by_frequency(fit)
+    others = [rest.p_value, bins.p_value, excess_by_time(fit).p_value]
+    p_value = _overall(scores, others, cosines[: len(named), : len(named)], [t.mechanism.one_signed for t in named])
+    scores.sort(key=lambda s_: (s_.dof - s_.gain) / math.sqrt(s_.dof + 1) if s_.dof > 1 else -s_.gain)
+    labels = tuple(t.mechanism.id for t in named)
+    return Screening(tuple(scores), p_value, labels, cosines[: len(named), : len(named)], rest, bins)
+
+
+class _RingingTests:
+    """Tests of what rings on by itself in every record (added bodies, tones), beside its effect on the rig's modes."""
+
+    def __init__(self, terms: Sequence[Term], first: int, known_size: int):
+        self.terms, self.first, self.known = terms, first, known_size
+        self.gain = np.zeros(len(terms))
+        self.dof = np.zeros(len(terms), int)
+        self.gram = np.zeros((len(terms), known_size + 2, known_size + 2))
+
+    def add(self, columns: _Columns, block: Real, q: Real, where: NDArray[np.int64]) -> None:
+        """Take in a record: ``block`` holds the constants' slopes at ``where`` and the residual, projected by q."""
+        if not self.terms:
+            return
+        made = [columns.of(t, self.first + i) for i, t in enumerate(self.terms)]
+        own = [np.zeros((block.shape[0], 0)) if o is None else o.reshape(block.shape[0], -1) for _, o in made]
+        starts = np.cumsum([0] + [o.shape[1] for o in own])
+        x = np.column_stack([*own, *(c.ravel() for c, _ in made)])
+        x -= q @ (q.T @ x)
+        seen = x.T @ block
+        inner = block.T @ block
+        local = np.r_[where, self.known, self.known + 1]
+        for i in range(len(self.terms)):
+            o, c = slice(starts[i], starts[i + 1]), starts[-1] + i
+            mine, column = x[:, o], x[:, c]
+            small = np.zeros((local.size, local.size))
+            rest = np.r_[np.arange(where.size), where.size + 1]
+            small[np.ix_(rest, rest)] = inner
+            small[where.size, rest] = small[rest, where.size] = seen[c]
+            small[where.size, where.size] = column @ column
+            if mine.shape[1]:
+                across = np.insert(seen[o], where.size, mine.T @ column, axis=1)
+                power = mine.T @ mine
+                scale = np.sqrt(np.diag(power))
+                if not scale.min() > 0:
+                    continue
+                values, vectors = np.linalg.eigh(power / np.outer(scale, scale))
+                kept = values > 1e-8
+                across = (vectors[:, kept] / np.sqrt(values[kept])).T @ (across / scale[:, None])
+                self.gain[i] += float(across[:, -1] @ across[:, -1])
+                self.dof[i] += int(kept.sum())
+                small -= across.T @ across
+            self.gram[i][np.ix_(local, local)] += small
+
+    def scores(self, precision: Real) -> list[Score]:
+        """One for each term."""
+        found = []
+        for i, t in enumerate(self.terms):
+            rest = _eliminated(self.gram[i], self.known, precision)
+            alone = t.mechanism.lines is not None or not rest[0, 0] > 1e-9 * self.gram[i][self.known, self.known]
+            value = 0.0 if alone else rest[0, 1] / math.sqrt(rest[0, 0])
+            signed = value > 0 or not t.mechanism.one_signed
+            gain = self.gain[i] + (value**2 if signed else 0.0)
+            dof = int(self.dof[i]) + (0 if alone else 1)
+            strength = 0.0 if alone else rest[0, 1] / rest[0, 0]
+            found.append(Score(t, float(gain), dof, float(strength), float(chi2.sf(gain, dof))))
+        return found
+
+
+def _free(cosines: Real, z: Real, first: int, free: Sequence[Mechanism]) -> FreeForm:
+    """Joint test of the free-form terms, which follow the named ones."""
+
+    def gain(kept: NDArray[np.int64]) -> tuple[float, int]:
+        values, vectors = np.linalg.eigh(cosines[np.ix_(kept, kept)])
+        strong = values > FREE_FLOOR
+        return float(np.sum((vectors[:, strong].T @ z[kept]) ** 2 / values[strong])), int(strong.sum())
+
+    everything = first + np.arange(len(free))
+    total, dof = gain(everything)
+    by = {}
+    for component in sorted({m.component for m in free}):
+        kept = first + np.flatnonzero([m.component == component for m in free])
+        alone, own_dof = gain(kept)
+        by[component] = alone - own_dof
+    return FreeForm(total, dof, float(chi2.sf(total, dof)), by)
+
+
+def _eliminated(gram: Real, count: int, precision: Real) -> Real:
+    """Schur complement of the first ``count`` rows, the rig's constants having a known precision."""
+    a = gram[:count, :count].copy()
+    a[np.arange(precision.size), np.arange(precision.size)] += precision
+    scale = np.sqrt(np.maximum(np.diag(a), 1e-300))
+    b = gram[:count, count:] / scale[:, None]
+    out: Real = gram[count:, count:] - b.T @ np.linalg.lstsq(a / np.outer(scale, scale), b, rcond=1e-12)[0]
+    return out
+
+
+def _tail(z: float, one_sided: bool) -> float:
+    """P-value of a standard normal score."""
+    from scipy.stats import norm
+
+    return float(norm.sf(z)) if one_sided else float(2 * norm.sf(abs(z)))
+
+
+def _overall(scores: Sequence[Score], others: Sequence[float], cosines: Real, one_signed: Sequence[bool]) -> float:
+    """P-value of the smallest p-value among all scores."""
+    from scipy.stats import norm
+
+    count = len(one_signed)
+    rng = np.random.default_rng(0)
+    values, vectors = np.linalg.eigh((cosines + cosines.T) / 2)
+    z = rng.standard_normal((DRAWS, count)) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    sided = np.array(one_signed)
+    p = np.where(sided, norm.sf(z), 2 * norm.sf(np.abs(z))).min(axis=1, initial=1.0)
+    independent = [s for s in scores if s.dof != 1 or s.term.mechanism.blow]
+    least = max(min([*(s.p_value for s in scores), *others]), 1e-300)
+    # as many independent tests as give the drawn minima: exact for the drawn levels, and extrapolated beyond them
+    effective = 0.0 if not count else float(DRAWS / -np.sum(np.log1p(-np.minimum(p, 1 - 1e-12))))
+    tests = effective + len(independent) + len(others)
+    return float(-math.expm1(tests * math.log1p(-min(least, 1 - 1e-12))))
+
+
+def _second_blow(fit: Fit, mechanism: Mechanism, nuisance: Nuisance, columns: _Columns) -> Score:
+    """Likelihood of a second blow of one share of the first in all records, its delay anywhere in each."""
+    recordings = fit.problem.recordings
+    rate = recordings.sample_rate_hz
+    struck = fit.arrangement.bodies.index(fit.arrangement.struck)
+    evidence = np.zeros(SHARES.size)
+    delays, per_record = [], []
+    for number, record in enumerate(recordings.records):
+        to = columns.to[record.group]
+        samples = record.y.shape[1]
+        impulse = first_impulse(to, fit.amplitudes[number], record, struck)
+        t = np.arange(samples) / rate
+        waves = np.exp(np.outer(t, to.rig.poles)) * (to.rig.weight * to.rig.left[struck] * impulse)
+        h = smooth_blow((to.rig.gains @ waves.T).real)
+        first = max(1, int(BLOW_FROM_S * rate) - round(record.start_s * rate))
+        last = min(int(BLOW_TO_S * rate), samples - 200)
+        q, _ = np.linalg.qr(nuisance.columns(fit.modes[record.group], record).reshape(record.y.size, -1))
+        q = q.reshape(*record.y.shape, -1)
+        both = np.concatenate([fit.residuals[number][:, :, None], q], axis=2)
+        flipped = h[:, ::-1]
+        parts = [oaconvolve(both[c], flipped[c][:, None], axes=0)[samples - 1 :] for c in range(len(h))]
+        seen = np.sum(parts, axis=0)
+        square = np.cumsum(np.sum(h**2, axis=0))[::-1]
+        use = slice(first, last)
+        s, g = seen[use, 0], np.maximum(square[use] - np.sum(seen[use, 1:] ** 2, axis=1), 1e-12)
+        log_ratio = SHARES[:, None] * s - SHARES[:, None] ** 2 * g / 2
+        top = log_ratio.max(axis=1)
+        evidence += top + np.log(np.mean(np.exp(log_ratio - top[:, None]), axis=1))
+        per_record.append((s, g, first))
+    best = int(np.argmax(evidence))
+    share = float(SHARES[best])
+    for s, g, first in per_record:
+        delays.append(first + int(np.argmax(share * s - share**2 * g / 2)))
+    found = float(evidence[best])
+    term = Term(mechanism, {mechanism.parameters[0].name: share})
+    # the likelihood ratio has mean one under the null, so that it exceeds e^x with a probability below e^-x
+    p = min(1.0, math.exp(-min(max(found - math.log(SHARES.size), 0.0), 700.0)))
+    return Score(term, max(2 * found, 0.0), 1, share, p, tuple(delays))

@@ -1,0 +1,104 @@
+"""The diagnosis as programs read it (format ``mesotap-diagnosis`` 1) and as a person reads it in a terminal."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from analysis.mismatch.diagnosis import Diagnosis
+
+
+def diagnosis_answer(d: Diagnosis, seconds: float) -> dict[str, Any]:
+    """Return the answer for programs."""
+    location = None if d.location is None else {
+        "component": d.location.component,
+        "channels": list(d.location.channels),
+        "time_ms": list(d.location.time_ms),
+        "frequency_hz": list(d.location.frequency_hz),
+        "loads_mn": list(d.location.loads_mn),
+        "why": d.location.why,
+    }  # fmt: skip
+    following = None if d.next_experiment is None else {
+        "load_mn": d.next_experiment.load_mn,
+        "peak_force_ratio": d.next_experiment.peak_force_ratio,
+        "separates": list(d.next_experiment.separates),
+        "why": d.next_experiment.why,
+    }  # fmt: skip
+    return {
+        "format": "mesotap-diagnosis",
+        "version": 1,
+        "session": d.session,
+        "verdict": d.verdict,
+        "p_value": d.p_value,
+        "mechanisms": [
+            {
+                "id": m.id,
+                "probability": m.probability,
+                "where": m.where,
+                "statement": m.statement,
+                "parameters": {
+                    k: {"value": v.value, "low": v.low, "high": v.high, "unit": v.unit} for k, v in m.parameters.items()
+                },
+                "indistinguishable_from": list(m.indistinguishable_from),
+            }
+            for m in d.mechanisms
+        ],
+        "location": location,
+        "fit": {
+            "noise_rms_m_s2": d.noise_rms,
+            "heldout_rms_before_m_s2": _number(d.rms_before),
+            "heldout_rms_after_m_s2": d.rms_after,
+            "heldout_impacts": len(d.contest.held_out),
+        },
+        "next_experiment": following,
+        "seconds": seconds,
+    }
+
+
+def _number(value: float) -> float:
+    return value if math.isfinite(value) else 0.0
+
+
+def print_diagnosis(d: Diagnosis, console: Console) -> None:
+    """Say the answer to a person."""
+    said = {
+        "consistent": "Eq. 9 with its constants refitted explains these recordings.",
+        "unexplained": "Eq. 9 does not explain these recordings, and nothing listed does.",
+        "missing_physics": "Eq. 9 leaves something out of these recordings.",
+    }
+    console.print(f"[bold]{said[d.verdict]}[/bold] (p = {d.p_value:.2g})")
+    for m in d.mechanisms:
+        alike = (
+            f"; these data cannot tell it from {', '.join(m.indistinguishable_from)}"
+            if m.indistinguishable_from
+            else ""
+        )
+        console.print(f"  {m.id} ({m.where}, probability {m.probability:.2f}{alike})")
+        console.print(f"    {m.statement}")
+        for name, v in m.parameters.items():
+            console.print(f"    {name} = {v.value:.4g} ({v.low:.4g} to {v.high:.4g}) {v.unit}")
+    if d.location is not None:
+        console.print(f"  where: {d.location.component}; {d.location.why}")
+    after = "" if d.rms_after is None else f", with what was left out {d.rms_after:.5g}"
+    console.print(
+        f"  {len(d.contest.held_out)} held-out impacts: rms {d.rms_before:.5g} m/s2 by Eq. 9{after}; "
+        f"noise {d.noise_rms:.5g}"
+    )
+    if d.contest.rounds:
+        table = Table(title="The contest")
+        table.add_column("mechanism")
+        table.add_column("chi-squared taken away", justify="right")
+        table.add_column("how")
+        for entry in d.contest.rounds[0].entries[:8]:
+            table.add_row(entry.id, f"{entry.evidence:.0f}", "full fit" if entry.fit is not None else "score test")
+        console.print(table)
+    if d.next_experiment is not None:
+        n = d.next_experiment
+        console.print(
+            f"  next: {n.load_mn:.0f} mN, tap of {n.peak_force_ratio:.2f} of the load, "
+            f"to part {' and '.join(n.separates)}. "
+            f"{n.why}"
+        )

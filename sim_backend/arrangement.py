@@ -1,0 +1,171 @@
+"""What a rig is made of: bodies, elements between them, sensors on them, and what is known of its constants.
+
+Eq. 9 is the built-in arrangement (`tester`): two bodies, two tube springs, one contact, two accelerometers on the lower
+body. Any other rig is a few lines more; the mechanisms act on the elements of whichever it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
+Row = tuple[tuple[str, float | str], ...]
+"""Bodies with their coefficients, a number or the name of a constant: a deformation, or what a sensor sees."""
+Role = Literal["contact", "spring", "guide", "joint", "body"]
+Quantity = Literal["acceleration", "velocity", "displacement"]
+LOAD: Final = "load"  # scope of a constant that has a value of its own at each load
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A constant of the rig.
+
+    Attributes
+    ----------
+    value
+        As declared; a starting value where it is free.
+    uncertainty
+        Standard error of the declared value; infinite where nothing is known.
+    scope
+        ``"rig"``: one value; ``"load"``: one at each load.
+    positive
+        Whether it is fitted as its logarithm.
+    """
+
+    name: str
+    unit: str
+    value: float
+    uncertainty: float = math.inf
+    scope: Literal["rig", "load"] = "rig"
+    positive: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """Spring and damper that work on a deformation, or a place where only extra forces act.
+
+    A positive force pushes against a positive deformation. For a contact the deformation is the approach.
+    """
+
+    name: str
+    role: Role
+    component: str
+    row: Row
+    stiffness: str | None = None
+    damping: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """What a channel records."""
+
+    name: str
+    row: Row
+    quantity: Quantity = "acceleration"
+
+
+@dataclass(frozen=True, slots=True)
+class Arrangement:
+    """Bodies (each with the name of its mass), elements, sensors and constants of a rig.
+
+    ``struck`` is the body that taps act on.
+    """
+
+    bodies: tuple[str, ...]
+    masses: tuple[str, ...]
+    elements: tuple[Element, ...]
+    sensors: tuple[Sensor, ...]
+    parameters: tuple[Parameter, ...]
+    struck: str
+
+    def element(self, name: str) -> Element:
+        """Return the element of this name."""
+        return next(e for e in self.elements if e.name == name)
+
+    def vector(self, row: Row, values: Mapping[str, float]) -> Real:
+        """Return (n,) the coefficients of a row in the order of the bodies."""
+        out = np.zeros(len(self.bodies))
+        for body, coefficient in row:
+            out[self.bodies.index(body)] = values[coefficient] if isinstance(coefficient, str) else coefficient
+        return out
+
+    def matrices(self, values: Mapping[str, float]) -> tuple[Real, Real, Real]:
+        """Return masses (n,), damping (n, n) and stiffness (n, n) for these constants."""
+        n = len(self.bodies)
+        mass = np.array([values[m] for m in self.masses])
+        damping, stiffness = np.zeros((n, n)), np.zeros((n, n))
+        for element in self.elements:
+            row = self.vector(element.row, values)
+            outer = np.outer(row, row)
+            if element.stiffness is not None:
+                stiffness += values[element.stiffness] * outer
+            if element.damping is not None:
+                damping += values[element.damping] * outer
+        return mass, damping, stiffness
+
+    def declared(self) -> dict[str, float]:
+        """All constants as declared."""
+        return {p.name: p.value for p in self.parameters}
+
+    def extended(
+        self,
+        bodies: Mapping[str, str] | None = None,
+        elements: tuple[Element, ...] = (),
+        parameters: tuple[Parameter, ...] = (),
+        changed: Mapping[str, Element] | None = None,
+        sensors: tuple[Sensor, ...] | None = None,
+    ) -> Arrangement:
+        """Return a rig with more bodies (name: mass), elements and constants, and with some elements changed."""
+        changed = changed or {}
+        bodies = bodies or {}
+        return replace(
+            self,
+            bodies=(*self.bodies, *bodies),
+            masses=(*self.masses, *bodies.values()),
+            elements=(*(changed.get(e.name, e) for e in self.elements), *elements),
+            sensors=self.sensors if sensors is None else sensors,
+            parameters=(*self.parameters, *parameters),
+        )
+
+
+UPPER, LOWER = "upper mass", "lower mass"
+
+
+def tester(
+    m1: float,
+    m2: float,
+    k1: float,
+    k2: float,
+    kc: float,
+    cc: float,
+    *,
+    mass_uncertainty: float,
+    spring_uncertainty: float,
+) -> Arrangement:
+    """Return Eq. 9: masses (kg), tube springs and contact (N/m, N s/m), relative standard errors of the declared."""
+    return Arrangement(
+        bodies=(UPPER, LOWER),
+        masses=("m1", "m2"),
+        elements=(
+            Element("upper tube spring", "spring", "tube springs", ((UPPER, 1.0),), "k1"),
+            Element("lower tube spring", "spring", "tube springs", ((LOWER, 1.0),), "k2"),
+            Element("contact", "contact", "contact", ((UPPER, 1.0), (LOWER, -1.0)), "kc", "cc"),
+            Element("guide", "guide", "upper mass", ((UPPER, 1.0),)),
+        ),
+        sensors=(Sensor("A", ((LOWER, 1.0),)), Sensor("B", ((LOWER, 1.0),))),
+        parameters=(
+            Parameter("m1", "kg", m1, m1 * mass_uncertainty),
+            Parameter("m2", "kg", m2, m2 * mass_uncertainty),
+            Parameter("k1", "N/m", k1, k1 * spring_uncertainty),
+            Parameter("k2", "N/m", k2, k2 * spring_uncertainty),
+            Parameter("kc", "N/m", kc, scope=LOAD),
+            Parameter("cc", "N s/m", cc, scope=LOAD),
+        ),
+        struck=UPPER,
+    )

@@ -304,8 +304,18 @@ def diagnose(
         list[str] | None,
         typer.Option("--without", metavar="MECHANISM", help="Strike a mechanism from the list.", show_default=False),
     ] = None,
+    published: Annotated[
+        str | None,
+        typer.Option("--published", metavar="flat|sphere", help="The paper's own gap instead.", show_default=False),
+    ] = None,
+    report: Report = None,
 ) -> None:
     """Say which physics Eq. 9 leaves out of a session's recordings, where, and how sure."""
+    if published is not None:
+        from mesotap.commands.theory import published_gap
+
+        published_gap(published, json, report, _console(json))
+        return
     if file is None:
         raise typer.BadParameter("name a session file")
     from mesotap.commands.diagnose import diagnose as find_out

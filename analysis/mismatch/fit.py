@@ -2,7 +2,7 @@
 
 Free are, for every impact, the modal amplitudes when its pulse has ended and the slow ringing of each channel; for
 every load the constants that differ from load to load; for the session the declared constants within their
-uncertainties and the mechanisms' parameters. Gauss and Newton's method; what belongs to one impact is eliminated with it.
+uncertainties and the mechanisms' parameters. Gauss and Newton's method; what belongs to one impact is eliminated.
 """
 
 from __future__ import annotations

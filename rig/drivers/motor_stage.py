@@ -90,7 +90,7 @@ class MotorStage(Stage, Driver):
         if status.state is not AxisState.DISABLED:
             self._require(status, (AxisState.READY,))
         self._axis.power_came_back = False
-        # a motor that was switched off by a fault is switched on when it is moved, and says so if the fault is there still
+        # a motor that was switched off by a fault is switched on when it is moved, and says if the fault is still there
         before = "" if trouble is None else f", before: {trouble[0]}"
         return (
             f"{DEVICE} on {self._transport.port}: {version}, at {self._position_um():.2f} um, "

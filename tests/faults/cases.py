@@ -160,9 +160,7 @@ CASES = [
     Case(STAGE, "supply voltage too low", setting("controller", "fails_next", PositionerError.LOW_VOLTAGE), APART),
     Case(STAGE, "end of run", end_in_the_way, APART),
     Case(STAGE, "power cut and back", cut_power, APART),
-    Case(
-        STAGE, "another one plugged in", setting("controller", "version", "SMC_CC 3.1.2"), AT_CONNECT, between=True
-    ),
+    Case(STAGE, "another one plugged in", setting("controller", "version", "SMC_CC 3.1.2"), AT_CONNECT, between=True),
     Case(RECORDER, "overrun", usb("overrun"), UNNOTICED, State.TAP, 1),
     Case(RECORDER, "endpoint stalls", usb("stall"), UNNOTICED, State.TAP, 1),
     Case(RECORDER, "a transfer truncated", usb("truncated"), UNNOTICED, State.TAP, 1),

@@ -26,8 +26,8 @@ MILLIVOLTS = (
     "word_order: low_first, table: input}}"
 )
 LOAD = (
-    "rig.parts.load_cell={driver: modbus-rtu, port: p, excitation_v: 3.3, registers: {signal: {offset: 65, kind: float32}, signal_is: "
-    "load, ratio: {offset: 13, kind: float32}, full_scale: {offset: 15, kind: float32}}}"
+    "rig.parts.load_cell={driver: modbus-rtu, port: p, excitation_v: 3.3, registers: {signal: {offset: 65, "
+    "kind: float32}, signal_is: load, ratio: {offset: 13, kind: float32}, full_scale: {offset: 15, kind: float32}}}"
 )
 LAUMAS = "rig.parts.load_cell={driver: modbus-rtu, port: p, preset: laumas-tlb}"
 FLOAT32 = 2.0**-23  # relative step of a float32

@@ -181,7 +181,7 @@ def test_a_reading_is_the_mean_of_readings_at_a_steady_rate():
 
 
 def test_full_scale_is_an_error_and_not_a_reading():
-    wire, cell = seneca(then=[(READ, block(2**23 - 1, status=2))])
+    _wire, cell = seneca(then=[(READ, block(2**23 - 1, status=2))])
     cell.connect()
     with pytest.raises(DeviceError, match="full scale is reached; take the load off"):
         cell.read(0.02)

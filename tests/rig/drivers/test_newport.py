@@ -40,7 +40,7 @@ def test_a_damaged_command_is_sent_again():
 @pytest.mark.parametrize("error", [e for e in CommandError if e is not CommandError.NONE], ids=lambda e: e.name)
 def test_a_refusal_is_a_sentence(error):
     wire, axis = axis_of(*lines(*[("1PA2.000000", ""), ("1TE", f"1TE{error.value[0]}")] * 3))
-    with pytest.raises(DeviceError, match="a device on /dev/ttyX: refuses PA2.000000: ") as refused:
+    with pytest.raises(DeviceError, match=r"a device on /dev/ttyX: refuses PA2\.000000: ") as refused:
         axis.move_to(2.0)
     assert error.value[1] in str(refused.value)
     wire.finished()
@@ -133,7 +133,7 @@ def test_connecting_says_what_answers():
 
 def test_a_stage_too_fast_to_be_stopped_within_a_step_is_refused():
     _, stage = stage_of(*connecting(velocity="0.4"))
-    with pytest.raises(DeviceError, match="its velocity is 400 um/s: .* set at most 50 um/s"):
+    with pytest.raises(DeviceError, match=r"its velocity is 400 um/s: .* set at most 50 um/s"):
         stage.connect()
 
 
@@ -153,7 +153,7 @@ def test_a_stage_is_homed_where_that_is_allowed():
 
 def test_another_controller_is_refused():
     _, stage = stage_of(*connecting(), expected_identity="SMC")
-    with pytest.raises(DeviceError, match="it says that it is 'CONEX-CC 2.0.1', not the 'SMC'"):
+    with pytest.raises(DeviceError, match=r"it says that it is 'CONEX-CC 2\.0\.1', not the 'SMC'"):
         stage.connect()
 
 
@@ -216,7 +216,7 @@ def test_a_signal_in_a_move_stops_it():
 
 
 def test_a_move_that_never_ends_is_ended():
-    wire, stage = ready(*BEGIN, *MOVING * 103, *STOP)
+    _wire, stage = ready(*BEGIN, *MOVING * 103, *STOP)
     with pytest.raises(DeviceError, match=r"it still moves 1\.\d s after it was sent \+0.50 um"):
         stage.move_by(0.5)
 

@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from analysis.mismatch.baseline import slow_filter_poles
 from analysis.mismatch.contest import (
     LEFT_LEVEL,
+    LEFT_OVER,
     LEVEL,
     LOOK_ALIKE,
     TEMPERATURE,
@@ -235,7 +236,9 @@ def _named(fit: Fit, number: int, step: Round, contest: Contest) -> Named:
     entries = [e for e in step.entries if e.fit is not None]
     strength = {e.id: e.evidence + stiffness_evidence(e) for e in entries}
     left = contest.left_over if contest.left_p_value < LEFT_LEVEL else 0.0
-    strength["something else"] = strength[mechanism.id] + SOMETHING_ELSE + left
+    explained = contest.baseline.objective - fit.objective
+    share = left / (LEFT_OVER * (explained + left)) if left > 0 else 0.0  # 1 where it would just not be named
+    strength["something else"] = strength[mechanism.id] + SOMETHING_ELSE * (1 - min(share, 1.0))
     top = max(strength.values())
     weights = {k: math.exp((v - top) / 2 / TEMPERATURE) for k, v in strength.items()}
     total = sum(weights.values())

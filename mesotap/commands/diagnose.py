@@ -30,9 +30,8 @@ def diagnose(file: Path, json: Path | None, without: Sequence[str], console: Con
         found = diagnose_session(
             session, [m for m in known.values() if m.id not in without], lambda stage: status.update(f"{stage} ...")
         )
+    write_json(json, diagnosis_answer(found, time.monotonic() - began))
     print_diagnosis(found, console)
-    if json is not None:
-        write_json(json, diagnosis_answer(found, time.monotonic() - began))
 
 
 def list_mechanisms(console: Console) -> None:

@@ -146,6 +146,7 @@ class SessionRunner:
         for line in self._rig.open():
             self._tell(State.CONNECT, line)
         self._connected = True
+        self._rig.stage.read()  # a stage that does not know where it is says so before anything is begun
         self._take_up()  # connecting must not have changed anything
         if self.progress.contact is None:
             return

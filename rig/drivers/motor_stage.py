@@ -54,12 +54,14 @@ class MotorStage(Stage, Driver):
         self._range_um = (self._to_um(settings.lowest_mm), self._to_um(settings.highest_mm))
 
     def connect(self) -> str:
-        """Open the port and see that the controller is the one expected, referenced, and slow enough.
+        """Open the port and see that the controller is the one expected, in order, and slow enough.
 
         Raises
         ------
         DeviceError
-            It is not; a stage without its reference looks for it only where ``home_at_connect`` allows that.
+            It is not.
+
+        A stage without its reference looks for it here only where ``home_at_connect`` allows that.
         """
         self._transport.open()
         version = self._axis.version()
@@ -86,6 +88,9 @@ class MotorStage(Stage, Driver):
         if status.state is AxisState.NOT_REFERENCED and self._settings.home_at_connect:
             self._home()
             status = self._axis.status()
+        if status.state is AxisState.NOT_REFERENCED:
+            # who reads it is told; a retraction finds the reference, and must not fail to connect for want of it
+            return f"{DEVICE} on {self._transport.port}: {version}, not referenced"
         trouble = status.trouble()
         if status.state is not AxisState.DISABLED:
             self._require(status, (AxisState.READY,))

@@ -69,7 +69,7 @@ class NewportStage(Section):
     in_position_um: Positive = 0.1
     poll_s: Annotated[float, Field(gt=0, le=0.1)] = 0.01
     home_at_connect: bool = False
-    reply_timeout_s: Annotated[float, Field(gt=0, le=10)] = 0.1
+    reply_timeout_s: Annotated[float, Field(gt=0, le=10)] = 0.06  # each costs time on the way to the safe state
     tries: Annotated[int, Field(ge=1, le=10)] = 3
     expected_identity: str = ""
 

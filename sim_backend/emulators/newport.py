@@ -154,6 +154,7 @@ class EmulatedController:
         if self._referenced:
             return "K"
         self._homing = True
+        self._bits = PositionerError(0)
         self._begin((self._settings.lowest_mm - self._settings.zero_mm) * 1e3)
         return "@"
 

@@ -97,6 +97,11 @@ def cut_power(bench: FaultyBench) -> None:
     bench.after(0.05, bench.controller.restore_power)
 
 
+def cut_power_before(bench: FaultyBench) -> None:
+    bench.controller.cut_power()
+    bench.controller.restore_power()
+
+
 def fill_the_disk(bench: FaultyBench) -> None:
     sync = os.fsync
 
@@ -160,6 +165,7 @@ CASES = [
     Case(STAGE, "supply voltage too low", setting("controller", "fails_next", PositionerError.LOW_VOLTAGE), APART),
     Case(STAGE, "end of run", end_in_the_way, APART),
     Case(STAGE, "power cut and back", cut_power, APART),
+    Case(STAGE, "power cut between two starts", cut_power_before, APART, between=True),
     Case(STAGE, "another one plugged in", setting("controller", "version", "SMC_CC 3.1.2"), AT_CONNECT, between=True),
     Case(RECORDER, "overrun", usb("overrun"), UNNOTICED, State.TAP, 1),
     Case(RECORDER, "endpoint stalls", usb("stall"), UNNOTICED, State.TAP, 1),

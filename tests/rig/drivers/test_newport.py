@@ -138,9 +138,10 @@ def test_a_stage_too_fast_to_be_stopped_within_a_step_is_refused():
 
 
 def test_a_stage_without_its_reference_is_not_homed_unasked():
-    wire, stage = stage_of(*connecting(state="00000A"))
+    wire, stage = stage_of(*connecting(state="00000A"), ("1TS", "1TS00000A"))
+    assert stage.connect().endswith("CONEX-CC 2.0.1, not referenced")
     with pytest.raises(DeviceError, match="does not know where it is"):
-        stage.connect()
+        stage.read()
     wire.finished()
 
 

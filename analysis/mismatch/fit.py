@@ -174,13 +174,15 @@ class _Model:
             for row, filled in zip(p, rows, strict=False):
                 row[: len(filled)] = filled
             e, w0, w1 = step_weights(to.rig.poles, h)
-            steps = (samples - 1) * self.substeps
+            lead = record.run_up / self.rate
+            steps = (samples - 1 + record.run_up) * self.substeps
             forces = march(
                 tuple(laws), place, p, to.seen[used], to.rate[used], to.drive[used], e, w0, w1,
-                amplitudes, to.rig.weight, record.start_s, h, steps, np.zeros((SLOTS, MEMORY)),
+                amplitudes * np.exp(-lead * to.rig.poles), to.rig.weight, record.start_s - lead, h, steps,
+                np.zeros((SLOTS, MEMORY)),
             )  # fmt: skip
             for row, element in zip(forces, used, strict=True):
-                added += to.to(element, row, h, self.substeps)
+                added += to.to(element, row, h, self.substeps)[:, record.run_up :]
         for term in terms:
             if term.mechanism.blow:
                 added += self._blow(term, number, amplitudes, to)

@@ -17,6 +17,7 @@ from scipy.special import gammaln
 from scipy.stats import chi2
 
 from analysis.mismatch.fit import Fit, fit
+from analysis.mismatch.lengthening import STRONG, lengthened, misfit
 from analysis.mismatch.problem import Problem, Term
 from analysis.mismatch.screen import Score, Screening, screen
 from sim_backend.mechanisms.mechanism import Mechanism
@@ -35,6 +36,7 @@ LEFT_OVER = 0.05  # share of all misfit that may be left over by a right explana
 LEFT_LEVEL = 1e-3  # p-value below which what is left over counts
 TEMPERATURE = 2.0  # by which differences of chi-squared are divided: laws are never exactly right
 HELD_OUT_EVIDENCE = 4.0  # that a further mechanism must have in the impacts that took no part
+WORSE = 1.05  # misfit of held-out impacts over that of the others from which on a better start is looked for
 LOOK_ALIKE = 0.9  # cosine of two signatures
 
 
@@ -156,7 +158,7 @@ def _full_fits(
         if name not in best or screened_gain(score) > screened_gain(best[name]):
             best[name] = score
     ranked = sorted(best.values(), key=lambda s: -screened_gain(s))
-    entries = []
+    entries, explained = [], False
     for place, score in enumerate(ranked):
         close = screened_gain(score) > CLOSE * screened_gain(ranked[0])
         certain = score.p_value < LEVEL / max(len(ranked), 1)
@@ -169,6 +171,9 @@ def _full_fits(
         except (ValueError, np.linalg.LinAlgError):
             entries.append(Entry(score, None, 0.0))  # it cannot be joined with what is there already
             continue
+        if fitted.only_laws and not explained and misfit(fitted) > STRONG:
+            fitted = lengthened(current.problem, fitted.terms, current) or fitted
+        explained = explained or misfit(fitted) < STRONG
         gain = current.objective - fitted.objective
         found = evidence(gain, own_numbers(score), len(score.term.mechanism.parameters))
         entries.append(Entry(score, fitted, found))
@@ -270,7 +275,11 @@ def held_out_fit(problem: Problem, held: Sequence[int], fitted: Fit) -> Fit:
     """Return the fit to held-out impacts: only what belongs to each impact is fitted on them."""
     kept = problem.only(held)
     delays: Sequence[int] = blow_delays(kept, fitted) if any(t.mechanism.blow for t in fitted.terms) else ()
-    return fit(kept, held=fitted, delays=delays)
+    found = fit(kept, held=fitted, delays=delays)
+    if found.only_laws and misfit(fitted) < STRONG and misfit(found) > WORSE * misfit(fitted):
+        again = lengthened(kept, fitted.terms, fitted, held=fitted)
+        found = again if again is not None and again.chi_squared < found.chi_squared else found
+    return found
 
 
 def held_out_rms(problem: Problem, held: Sequence[int], fitted: Fit) -> float:

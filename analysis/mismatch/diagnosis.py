@@ -197,8 +197,9 @@ def diagnose_session(
     AnalysisError
         The session cannot carry a diagnosis.
     """
-    # the matrices are small: further threads of the linear algebra would only get in each other's way
-    with threadpool_limits(limits=1, user_api="blas"):
+    # the matrices are small: further threads of the linear algebra would only get in each other's way; trial steps of a
+    # fit that lead nowhere may overflow
+    with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
         progress("identifying the modes of each impact")
         problem = tester_problem(session)
         contest = run_contest(problem, known, progress)

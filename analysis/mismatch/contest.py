@@ -32,7 +32,7 @@ CLOSE = 0.25  # share of the best score's gain that earns a full fit
 FIRST_GAIN = 6.0  # evidence that the first mechanism must have, where the joint test says that there is one
 LEAST_GAIN = 16.0  # evidence that a further mechanism must have
 LEAST_SHARE = 0.03  # of what is explained already, likewise
-LEFT_OVER = 0.02  # share of all misfit that may be left over by a right explanation
+LEFT_OVER = (0.02, 0.005, 0.0)  # share of all misfit that one, two, three mechanisms may leave over
 LEFT_LEVEL = 1e-3  # p-value below which what is left over counts
 TEMPERATURE = 2.0  # by which differences of chi-squared are divided: laws are never exactly right
 HELD_OUT_EVIDENCE = 4.0  # that a further mechanism must have in the impacts that took no part
@@ -142,9 +142,17 @@ def run_contest(
     left = screening.unexplained if p_value < LEVEL else 0.0
     left_p = screening.p_value
     chosen = current if current.terms else None
-    if chosen is not None and left_p < LEFT_LEVEL and left > LEFT_OVER * (explained + left):
-        chosen = None
+    if chosen is not None and left_p < LEFT_LEVEL and left > may_be_left(len(chosen.terms)) * (explained + left):
+        chosen = None  # patched together, not explained
     return Contest(problem, training, held, baseline, tuple(rounds), p_value, chosen, current, left, left_p)
+
+
+def may_be_left(terms: int) -> float:
+    """Return the share of all misfit that an explanation with so many mechanisms may leave over.
+
+    One law is never exactly right; several that still leave something are patches on what is not listed.
+    """
+    return LEFT_OVER[min(terms, len(LEFT_OVER)) - 1]
 
 
 def _full_fits(
@@ -176,7 +184,7 @@ def _full_fits(
             entries.append(Entry(score, None, 0.0))  # it cannot be joined with what is there already
             continue
         explained = explained or misfit(fitted) < STRONG
-        gain = current.objective - fitted.objective
+        gain = current.objective - fitted.objective - score.choice
         found = evidence(gain, own_numbers(score), len(score.term.mechanism.parameters))
         entries.append(Entry(score, fitted, found))
     entries.sort(key=lambda e: (e.fit is None, -(e.evidence + stiffness_evidence(e))))

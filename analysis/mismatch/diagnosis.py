@@ -13,7 +13,6 @@ from threadpoolctl import threadpool_limits
 from analysis.mismatch.baseline import slow_filter_poles
 from analysis.mismatch.contest import (
     LEFT_LEVEL,
-    LEFT_OVER,
     LEVEL,
     LOOK_ALIKE,
     TEMPERATURE,
@@ -21,6 +20,7 @@ from analysis.mismatch.contest import (
     Entry,
     Round,
     held_out_rms,
+    may_be_left,
     run_contest,
     stiffness_evidence,
 )
@@ -238,7 +238,8 @@ def _named(fit: Fit, number: int, step: Round, contest: Contest) -> Named:
     strength = {e.id: e.evidence + stiffness_evidence(e) for e in entries}
     left = contest.left_over if contest.left_p_value < LEFT_LEVEL else 0.0
     explained = contest.baseline.objective - fit.objective
-    share = left / (LEFT_OVER * (explained + left)) if left > 0 else 0.0  # 1 where it would just not be named
+    allowed = may_be_left(len(fit.terms)) * (explained + left)
+    share = left / allowed if left > 0 else 0.0  # 1 where it would just not be named
     strength["something else"] = strength[mechanism.id] + SOMETHING_ELSE * (1 - min(share, 1.0))
     top = max(strength.values())
     weights = {k: math.exp((v - top) / 2 / TEMPERATURE) for k, v in strength.items()}

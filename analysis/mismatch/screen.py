@@ -50,6 +50,8 @@ class Score:
         Estimate of its strength relative to the trial's (of a mechanism without one: 1 is expected).
     p_value
         Of this trial alone.
+    delays, choice
+        For a second blow: its sample after each record's first one, and the chi-squared that choosing these took.
     """
 
     term: Term
@@ -58,6 +60,7 @@ class Score:
     strength: float
     p_value: float
     delays: tuple[int, ...] = ()
+    choice: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -465,10 +468,13 @@ def _second_blow(fit: Fit, mechanism: Mechanism, nuisance: Nuisance, columns: _C
         per_record.append((s, g, first))
     best = int(np.argmax(evidence))
     share = float(SHARES[best])
+    highest = 0.0
     for s, g, first in per_record:
-        delays.append(first + int(np.argmax(share * s - share**2 * g / 2)))
+        log_ratio = share * s - share**2 * g / 2
+        delays.append(first + int(np.argmax(log_ratio)))
+        highest += float(log_ratio.max())
     found = float(evidence[best])
     term = Term(mechanism, {mechanism.parameters[0].name: share})
     # the likelihood ratio has mean one under the null, so that it exceeds e^x with a probability below e^-x
     p = min(1.0, math.exp(-min(max(found - math.log(SHARES.size), 0.0), 700.0)))
-    return Score(term, max(2 * found, 0.0), 1, share, p, tuple(delays))
+    return Score(term, max(2 * found, 0.0), 1, share, p, tuple(delays), 2 * (highest - found))

@@ -281,8 +281,7 @@ def screen(fit: Fit, known: Sequence[Mechanism], progress: Callable[[int, int], 
     for number, record in enumerate(records):
         columns.begin(number)
         s: Sensitivity = fit.modes[record.group]
-        flat = nuisance.columns(s, record).reshape(record.y.size, -1)
-        q, _ = np.linalg.qr(flat)
+        q, _ = nuisance.basis(s, record)
         slopes = slope_columns(s, fit.amplitudes[number], record, columns.rate).reshape(record.y.size, -1)
         made = [columns.of(t, i)[0].ravel() for i, t in enumerate(shared)]
         residual = fit.residuals[number].ravel()
@@ -453,7 +452,7 @@ def _second_blow(fit: Fit, mechanism: Mechanism, nuisance: Nuisance, columns: _C
         h = smooth_blow((to.rig.gains @ waves.T).real)
         first = max(1, int(BLOW_FROM_S * rate) - round(record.start_s * rate))
         last = min(int(BLOW_TO_S * rate), samples - 200)
-        q, _ = np.linalg.qr(nuisance.columns(fit.modes[record.group], record).reshape(record.y.size, -1))
+        q, _ = nuisance.basis(fit.modes[record.group], record)
         q = q.reshape(*record.y.shape, -1)
         both = np.concatenate([fit.residuals[number][:, :, None], q], axis=2)
         flipped = h[:, ::-1]

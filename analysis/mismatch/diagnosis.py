@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from analysis.mismatch.excess import excess_by_frequency, excess_by_time
 from analysis.mismatch.fit import Fit
 from analysis.mismatch.problem import Problem, Term
 from analysis.mismatch.records import tester_recordings
+from analysis.mismatch.tones import tone_amplitude
 from analysis.session import AnalysisError, session_modes
 from analysis.settings import AnalysisSettings
 from analysis.stiffness import ResonanceError, contact_from_pole
@@ -248,12 +249,16 @@ def _named(fit: Fit, number: int, step: Round, contest: Contest) -> Named:
         k for k in weights if k not in (mechanism.id, "something else") and weights[k] > 0.02 * weights[mechanism.id]
     )
     alike = _looking_alike(step, mechanism.id, rivals)
+    errors = fit.parameter_errors[number]
+    if mechanism.lines is not None and mechanism.strength is not None:
+        amplitude, error = tone_amplitude(fit)
+        term, errors = replace(term, values={**term.values, mechanism.strength: amplitude}), {mechanism.strength: error}
     return Named(
         mechanism.id,
         min(weights[mechanism.id] / total, 1.0),
         mechanism.component,
         mechanism.statement(term.values),
-        _intervals(term, fit.parameter_errors[number]),
+        _intervals(term, errors),
         alike if accepted is not None else (),
     )
 
@@ -282,6 +287,10 @@ def _intervals(term: Term, errors: dict[str, float]) -> dict[str, Interval]:
         else:
             low, high = value - error, value + error
         out[q.name] = Interval(value, max(low, q.low), min(high, q.high), q.unit)
+    for more in term.mechanism.derived:
+        known = out.get(more.of)
+        if known is not None:
+            out[more.name] = Interval(more.value(known.value), more.value(known.low), more.value(known.high), more.unit)
     return out
 
 

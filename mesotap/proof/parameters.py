@@ -63,16 +63,19 @@ _DERIVED: dict[str, dict[str, Callable[[Truth], float | None]]] = {
     },
     "squeeze_film": {"film_share_of_c_c": lambda t: _ratio(t["effect"]["film_damping_n_s_per_m"], t["cc"])},
     "tube_spring_damping": {
-        "c_n_s_per_m": lambda t: _ratio(t["effect"]["c1_n_s_per_m"], t["effect"]["c2_n_s_per_m"])
-        and float(t["effect"]["c1_n_s_per_m"])
+        "c_n_s_per_m": lambda t: (
+            _ratio(t["effect"]["c1_n_s_per_m"], t["effect"]["c2_n_s_per_m"]) and float(t["effect"]["c1_n_s_per_m"])
+        )
     },
 }
 
 
 def true_parameters(truth: Truth, mechanism: str) -> dict[str, float]:
-    """Return the true values of a mechanism's parameters, by the names of `mesotap mechanisms`; what is not told is left out."""
+    """Return the true values of a mechanism's parameters, by the names of `mesotap mechanisms`, as far as told."""
     effect = truth.get("effect", {})
-    found = {name: float(effect[name]) for name in _SAME.get(mechanism, ()) if isinstance(effect.get(name), int | float)}
+    found = {
+        name: float(effect[name]) for name in _SAME.get(mechanism, ()) if isinstance(effect.get(name), int | float)
+    }
     for name, derive in _DERIVED.get(mechanism, {}).items():
         try:
             value = derive(truth)

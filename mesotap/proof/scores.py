@@ -75,7 +75,7 @@ def nulls(entries: Sequence[Entry]) -> Nulls:
 
 
 def power(d: float) -> float:
-    """Return how often a test at `LEVEL` that knows the signature detects it: chi-squared of one degree, shifted by d^2."""
+    """Return how often a test at `LEVEL` that knows the signature detects it: chi-squared of one degree about d^2."""
     return float(ncx2.sf(chi2.isf(LEVEL, 1), 1, d**2)) if d > 0 else LEVEL
 
 
@@ -246,7 +246,9 @@ def calibration(entries: Sequence[Entry]) -> tuple[list[Reliability], float]:
 
     A name is right where it, or one of its declared look-alikes, is hidden in the session and on the list.
     """
-    stated = [(e.first.probability, e.covered and e.kind not in ("struck", "outside")) for e in entries if e.first is not None]
+    stated = [
+        (e.first.probability, e.covered and e.kind not in ("struck", "outside")) for e in entries if e.first is not None
+    ]
     out = []
     for low, high in pairwise(STATED):
         inside = [(p, right) for p, right in stated if low <= p < high or (high == STATED[-1] and p == high)]
@@ -277,8 +279,11 @@ def held_out(entries: Sequence[Entry]) -> HeldOut:
 
 
 def confusion(entries: Sequence[Entry]) -> dict[str, dict[str, int]]:
-    """Return how often each thing was said (a name, `unexplained`, `consistent`) of each thing hidden, listed effects alone
-    that are strong enough to be told, and nulls."""
+    """Return how often each thing was said of each thing hidden.
+
+    What is said is a name, `unexplained` or `consistent`; what is hidden is nothing, a listed effect alone from d = 30
+    on, or (in brackets) one outside the list.
+    """
     out: dict[str, dict[str, int]] = {}
     for e in entries:
         if e.kind == "null":

@@ -191,7 +191,12 @@ def _diagnose(session: Path, without: str | None, answer: Path) -> None:
         said = ""
         try:
             ended = subprocess.run(
-                command, cwd=place, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, timeout=LONGEST_S
+                command,
+                cwd=place,
+                env={**os.environ, "PYTHONPATH": path},
+                capture_output=True,
+                text=True,
+                timeout=LONGEST_S,
             )
             said = ended.stderr.strip()[-TOLD:]
             content = Path(place, "answer.json").read_bytes() if ended.returncode == 0 else None
@@ -219,7 +224,9 @@ def practice_sessions(folder: Path) -> tuple[dict[str, Path], dict[str, dict[str
         raise ProofError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError as error:
         raise ProofError(f"{path}: is no JSON: {error}") from error
-    if not isinstance(truths, dict) or not all(isinstance(t, dict) and isinstance(t.get("kinds"), list) for t in truths.values()):
+    if not isinstance(truths, dict) or not all(
+        isinstance(t, dict) and isinstance(t.get("kinds"), list) for t in truths.values()
+    ):
         raise ProofError(f"{path}: expected an object with 'kinds' for each session")
     files = {name: folder / f"{name}.h5" for name in truths}
     for file in files.values():

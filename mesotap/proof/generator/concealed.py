@@ -1,4 +1,4 @@
-"""A concealed session: a plan with effects of a graded strength, as signals, as a session file and as the truth of it."""
+"""A concealed session: a plan with effects of a graded strength, its signals, its session file and its truth."""
 
 from __future__ import annotations
 
@@ -96,7 +96,9 @@ def conceal(plan: Plan, effect: Effect, character: Character, d: float, beside: 
     for _ in range(TRIALS):
         now = at(strength)
         reached = now[2]
-        if math.isfinite(reached) and (best is None or abs(math.log(max(reached, 1e-9) / d)) < abs(math.log(max(best[2], 1e-9) / d))):
+        if math.isfinite(reached) and (
+            best is None or abs(math.log(max(reached, 1e-9) / d)) < abs(math.log(max(best[2], 1e-9) / d))
+        ):
             best = now
         if abs(reached / d - 1) < CLOSE or (reached < d and strength >= effect.largest):
             break

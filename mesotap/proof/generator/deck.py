@@ -70,7 +70,7 @@ def deal(seed: int, sessions: int, only: str | None = None) -> list[Card]:
     singles = _cycle(rng, [(e, d) for e in LISTED for d in GRADES])
     struck = _cycle(rng, [(e, d) for e in LISTED for d in STRONG_GRADES])
     outside = _cycle(rng, [(e, d) for e in OUTSIDE for d in STRONG_GRADES])
-    cards = []
+    cards: list[Card] = []
     while len(cards) < sessions:
         for kind in rng.permutation(np.array(hand)).tolist():
             number = len(cards)
@@ -122,8 +122,9 @@ def _concealed(rng: np.random.Generator, card: Card) -> Concealed:
         if card.variety == NULLS[3]:
             return Concealed(plan, drift_n=float(rng.uniform(-1, 1) * LARGEST_DRIFT_N))
         return Concealed(plan)
-    effects = sorted((effect_named(e) for e in card.effects), key=lambda e: not e.fixed)  # taps first: the rest builds on them
-    grades = {name: d for name, d in zip(card.effects, card.d, strict=True)}
+    # those that grade the taps come first: the rest builds on them
+    effects = sorted((effect_named(e) for e in card.effects), key=lambda e: not e.fixed)
+    grades = dict(zip(card.effects, card.d, strict=True))
     exponent = next((e.exponent for e in effects if e.exponent is not None), None)
     parts = any(e.id == "contact_loss" for e in effects)
     plan = random_plan(rng, exponent=exponent, force_ratio=FORCE_RATIO_TO_PART if parts else None)

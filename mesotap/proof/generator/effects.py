@@ -1,7 +1,7 @@
 """What can be concealed in a session: the contract's mechanisms that leave a trace, and some outside its list.
 
-An effect has a strength, graded by what survives the refit, and a character: its other constants, drawn once. It acts on
-the machine, on the sampled channels, or on both. `told` gives its parameters as a truth file has them.
+An effect has a strength, graded by what survives the refit, and a character: its other constants, drawn once. It acts
+on the machine, on the sampled channels, or on both. `told` gives its parameters as a truth file has them.
 """
 
 from __future__ import annotations
@@ -125,7 +125,9 @@ def with_body(machine: Machine, mass: float, direction: Real, stiffness: float, 
         damping=np.pad(machine.damping, wider) + damping * both,
         contact=np.append(machine.contact, 0.0),
         seen=np.pad(machine.seen, ((0, 0), (0, 1))),
-        acting=tuple(replace(a, direction=np.append(a.direction, np.zeros(b + 1 - a.direction.size))) for a in machine.acting),
+        acting=tuple(
+            replace(a, direction=np.append(a.direction, np.zeros(b + 1 - a.direction.size))) for a in machine.acting
+        ),
     )
 
 
@@ -152,7 +154,10 @@ def _sliders(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
 
 def _draw_sliders(rng: np.random.Generator, plan: Plan) -> Character:
     count = 1 if rng.uniform() < 0.7 else 6
-    return {"sliders": count, "reach_share": float(rng.uniform(0.2, 0.6) * typical_ratio(plan)) * (1 if count == 1 else 2)}
+    return {
+        "sliders": count,
+        "reach_share": float(rng.uniform(0.2, 0.6) * typical_ratio(plan)) * (1 if count == 1 else 2),
+    }
 
 
 def _tell_sliders(plan: Plan, s: float, c: Character) -> dict[str, Any]:
@@ -178,7 +183,11 @@ def _draw_film(rng: np.random.Generator, plan: Plan) -> Character:
 
 def _meniscus(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
     return _in_contact(
-        machine, plan, Law.MENISCUS, s * plan.of_each_impact(plan.loads), c["range_share"] * plan.of_each_impact(plan.static)
+        machine,
+        plan,
+        Law.MENISCUS,
+        s * plan.of_each_impact(plan.loads),
+        c["range_share"] * plan.of_each_impact(plan.static),
     )
 
 
@@ -249,7 +258,7 @@ def _tell_frame(plan: Plan, s: float, c: Character) -> dict[str, Any]:
 
 
 def _rocking(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    """The lower mass turns: u is the turning times the accelerometers' distance r from the axis; A sees x2 + u, B x2 - u.
+    """The lower mass turns: A sees x2 + u, B x2 - u, u being the turning times their distance r from the axis.
 
     The contact lies off the axis by s r, so it also feels - s u.
     """
@@ -307,7 +316,7 @@ def _clipped(y: Real, plan: Plan, s: float, c: Character) -> Real:
 
 
 def _hum(y: Real, plan: Plan, s: float, c: Character) -> Real:
-    """Mains picked up between amplifier and recorder: the fundamental and three harmonics, at any phase in each record."""
+    """Mains picked up after the amplifier: the fundamental and three harmonics, at any phase in each record."""
     t = np.arange(-PRETRIGGER, y.shape[2] - PRETRIGGER) / RATE_HZ
     lines = sum(
         share * np.sin(2 * np.pi * k * (c["mains_hz"] * t[None, :] + turn[:, None]) + phase)
@@ -359,8 +368,14 @@ def _strength_only(plan: Plan, s: float, c: Character) -> dict[str, Any]:
 
 
 _LISTED = (
-    Effect("hertz_stiffness", "contact", 0.5, 2.5, lambda p, s, c: {"force_exponent": 1.5}, machined=_hertz, fixed=True, exponent=1 / 3),
-    Effect("rough_surface_stiffness", "contact", 0.5, 2.0, lambda p, s, c: {"exponential_law": 1.0}, machined=_exponential, fixed=True, exponent=1.0),
+    Effect(
+        "hertz_stiffness", "contact", 0.5, 2.5, lambda p, s, c: {"force_exponent": 1.5},
+        machined=_hertz, fixed=True, exponent=1 / 3,
+    ),
+    Effect(
+        "rough_surface_stiffness", "contact", 0.5, 2.0, lambda p, s, c: {"exponential_law": 1.0},
+        machined=_exponential, fixed=True, exponent=1.0,
+    ),
     Effect("contact_loss", "contact", 3.0, 12.0, lambda p, s, c: {"unilateral": 1.0}, machined=_parting, fixed=True),
     Effect(
         "hunt_crossley_damping", "contact", 0.3, 6.0, lambda p, s, c: {"damping_growth_per_relative_approach": s},
@@ -384,7 +399,8 @@ _LISTED = (
         draw=lambda rng, plan: {"range_share": float(rng.uniform(0.2, 1.0))}, machined=_meniscus,
     ),
     Effect(
-        "contact_creep", "contact", 0.003, 0.4, lambda p, s, c: {"creep_per_e_fold": s, "creep_time_s": c["creep_time_s"]},
+        "contact_creep", "contact", 0.003, 0.4,
+        lambda p, s, c: {"creep_per_e_fold": s, "creep_time_s": c["creep_time_s"]},
         draw=lambda rng, plan: {"creep_time_s": float(np.exp(rng.uniform(math.log(3e-3), math.log(20e-3))))},
         machined=_creep,
     ),
@@ -439,7 +455,10 @@ _LISTED = (
 
 _OUTSIDE = (
     Effect("bilinear_spring", "tube springs", 0.01, 0.5, _strength_only, machined=_bilinear, listed=False),
-    Effect("drifting_spring", "tube springs", 0.002, 0.3, _strength_only, draw=_times(5e-3, 40e-3), machined=_drifting, listed=False),
+    Effect(
+        "drifting_spring", "tube springs", 0.002, 0.3, _strength_only,
+        draw=_times(5e-3, 40e-3), machined=_drifting, listed=False,
+    ),
     Effect("cubed_rate_damping", "contact", 0.1, 1.5, _strength_only, machined=_cubed_rate, listed=False),
     Effect(
         "shaken_contact", "contact", 0.003, 0.3, _strength_only, machined=_modulated, listed=False,

@@ -21,7 +21,11 @@ from __future__ import annotations
 import math
 from enum import IntEnum
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
 
 MEMORY = 8  # numbers that a law may remember
 OWN = 3  # place of a law's own numbers in ``p``
@@ -50,42 +54,52 @@ class Law(IntEnum):
     STEP = 16
 
 
-_HERTZ, _EXPONENTIAL, _PARTING, _GROWING = int(Law.HERTZ), int(Law.EXPONENTIAL), int(Law.PARTING), int(Law.GROWING_DAMPING)
+_HERTZ, _EXPONENTIAL, _PARTING, _GROWING = (
+    int(Law.HERTZ),
+    int(Law.EXPONENTIAL),
+    int(Law.PARTING),
+    int(Law.GROWING_DAMPING),
+)
 _SLIDERS, _DRAG, _FILM, _MENISCUS = int(Law.SLIDERS), int(Law.DRAG), int(Law.FILM), int(Law.MENISCUS)
-_CREEP, _FRICTION, _DASHPOT, _CUBED = int(Law.CREEP), int(Law.DRY_FRICTION), int(Law.DASHPOT), int(Law.CUBED_DEFORMATION)
+_CREEP, _FRICTION, _DASHPOT, _CUBED = (
+    int(Law.CREEP),
+    int(Law.DRY_FRICTION),
+    int(Law.DASHPOT),
+    int(Law.CUBED_DEFORMATION),
+)
 _BILINEAR, _DRIFTING = int(Law.BILINEAR), int(Law.DRIFTING)
 _CUBED_RATE, _MODULATED, _STEP = int(Law.CUBED_RATE), int(Law.MODULATED), int(Law.STEP)
 
 
 @njit(cache=True)
-def hertz(p, d):
+def hertz(p: Real, d: float) -> float:
     """Sphere on flat: F = P (1 + d / s)^(3/2), s = 3 P / (2 k) the static approach; nothing when apart."""
     approach = 1.0 + d * p[1] / (1.5 * p[0])
     return (p[0] * approach**1.5 if approach > 0.0 else 0.0) - p[0] - p[1] * d
 
 
 @njit(cache=True)
-def exponential(p, d):
+def exponential(p: Real, d: float) -> float:
     """Rough surfaces with an exponential tail of heights: F = P exp(k d / P)."""
     return p[0] * math.exp(p[1] * d / p[0]) - p[0] - p[1] * d
 
 
 @njit(cache=True)
-def parting(p, force):
+def parting(p: Real, force: float) -> float:
     """Surfaces that cannot pull: the whole contact force P + F is never below zero."""
     return -p[0] - force if p[0] + force < 0.0 else 0.0
 
 
 @njit(cache=True)
-def growing_damping(p, d, v):
+def growing_damping(p: Real, d: float, v: float) -> float:
     """Damper in proportion to the approach: c (1 + g k d / P), never negative; p[3] = g."""
     growth = p[3] * p[1] * d / p[0]
     return p[2] * max(growth, -1.0) * v
 
 
 @njit(cache=True)
-def sliders(p, d, m):
-    """Springs that each slide at a limit of their own, in the place of part of the link's stiffness (Iwan; one: Jenkins).
+def sliders(p: Real, d: float, m: Real) -> float:
+    """Springs that each slide at a limit of their own, in the place of part of the stiffness (Iwan; one: Jenkins).
 
     p[3] is the stiffness that slides (N/m), p[4] the largest deformation at which one still sticks (m), p[5] their
     number, with limits evenly below that; ``m`` holds their deformations.
@@ -98,13 +112,13 @@ def sliders(p, d, m):
 
 
 @njit(cache=True)
-def drag(p, v):
+def drag(p: Real, v: float) -> float:
     """Force of the rate squared, against it; p[3] in N s2/m2."""
     return p[3] * v * abs(v)
 
 
 @njit(cache=True)
-def film(p, d, v):
+def film(p: Real, d: float, v: float) -> float:
     """Squeeze film (Reynolds, two plates): its damping grows as the third power of rest gap over gap.
 
     p[3] is its damping at rest (N s/m), part of the link's; p[4] its gap at rest (m).
@@ -114,37 +128,37 @@ def film(p, d, v):
 
 
 @njit(cache=True)
-def meniscus(p, d):
+def meniscus(p: Real, d: float) -> float:
     """Attraction when the surfaces move apart beyond rest: it rises to p[3] (N) within the range p[4] (m)."""
     return -p[3] * (1.0 - math.exp(d / p[4])) if d < 0.0 else 0.0
 
 
 @njit(cache=True)
-def creep(p, t, d):
+def creep(p: Real, t: float, d: float) -> float:
     """Stiffness that recovers after the tap as the logarithm of time: k b ln(1 + t / tau); p[3] = b, p[4] = tau."""
     return p[1] * p[3] * math.log1p(t / p[4]) * d
 
 
 @njit(cache=True)
-def dry_friction(p, v):
+def dry_friction(p: Real, v: float) -> float:
     """Coulomb friction p[3] (N), rounded off below the rate p[4] (m/s)."""
     return p[3] * math.tanh(v / p[4])
 
 
 @njit(cache=True)
-def bilinear(p, d):
+def bilinear(p: Real, d: float) -> float:
     """Another stiffness when pressed than when pulled: p[3] is the difference over k."""
     return p[1] * p[3] * d if d > 0.0 else 0.0
 
 
 @njit(cache=True)
-def modulated(p, t, d):
+def modulated(p: Real, t: float, d: float) -> float:
     """Stiffness that something shakes: k b sin(w t + phase); p[3:6] = b, w, phase."""
     return p[1] * p[3] * math.sin(p[4] * t + p[5]) * d
 
 
 @njit(cache=True)
-def push(law, p, t, d, v, m, force):
+def push(law: int, p: Real, t: float, d: float, v: float, m: Real, force: float) -> float:
     """Return the force of a law, N."""
     if law == _HERTZ:
         return hertz(p, d)
@@ -178,19 +192,17 @@ def push(law, p, t, d, v, m, force):
         return p[3] * v**3
     if law == _MODULATED:
         return modulated(p, t, d)
-    if law == _STEP:
-        return p[1] * p[3] * d if t > p[4] else 0.0
-    return 0.0
+    return p[1] * p[3] * d if t > p[4] else 0.0
 
 
 @njit(cache=True)
-def remembers(law):
+def remembers(law: int) -> bool:
     """Return whether a law has a memory."""
     return law == _SLIDERS
 
 
 @njit(cache=True)
-def remember(p, i, before, d0, d):
+def remember(p: Real, i: int, before: float, d0: float, d: float) -> float:
     """Return the deformation of slider i after the link's went from d0 to d."""
     limit = p[4] * (i + 1) / p[5]
     return min(max(before + d - d0, -limit), limit)

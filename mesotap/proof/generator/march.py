@@ -92,7 +92,7 @@ def march(machine: Machine, steps: int, step_s: float) -> Real:
 
 
 @njit(cache=True)
-def pulse(t, blow):
+def pulse(t: float, blow: Real) -> float:
     """Force of a blow, N: peak times sin(pi u^q)^p, u the share of its length that has passed."""
     u = (t - blow[0]) / blow[1]
     if u <= 0.0 or u >= 1.0:
@@ -102,8 +102,9 @@ def pulse(t, blow):
 
 @njit(cache=True)
 def _accelerate(
-    t, x, v, mass, stiffness, damping, contact, line, blows, laws, directions, numbers, memory, held, start, out
-):
+    t: float, x: Real, v: Real, mass: Real, stiffness: Real, damping: Real, contact: Real, line: Real, blows: Real,
+    laws: Whole, directions: Real, numbers: Real, memory: Real, held: Real, start: Real, out: Real,
+) -> None:  # fmt: skip
     bodies = mass.size
     for i in range(bodies):
         force = 0.0
@@ -136,7 +137,10 @@ def _accelerate(
 
 
 @njit(cache=True)
-def _march(mass, stiffness, damping, contact, line, seen, blows, laws, directions, numbers, h, out):
+def _march(
+    mass: Real, stiffness: Real, damping: Real, contact: Real, line: Real, seen: Real, blows: Real, laws: Whole,
+    directions: Real, numbers: Real, h: float, out: Real,
+) -> None:  # fmt: skip
     bodies = mass.size
     x = np.zeros(bodies)
     v = np.zeros(bodies)

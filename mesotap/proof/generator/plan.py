@@ -200,7 +200,7 @@ def _apart(rng: np.random.Generator, count: int) -> Real:
 
 
 def _tapped(plan: Plan, ratio: Real) -> Plan:
-    """Give the taps the peak forces at which the contact bears ``ratio`` (n,) times its preload, and the noise its rms."""
+    """Give the taps the forces at which the contact bears ``ratio`` (n,) times its preload, and the noise its rms."""
     steps = int(LOUDEST_S * RATE_HZ) * STEPS_PER_SAMPLE
     seen = march(machine_of(plan), steps, plan.step_s)[:, 0]
     borne = _contact_force(plan, seen)

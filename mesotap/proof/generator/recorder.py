@@ -41,7 +41,12 @@ def sampled(plan: Plan, fine: Real, delay_of_b: float = 0.0) -> Real:
     place = first - delay_of_b * STEPS_PER_SAMPLE
     whole = np.floor(place).astype(int)
     u = place - whole
-    weights = (-u * (u - 1) * (u - 2) / 6, (u + 1) * (u - 1) * (u - 2) / 2, -(u + 1) * u * (u - 2) / 2, (u + 1) * u * (u - 1) / 6)
+    weights = (
+        -u * (u - 1) * (u - 2) / 6,
+        (u + 1) * (u - 1) * (u - 2) / 2,
+        -(u + 1) * u * (u - 2) / 2,
+        (u + 1) * u * (u - 1) / 6,
+    )
     late = sum(w * _at(b, impact, whole + k) for w, k in zip(weights, (-1, 0, 1, 2), strict=True))
     return np.stack([fine[impact, 0, first], late], axis=1)
 

@@ -135,7 +135,6 @@ def confusion_figure(table: Mapping[str, Mapping[str, int]], order: Sequence[str
         range(len(columns)), [c.replace("_", " ") for c in columns], rotation=60, ha="right", rotation_mode="anchor"
     )
     axes.set_yticks(range(len(rows)), [r.replace("_", " ") for r in rows])
-    axes.set_xlabel("said")
-    axes.set_ylabel("hidden")
+    axes.set_title("said (columns) of what is hidden (lines)", loc="left")
     axes.spines[:].set_visible(True)
     return figure

@@ -158,8 +158,8 @@ def _page(proof: Proof, folder: Path) -> str:
 
 INTRODUCTION = """`d` is what survives the refit of Eq. 9: the misfit, in standard deviations of the noise over the
 whole session, that the linear rig keeps when the state after every tap, k_c and c_c of every load and the rig's
-constants within their uncertainties are fitted anew. Shares are followed by their exact 95 % intervals. A name counts as covered
-where it is true, or where what is hidden is among the look-alikes that the answer declares beside it."""
+constants within their uncertainties are fitted anew. Shares are followed by their exact 95 % intervals. A name counts
+as covered where it is true, or where what is hidden is among the look-alikes that the answer declares beside it."""
 
 HELD_OUT = """The fit that knows the answer leaves the session's own noise less the freedom of each impact (state of
 both masses, offset and high-pass ringing of each channel), whitened by the noise's true colour. It is taken over all
@@ -237,8 +237,9 @@ def _pairs(entries: Sequence[Entry], folder: Path) -> str:
         return ""
     return _joined(
         "## Two effects at once",
-        f"Both named: {_share(found.both)}. One at least: {_share(found.one)}. Detected: {_share(found.detected)}. "
-        f"`unexplained`: {_share(found.unexplained)}.",
+        f"Both named: {_share(found.both)}. One at least: {_share(found.one)}. "
+        f"A wrong name stated with more than {scores.CONFIDENT:g}: {_share(found.confident_wrong)}. "
+        f"Detected: {_share(found.detected)}. `unexplained`: {_share(found.unexplained)}.",
     )
 
 

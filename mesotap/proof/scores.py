@@ -94,7 +94,7 @@ class AtGrade:
     false_sets
         Of those covered by a declared look-alike whose cosine was computed: below `TRULY_ALIKE`.
     confident_wrong
-        A name that is neither, with a probability above `CONFIDENT`.
+        With a name, not only the first, that is neither and has a probability above `CONFIDENT`.
     unexplained, missed
         Verdicts.
     """
@@ -133,8 +133,8 @@ def by_grade(entries: Sequence[Entry]) -> list[AtGrade]:
 
 
 def confidently_wrong(e: Entry) -> bool:
-    """Return whether a name is stated with confidence that is neither true nor said to look like what is."""
-    return e.first is not None and e.first.probability > CONFIDENT and not e.covered
+    """Return whether any name is stated with confidence that is neither true nor said to look like what is."""
+    return any(m.probability > CONFIDENT and not {m.id, *m.alike} & set(e.effects) for m in e.named)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +170,7 @@ class Pairs:
 
     both: Count
     one: Count
+    confident_wrong: Count
     detected: Count
     unexplained: Count
 
@@ -181,6 +182,7 @@ def pairs(entries: Sequence[Entry]) -> Pairs:
     return Pairs(
         counted(n >= 2 for n in found),
         counted(n >= 1 for n in found),
+        counted(confidently_wrong(e) for e in mine),
         counted(e.detected for e in mine),
         counted(e.verdict == UNEXPLAINED for e in mine),
     )

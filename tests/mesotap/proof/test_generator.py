@@ -42,9 +42,7 @@ def test_ring_down_is_that_of_the_matrix_exponential() -> None:
     start, later = 4000, 12_000  # after the blow
     for i in range(2):
         mass = np.diag(1 / machine.mass)
-        motion = np.block(
-            [[np.zeros((2, 2)), np.eye(2)], [-mass @ machine.stiffness[i], -mass @ machine.damping[i]]]
-        )
+        motion = np.block([[np.zeros((2, 2)), np.eye(2)], [-mass @ machine.stiffness[i], -mass @ machine.damping[i]]])
         step = expm(motion * plan.step_s)
         # the state at `start` from four accelerations of the lower mass, the one much later from the closed form
         rows, power = [], np.eye(4)

@@ -24,6 +24,7 @@ Machined = Callable[[Machine, Plan, float, Character], Machine]
 Sensed = Callable[[Real, Plan, float, Character], Real]
 
 STEADY_RATE = 1e-8  # m/s below which dry friction is rounded off: a thousandth of the motion at the record's end
+SETTING_IN = 0.02  # of the typical rate: where menisci begin to pull
 FULL = 1.0  # strength of an effect that is there or not
 
 
@@ -182,13 +183,9 @@ def _draw_film(rng: np.random.Generator, plan: Plan) -> Character:
 
 
 def _meniscus(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return _in_contact(
-        machine,
-        plan,
-        Law.MENISCUS,
-        s * plan.of_each_impact(plan.loads),
-        c["range_share"] * plan.of_each_impact(plan.static),
-    )
+    force = s * plan.of_each_impact(plan.loads)
+    reach = c["range_share"] * plan.of_each_impact(plan.static)
+    return _in_contact(machine, plan, Law.MENISCUS, force, reach, SETTING_IN * _rate(plan))
 
 
 def _creep(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:

@@ -71,33 +71,33 @@ _BILINEAR, _DRIFTING = int(Law.BILINEAR), int(Law.DRIFTING)
 _CUBED_RATE, _MODULATED, _STEP = int(Law.CUBED_RATE), int(Law.MODULATED), int(Law.STEP)
 
 
-@njit(cache=True)
+@njit
 def hertz(p: Real, d: float) -> float:
     """Sphere on flat: F = P (1 + d / s)^(3/2), s = 3 P / (2 k) the static approach; nothing when apart."""
     approach = 1.0 + d * p[1] / (1.5 * p[0])
     return (p[0] * approach**1.5 if approach > 0.0 else 0.0) - p[0] - p[1] * d
 
 
-@njit(cache=True)
+@njit
 def exponential(p: Real, d: float) -> float:
     """Rough surfaces with an exponential tail of heights: F = P exp(k d / P)."""
     return p[0] * math.exp(p[1] * d / p[0]) - p[0] - p[1] * d
 
 
-@njit(cache=True)
+@njit
 def parting(p: Real, force: float) -> float:
     """Surfaces that cannot pull: the whole contact force P + F is never below zero."""
     return -p[0] - force if p[0] + force < 0.0 else 0.0
 
 
-@njit(cache=True)
+@njit
 def growing_damping(p: Real, d: float, v: float) -> float:
     """Damper in proportion to the approach: c (1 + g k d / P), never negative; p[3] = g."""
     growth = p[3] * p[1] * d / p[0]
     return p[2] * max(growth, -1.0) * v
 
 
-@njit(cache=True)
+@njit
 def sliders(p: Real, d: float, m: Real) -> float:
     """Springs that each slide at a limit of their own, in the place of part of the stiffness (Iwan; one: Jenkins).
 
@@ -111,13 +111,13 @@ def sliders(p: Real, d: float, m: Real) -> float:
     return p[3] * (held / count - d)
 
 
-@njit(cache=True)
+@njit
 def drag(p: Real, v: float) -> float:
     """Force of the rate squared, against it; p[3] in N s2/m2."""
     return p[3] * v * abs(v)
 
 
-@njit(cache=True)
+@njit
 def film(p: Real, d: float, v: float) -> float:
     """Squeeze film (Reynolds, two plates): its damping grows as the third power of rest gap over gap.
 
@@ -127,37 +127,42 @@ def film(p: Real, d: float, v: float) -> float:
     return p[3] * (1.0 / gap**3 - 1.0) * v
 
 
-@njit(cache=True)
-def meniscus(p: Real, d: float) -> float:
-    """Attraction when the surfaces move apart beyond rest: it rises to p[3] (N) within the range p[4] (m)."""
-    return -p[3] * (1.0 - math.exp(d / p[4])) if d < 0.0 else 0.0
+@njit
+def meniscus(p: Real, d: float, v: float) -> float:
+    """Attraction on the way out only: menisci stretch and break as the surfaces part, and do not pull as they close.
+
+    p[3] (N) while pressed beyond rest, decaying with the range p[4] (m) as the surfaces part; it sets in and ceases
+    within the rate p[5] (m/s). What it is at rest belongs to the preload.
+    """
+    opening = 0.5 * (1.0 - math.tanh(v / p[5]))
+    return p[3] * (0.5 - opening * math.exp(min(d, 0.0) / p[4]))
 
 
-@njit(cache=True)
+@njit
 def creep(p: Real, t: float, d: float) -> float:
     """Stiffness that recovers after the tap as the logarithm of time: k b ln(1 + t / tau); p[3] = b, p[4] = tau."""
     return p[1] * p[3] * math.log1p(t / p[4]) * d
 
 
-@njit(cache=True)
+@njit
 def dry_friction(p: Real, v: float) -> float:
     """Coulomb friction p[3] (N), rounded off below the rate p[4] (m/s)."""
     return p[3] * math.tanh(v / p[4])
 
 
-@njit(cache=True)
+@njit
 def bilinear(p: Real, d: float) -> float:
     """Another stiffness when pressed than when pulled: p[3] is the difference over k."""
     return p[1] * p[3] * d if d > 0.0 else 0.0
 
 
-@njit(cache=True)
+@njit
 def modulated(p: Real, t: float, d: float) -> float:
     """Stiffness that something shakes: k b sin(w t + phase); p[3:6] = b, w, phase."""
     return p[1] * p[3] * math.sin(p[4] * t + p[5]) * d
 
 
-@njit(cache=True)
+@njit
 def push(law: int, p: Real, t: float, d: float, v: float, m: Real, force: float) -> float:
     """Return the force of a law, N."""
     if law == _HERTZ:
@@ -175,7 +180,7 @@ def push(law: int, p: Real, t: float, d: float, v: float, m: Real, force: float)
     if law == _FILM:
         return film(p, d, v)
     if law == _MENISCUS:
-        return meniscus(p, d)
+        return meniscus(p, d, v)
     if law == _CREEP:
         return creep(p, t, d)
     if law == _FRICTION:
@@ -195,13 +200,13 @@ def push(law: int, p: Real, t: float, d: float, v: float, m: Real, force: float)
     return p[1] * p[3] * d if t > p[4] else 0.0
 
 
-@njit(cache=True)
+@njit
 def remembers(law: int) -> bool:
     """Return whether a law has a memory."""
     return law == _SLIDERS
 
 
-@njit(cache=True)
+@njit
 def remember(p: Real, i: int, before: float, d0: float, d: float) -> float:
     """Return the deformation of slider i after the link's went from d0 to d."""
     limit = p[4] * (i + 1) / p[5]

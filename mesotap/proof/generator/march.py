@@ -1,4 +1,7 @@
-"""Newton's equations of a few bodies after taps, by the classical Runge-Kutta method in small even steps."""
+"""Newton's equations of a few bodies after taps, by the classical Runge-Kutta method in small even steps.
+
+Compiled anew in every process: a compiled march kept on disk would not notice that a law in `laws` has changed.
+"""
 
 from __future__ import annotations
 
@@ -91,7 +94,7 @@ def march(machine: Machine, steps: int, step_s: float) -> Real:
     return out
 
 
-@njit(cache=True)
+@njit
 def pulse(t: float, blow: Real) -> float:
     """Force of a blow, N: peak times sin(pi u^q)^p, u the share of its length that has passed."""
     u = (t - blow[0]) / blow[1]
@@ -100,7 +103,7 @@ def pulse(t: float, blow: Real) -> float:
     return blow[2] * np.sin(np.pi * u ** blow[4]) ** blow[3]
 
 
-@njit(cache=True)
+@njit
 def _accelerate(
     t: float, x: Real, v: Real, mass: Real, stiffness: Real, damping: Real, contact: Real, line: Real, blows: Real,
     laws: Whole, directions: Real, numbers: Real, memory: Real, held: Real, start: Real, out: Real,
@@ -136,7 +139,7 @@ def _accelerate(
         out[i] /= mass[i]
 
 
-@njit(cache=True)
+@njit
 def _march(
     mass: Real, stiffness: Real, damping: Real, contact: Real, line: Real, seen: Real, blows: Real, laws: Whole,
     directions: Real, numbers: Real, h: float, out: Real,

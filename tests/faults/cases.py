@@ -158,6 +158,7 @@ CASES = [
         )
     ),
     Case(AMPLIFIER, "silent from now on", wire(AMPLIFIER, WireFault.SILENT), APART),
+    Case(AMPLIFIER, "silent at the largest load", wire(AMPLIFIER, WireFault.SILENT), APART, State.TAP, 1),
     Case(AMPLIFIER, "all replies damaged", wire(AMPLIFIER, WireFault.FLIPPED_REPLY, 50), APART),
     Case(AMPLIFIER, "cable pulled and put back", wire(AMPLIFIER, WireFault.PULLED), APART),
     Case(AMPLIFIER, "exception: failure", setting("amplifier", "fault", 4), APART),
@@ -201,5 +202,6 @@ CASES = [
     Case(PROGRAM, "disk full", fill_the_disk, APART, State.TAP, 1),
     Case(PROGRAM, "clock set back a day", set_the_clock_back, UNNOTICED),
     Case(PROGRAM, "SIGTERM", terminate, APART),
+    Case(PROGRAM, "SIGTERM at the largest load", terminate, APART, State.TAP, 1),
     Case(PROGRAM, "killed (SIGKILL)", kill, KILLED),
 ]

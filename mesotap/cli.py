@@ -133,13 +133,16 @@ def devices(
     emulate: Emulate = False,
     config: ConfigPath = None,
     seed: Seed = None,
+    search: Annotated[
+        bool, typer.Option("--search", help="Also ask the serial ports that are not configured who is there.")
+    ] = False,
     changes: Changes = None,
     json: JsonPath = None,
 ) -> None:
     """Find what is connected, and say what each configured device answers. Nothing moves."""
     from mesotap.commands.devices import devices as look
 
-    look(config, changes or (), simulate, emulate, seed, json, _console(json))
+    look(config, changes or (), simulate, emulate, seed, json, _console(json), search)
 
 
 @app.command()

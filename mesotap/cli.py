@@ -298,7 +298,10 @@ def info(
 
 @app.command()
 def diagnose(
-    file: Annotated[Path | None, typer.Argument(help="Session file.", show_default=False)] = None,
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Session file; several of one rig are diagnosed together.", show_default=False),
+    ] = None,
     json: JsonPath = None,
     without: Annotated[
         list[str] | None,
@@ -316,11 +319,11 @@ def diagnose(
 
         published_gap(published, json, report, _console(json))
         return
-    if file is None:
+    if not files:
         raise typer.BadParameter("name a session file")
     from mesotap.commands.diagnose import diagnose as find_out
 
-    find_out(file, json, without or (), _console(json))
+    find_out(files, json, without or (), report, _console(json))
 
 
 @app.command()

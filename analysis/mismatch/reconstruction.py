@@ -2,8 +2,8 @@
 
 The lower mass gives the force, ``m2 a2 + k2 x2``, and the upper one's equation its own motion. Nothing is assumed of
 the force but that it is no rougher than the records can show: what it is beyond ``k_c d + c_c d'`` is a random process
-whose size is chosen by likelihood, and bodies, declared filter and process together are smoothed by Kalman's and
-Rauch's equations. Where the records say nothing of it, the extra force stays at zero.
+large enough not to be held back by it, and bodies, declared filter and process together are smoothed by Kalman's and
+Rauch's equations. The force is noisy then, but not drawn towards any law.
 """
 
 from __future__ import annotations
@@ -28,14 +28,16 @@ from sim_backend.state_space import StateSpace
 
 Real = NDArray[np.float64]
 
-SIZES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 1.0)  # of the extra force over the linear one; likelihood chooses
+VISIBLE = 10.0  # at least, power of the extra force allowed for over the noise's at twice the contact's frequency
+SIZES = (1.0, 3.0, 10.0, 30.0, 100.0)  # of the extra force over that which is just visible; likelihood chooses
 UNKNOWN = 1e2  # spread of what is not known at the start, in units of the motion
 SETTLING = 4  # samples at its beginning for which a record does not yet show the force
 QUIET = 0.05  # of the first swing: smaller ones are no longer stitched
 CURVE_KNOTS = 9  # odd, so that one is at rest
 REACH = 0.3  # by which the curve is longer than the swings at either end
 SLOW_S = 8e-4  # between the knots of the slow deflection
-SMALL_SHIFT, SMOOTH = 1e-2, 1e-4  # weights against shifts and bends that the swings do not show
+SHIFT = 0.05  # of the largest deflection: how far it is believed to shift
+SMOOTH = 1e-4  # weight against bends of the curve that the swings do not show
 STITCHES = 20  # most iterations
 FORCE_STATES = 2  # of the extra force: itself and its rate
 
@@ -100,9 +102,10 @@ def reconstruct(fit: Fit, number: int) -> Reconstruction:
     noise = math.sqrt(float(np.mean([m.deviation**2 for m in fit.problem.recordings.noise])) / len(record.raw))
     y = record.raw.mean(axis=0)
     pole = complex(rig.poles[int(np.argmax(np.abs(seen * fit.amplitudes[number])))])
+    visible = _visible_force(fit.arrangement, values, place, noise, abs(pole), rate) / (values["kc"] * deformation)
     best: tuple[float, Real, Real, _System] | None = None
     for size in SIZES:
-        system = _system(fit.arrangement, values, place, fit.problem.analog, rate, deformation, pole, size, noise)
+        system = _system(fit.arrangement, values, place, fit.problem.analog, rate, deformation, pole, size * visible, noise)
         likelihood, means, spreads = _smoothed(system, y)
         if best is None or likelihood > best[0]:
             best = likelihood, means, spreads, system
@@ -118,6 +121,22 @@ def reconstruct(fit: Fit, number: int) -> Reconstruction:
         (means @ system.force)[clear],
         np.sqrt(np.maximum(variance, 0.0))[clear],
     )
+
+
+def _visible_force(
+    rig: Arrangement, values: Mapping[str, float], place: int, noise: float, frequency: float, sample_rate_hz: float
+) -> float:
+    """Size, N, from which on the extra force stands clear of the noise at twice the contact's frequency (rad/s)."""
+    contact = rig.vector(rig.elements[place].row, values)
+    mass = np.array([values[m] for m in rig.masses])
+    answer = np.mean(
+        [
+            abs(float(rig.vector(s.row, values) @ (contact / mass))) * (2 * frequency) ** (DERIVATIVES[s.quantity] - 2)
+            for s in rig.sensors
+        ]
+    )
+    # density of Matern's process there over that of white noise: 4 w^3 / (w^2 + (2 w)^2)^2 = 4 / 25 w
+    return noise / float(answer) * math.sqrt(VISIBLE * 25 * frequency / (4 * sample_rate_hz))
 
 
 def stitched(motion: Reconstruction, stiffness: float) -> Reconstruction:
@@ -136,6 +155,7 @@ def stitched(motion: Reconstruction, stiffness: float) -> Reconstruction:
     used = int(np.count_nonzero(size > QUIET * size[0]))
     t, d, v = motion.time_s[:used] - motion.time_s[0], motion.deflection[:used], motion.rate[:used]
     force = motion.force[:used] / stiffness / size[0]
+    small = float(np.median(motion.error[:used])) / stiffness / size[0] / SHIFT
     reach = float(np.abs(d).max())
     knots = np.linspace(-1.0 - REACH, 1.0 + REACH, CURVE_KNOTS)
     middle = CURVE_KNOTS // 2
@@ -153,7 +173,7 @@ def stitched(motion: Reconstruction, stiffness: float) -> Reconstruction:
         curve, damping, shift = parts(x)
         bent = curve(knots, 2) * SMOOTH
         return np.concatenate(
-            [curve(d / reach + slow @ shift) + damping * v / np.abs(v).max() - force, SMALL_SHIFT * shift, bent]
+            [curve(d / reach + slow @ shift) + damping * v / np.abs(v).max() - force, small * shift, bent]
         )
 
     start = np.concatenate([np.delete(knots, middle) * reach / size[0], np.zeros(1 + slow.shape[1])])

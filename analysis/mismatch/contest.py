@@ -13,8 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaln
+from scipy.stats import chi2
 
 from analysis.mismatch.fit import Fit, fit
+from analysis.mismatch.lengthening import STRONG, lengthened, misfit
 from analysis.mismatch.problem import Problem, Term
 from analysis.mismatch.screen import Score, Screening, screen
 from sim_backend.mechanisms.mechanism import Mechanism
@@ -26,11 +29,14 @@ HELD_OUT_EVERY = 4  # every fourth impact of a load is held out
 MOST_TERMS = 3
 FINALISTS = 5  # mechanisms that are fitted in full
 CLOSE = 0.25  # share of the best score's gain that earns a full fit
-LEAST_GAIN = 16.0  # chi-squared beyond its parameters that a further mechanism must take away
+FIRST_GAIN = 6.0  # evidence that the first mechanism must have, where the joint test says that there is one
+LEAST_GAIN = 16.0  # evidence that a further mechanism must have
 LEAST_SHARE = 0.03  # of what is explained already, likewise
 LEFT_OVER = 0.05  # share of all misfit that may be left over by a right explanation
 LEFT_LEVEL = 1e-3  # p-value below which what is left over counts
 TEMPERATURE = 2.0  # by which differences of chi-squared are divided: laws are never exactly right
+HELD_OUT_EVIDENCE = 4.0  # that a further mechanism must have in the impacts that took no part
+WORSE = 1.05  # misfit of held-out impacts over that of the others from which on a better start is looked for
 LOOK_ALIKE = 0.9  # cosine of two signatures
 
 
@@ -118,9 +124,10 @@ def run_contest(
     while p_value < LEVEL and len(current.terms) < MOST_TERMS:
         entries = _full_fits(current, screening, known, progress)
         best = entries[0] if entries else None
-        enough = best is not None and best.fit is not None and best.evidence > max(LEAST_GAIN, LEAST_SHARE * explained)
+        least = max(LEAST_GAIN, LEAST_SHARE * explained) if rounds else FIRST_GAIN
+        enough = best is not None and best.fit is not None and best.evidence > least
         if enough and rounds:
-            enough = _better_held_out(problem, held, current, best.fit)  # type: ignore[union-attr, arg-type]
+            enough = _better_held_out(problem, held, current, best)  # type: ignore[arg-type]
         rounds.append(Round(current, screening, entries, best if enough else None))
         if not enough:
             break
@@ -151,7 +158,7 @@ def _full_fits(
         if name not in best or screened_gain(score) > screened_gain(best[name]):
             best[name] = score
     ranked = sorted(best.values(), key=lambda s: -screened_gain(s))
-    entries = []
+    entries, explained = [], False
     for place, score in enumerate(ranked):
         close = screened_gain(score) > CLOSE * screened_gain(ranked[0])
         certain = score.p_value < LEVEL / max(len(ranked), 1)
@@ -164,8 +171,12 @@ def _full_fits(
         except (ValueError, np.linalg.LinAlgError):
             entries.append(Entry(score, None, 0.0))  # it cannot be joined with what is there already
             continue
+        if fitted.only_laws and not explained and misfit(fitted) > STRONG:
+            fitted = lengthened(current.problem, fitted.terms, current) or fitted
+        explained = explained or misfit(fitted) < STRONG
         gain = current.objective - fitted.objective
-        entries.append(Entry(score, fitted, gain - cost(score)))
+        found = evidence(gain, own_numbers(score), len(score.term.mechanism.parameters))
+        entries.append(Entry(score, fitted, found))
     entries.sort(key=lambda e: (e.fit is None, -(e.evidence + stiffness_evidence(e))))
     return tuple(entries)
 
@@ -175,15 +186,37 @@ def name_of(score: Score) -> str:
     return score.term.mechanism.id.replace("_", " ")
 
 
-def cost(score: Score) -> float:
-    """Chi-squared that a mechanism's free numbers take away by chance, and what choosing them costs."""
-    mechanism = score.term.mechanism
-    return 2.0 * len(mechanism.parameters) + (float(score.dof) if score.dof > 1 else 0.0)
+def evidence(gain: float, own: int, parameters: int = 0) -> float:
+    """Return the chi-squared on two degrees of freedom that is as unlikely by chance as this gain.
+
+    Parameters
+    ----------
+    own
+        Numbers that are free in every record, all records together.
+    parameters
+        Further free numbers: each costs 2, as in Akaike's criterion.
+    """
+    if gain <= 0:
+        return gain - 2 * parameters
+    return -2 * log_tail(gain, max(own, 2)) - 2 * parameters
+
+
+def log_tail(gain: float, dof: int) -> float:
+    """Return the logarithm of the tail of chi-squared, far out too."""
+    a, x = dof / 2, gain / 2
+    if x < a + 300:
+        return float(chi2.logsf(gain, dof))
+    return float(-x + a * math.log(x) - math.log(x + 1 - a) - gammaln(a))
+
+
+def own_numbers(score: Score) -> int:
+    """Numbers of a mechanism that are free in every record."""
+    return score.dof if score.dof > 1 else 0
 
 
 def screened_gain(score: Score) -> float:
-    """Gain of a score beyond what its free numbers take away by chance."""
-    return score.gain - (score.dof if score.dof > 1 else 0)
+    """Evidence of a score."""
+    return evidence(score.gain, own_numbers(score))
 
 
 def started(score: Score) -> Term:
@@ -238,12 +271,20 @@ def stiffness_exponent(fitted: Fit) -> tuple[float, float] | None:
     return slope, math.sqrt(float(scatter @ scatter) / (loads.size - 2) / float(x @ x))
 
 
-def held_out_rms(problem: Problem, held: Sequence[int], fitted: Fit, delays: Sequence[int] = ()) -> float:
-    """Return the rms of the residual on held-out impacts, m/s2: only what belongs to each impact is fitted on them."""
+def held_out_fit(problem: Problem, held: Sequence[int], fitted: Fit) -> Fit:
+    """Return the fit to held-out impacts: only what belongs to each impact is fitted on them."""
     kept = problem.only(held)
-    if any(t.mechanism.blow for t in fitted.terms) and not delays:
-        delays = blow_delays(kept, fitted)
-    outer = fit(kept, held=fitted, delays=delays)
+    delays: Sequence[int] = blow_delays(kept, fitted) if any(t.mechanism.blow for t in fitted.terms) else ()
+    found = fit(kept, held=fitted, delays=delays)
+    if found.only_laws and misfit(fitted) < STRONG and misfit(found) > WORSE * misfit(fitted):
+        again = lengthened(kept, fitted.terms, fitted, held=fitted)
+        found = again if again is not None and again.chi_squared < found.chi_squared else found
+    return found
+
+
+def held_out_rms(problem: Problem, held: Sequence[int], fitted: Fit) -> float:
+    """Return the rms of the residual on held-out impacts, m/s2."""
+    outer = held_out_fit(problem, held, fitted)
     deviations = np.array([m.deviation for m in problem.recordings.noise])
     total = sum(float(np.sum((r * deviations[:, None]) ** 2)) for r in outer.residuals)
     return math.sqrt(total / sum(r.size for r in outer.residuals))
@@ -257,5 +298,10 @@ def blow_delays(problem: Problem, fitted: Fit) -> tuple[int, ...]:
     return next(s.delays for s in screen(plain, blows).scores if s.term.mechanism.blow)
 
 
-def _better_held_out(problem: Problem, held: Sequence[int], before: Fit, after: Fit) -> bool:
-    return held_out_rms(problem, held, after) < held_out_rms(problem, held, before)
+def _better_held_out(problem: Problem, held: Sequence[int], before: Fit, added: Entry) -> bool:
+    """Whether held-out impacts gain more than the added mechanism's own numbers in them would by chance."""
+    if added.fit is None or not held:
+        return False
+    gain = held_out_fit(problem, held, before).chi_squared - held_out_fit(problem, held, added.fit).chi_squared
+    own = own_numbers(added.score) * len(held) // len(before.problem.recordings.records)
+    return gain > 0 and evidence(gain, own) > HELD_OUT_EVIDENCE

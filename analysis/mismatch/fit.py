@@ -7,6 +7,7 @@ uncertainties and the mechanisms' parameters. Gauss and Newton's method; what be
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -28,6 +29,7 @@ Complex = NDArray[np.complex128]
 MOST_ITERATIONS = 25
 CONVERGED = 0.02  # change of chi-squared below which a fit is done
 SUBSTEPS = 4
+LOAD_STEP = 1e-5  # of differences, relative
 PARAMETER_STEP = 1e-4  # of differences, relative to the parameter (or its range where it is small)
 AMPLITUDE_STEP = 1e-3  # of differences, relative to the record's largest amplitude
 MOST_GROWTH = 2.5  # factor by which a positive constant may change in one step
@@ -74,6 +76,11 @@ class Fit:
     def objective(self) -> float:
         """What was minimised."""
         return self.chi_squared + self.penalty
+
+    @property
+    def only_laws(self) -> bool:
+        """Whether force laws, and nothing else, act beside the linear rig."""
+        return bool(self.terms) and all(t.mechanism.law is not None for t in self.terms)
 
     def sum_of_squares(self, records: Sequence[int]) -> float:
         """Sum of squares of the residuals of some records."""
@@ -159,28 +166,12 @@ class _Model:
         samples = record.y.shape[1]
         added = np.zeros_like(record.y)
         h = 1 / self.rate / self.substeps
-        marched = [t for t in terms if t.mechanism.law is not None]
-        if marched:
-            slots = [(t, e) for t in marched for e in acted_on(t, self.arrangement)]
-            slots.sort(key=lambda s: s[0].mechanism.last)
-            if len(slots) > SLOTS:
-                raise ValueError("more force laws than can act together")
-            laws = [t.mechanism.law for t, _ in slots] + [no_law] * (SLOTS - len(slots))
-            acting = np.array([e for _, e in slots] + [-1] * (SLOTS - len(slots)))
-            used = sorted({e for _, e in slots})
-            place = np.array([used.index(e) if e >= 0 else -1 for e in acting])
-            rows = [law_parameters(t, self.arrangement.elements[e], values, record, h) for t, e in slots]
-            p = np.zeros((SLOTS, max(map(len, rows))))
-            for row, filled in zip(p, rows, strict=False):
-                row[: len(filled)] = filled
-            e, w0, w1 = step_weights(to.rig.poles, h)
-            steps = (samples - 1) * self.substeps
-            forces = march(
-                tuple(laws), place, p, to.seen[used], to.rate[used], to.drive[used], e, w0, w1,
-                amplitudes, to.rig.weight, record.start_s, h, steps, np.zeros((SLOTS, MEMORY)),
-            )  # fmt: skip
+        if self.marched:
+            lead = record.run_up / self.rate
+            steps = (samples - 1 + record.run_up) * self.substeps
+            forces, used = self.forces(terms, record, amplitudes * np.exp(-lead * to.rig.poles), values, to, h, steps)
             for row, element in zip(forces, used, strict=True):
-                added += to.to(element, row, h, self.substeps)
+                added += to.to(element, row, h, self.substeps)[:, record.run_up :]
         for term in terms:
             if term.mechanism.blow:
                 added += self._blow(term, number, amplitudes, to)
@@ -194,6 +185,36 @@ class _Model:
                 shown = term.mechanism.distort(shown, self._seen(term, record, clean), self.rate)  # type: ignore[misc]
             added = added + shown - clean
         return whiten(added, self.problem.recordings.noise)
+
+    def forces(
+        self,
+        terms: Sequence[Term],
+        record: Record,
+        start: Complex,
+        values: dict[str, float],
+        to: Response,
+        h: float,
+        steps: int,
+    ) -> tuple[Real, list[int]]:
+        """Return the extra forces (k, steps + 1) of k elements from a record's run-up on (backward for h < 0)."""
+        slots = [(t, e) for t in terms if t.mechanism.law is not None for e in acted_on(t, self.arrangement)]
+        slots.sort(key=lambda s: s[0].mechanism.last)
+        if len(slots) > SLOTS:
+            raise ValueError("more force laws than can act together")
+        laws = [t.mechanism.law for t, _ in slots] + [no_law] * (SLOTS - len(slots))
+        acting = np.array([e for _, e in slots] + [-1] * (SLOTS - len(slots)))
+        used = sorted({e for _, e in slots})
+        place = np.array([used.index(e) if e >= 0 else -1 for e in acting])
+        rows = [law_parameters(t, self.arrangement.elements[e], values, record, h) for t, e in slots]
+        p = np.zeros((SLOTS, max(map(len, rows))))
+        for row, filled in zip(p, rows, strict=False):
+            row[: len(filled)] = filled
+        e, w0, w1 = step_weights(to.rig.poles, h)
+        found = march(
+            tuple(laws), place, p, to.seen[used], to.rate[used], to.drive[used], e, w0, w1,
+            start, to.rig.weight, record.start_s - record.run_up / self.rate, h, steps, np.zeros((SLOTS, MEMORY)),
+        )  # fmt: skip
+        return found, used
 
     def _seen(self, term: Term, record: Record, clean: Real) -> dict[str, float]:
         """Values of a channel's distortion with the peak it is measured by."""
@@ -236,6 +257,21 @@ class _Model:
         return record.y - columns @ coefficients - added, added
 
 
+def extra_forces(fitted: Fit, number: int, samples: int) -> tuple[Real, list[int], float]:
+    """Return the extra forces (k, n) along a record of a fit, their k elements and the time step.
+
+    ``samples`` from where the record's run-up begins; a negative number goes back in time.
+    """
+    model = _Model(fitted.problem, fitted.terms, fitted.delays)
+    record = fitted.problem.recordings.records[number]
+    to = fitted.responses[record.group]
+    h = math.copysign(1 / model.rate / model.substeps, samples)
+    start = fitted.amplitudes[number] * np.exp(-to.rig.poles * record.run_up / model.rate)
+    values = fitted.constants.at(record.group)
+    forces, used = model.forces(fitted.terms, record, start, values, to, h, abs(samples) * model.substeps)
+    return forces, used, h
+
+
 def first_impulse(to: Response, amplitudes: Complex, record: Record, struck: int) -> float:
     """Impulse of the tap that these amplitudes tell of, N s."""
     at_tap = amplitudes * np.exp(-to.rig.poles * (record.since_tap_s))
@@ -265,6 +301,7 @@ def fit(
     held: Fit | None = None,
     delays: Sequence[int] = (),
     most_iterations: int = MOST_ITERATIONS,
+    amplitudes: Sequence[Complex] = (),
 ) -> Fit:
     """Fit a model.
 
@@ -278,6 +315,8 @@ def fit(
         A fit whose constants and parameters are kept as they are: only what belongs to each impact is fitted.
     delays
         For a second blow: its sample after each record's first one.
+    amplitudes
+        (p,) of each record to start from; otherwise those that the linear rig would have.
     """
     if held is not None:
         terms = held.terms
@@ -294,7 +333,7 @@ def fit(
         rig, load = held.constants.rig.copy(), held.constants.load.copy()
     free = model.start_free()
     state = _State(rig, load, free, tuple(np.zeros(0) for _ in records))
-    return _Solver(model, frozen=held is not None).solve(state, most_iterations)
+    return _Solver(model, frozen=held is not None).solve(state, most_iterations, amplitudes)
 
 
 class _Solver:
@@ -307,11 +346,12 @@ class _Solver:
         self.size = self.common + self.groups * self.each + len(model.free)
         self.exact = False
 
-    def solve(self, state: _State, most_iterations: int) -> Fit:
+    def solve(self, state: _State, most_iterations: int, amplitudes: Sequence[Complex] = ()) -> Fit:
         model = self.model
         constants = model.constants(state)
         modes, to = model.modes(constants)
-        state = self._first_amplitudes(state, modes)
+        self.exact = bool(amplitudes)
+        state = self._first_amplitudes(state, modes, to, amplitudes)
         found = self._evaluate(state, modes, to)
         damping, stalled = 0.0, 0
         for _ in range(most_iterations):
@@ -354,12 +394,20 @@ class _Solver:
         heavy = all(state.rig[names.index(m)] > 0 for m in masses if m in names)
         return bool(np.all(np.isfinite(values)) and heavy and np.all(state.load[:, 0] > 0))
 
-    def _first_amplitudes(self, state: _State, modes: list[Sensitivity]) -> _State:
+    def _first_amplitudes(
+        self, state: _State, modes: list[Sensitivity], to: list[Response], amplitudes: Sequence[Complex]
+    ) -> _State:
+        model = self.model
+        terms = model.with_free(state.free)
         coefficients: list[Real] = []
-        for record in self.model.problem.recordings.records:
-            columns = self.model.nuisance.columns(modes[record.group], record)
+        for i, record in enumerate(model.problem.recordings.records):
+            g = record.group
+            columns = model.nuisance.columns(modes[g], record)
             flat = columns.reshape(-1, columns.shape[-1])
-            coefficients.append(np.asarray(np.linalg.lstsq(flat, record.y.ravel(), rcond=None)[0], np.float64))
+            y = record.y
+            if amplitudes and model.nonlinear:
+                y = y - model.extra(terms, i, amplitudes[i], model.constants(state).at(g), to[g])
+            coefficients.append(np.asarray(np.linalg.lstsq(flat, y.ravel(), rcond=None)[0], np.float64))
         return replace_coefficients(state, coefficients)
 
     def _evaluate(
@@ -388,6 +436,7 @@ class _Solver:
         own = []
         at_free = self.common + self.groups * self.each
         values = [constants.at(g) for g in range(self.groups)]
+        nearby = self._nearby(state, modes) if self.exact else []
         for i, record in enumerate(model.problem.recordings.records):
             g = record.group
             s, residual, base = modes[g], found[2][i], found[3][i]
@@ -397,7 +446,10 @@ class _Solver:
             slopes = slope_columns(s, amplitudes, record, model.rate)
             if self.exact:
                 columns, slopes = columns.copy(), slopes.copy()
-                self._differences(i, c, terms, s, to[g], values[g], base, columns, slopes)
+                self._differences(i, c, terms, s, to[g], values[g], base, columns)
+                for k, (step, there, modes_there, to_there) in enumerate(nearby[g]):
+                    moved = model.extra(terms, i, Nuisance.amplitudes(modes_there, c, record), there, to_there)
+                    slopes[:, :, self.common + k] += (moved - base) / step
             parts = [slopes.reshape(residual.size, -1)]
             for k, (_, q) in enumerate(model.free):
                 x = state.free.copy()
@@ -426,8 +478,26 @@ class _Solver:
         gradient[: self.common] -= model.precision * off
         return normal, gradient, own
 
-    def _differences(self, i, c, terms, s, to, values, base, columns, slopes):  # type: ignore[no-untyped-def]
-        """Add what a change of the record's amplitudes and the load's constants does to the terms' part."""
+    def _nearby(self, state: _State, modes: list[Sensitivity]):  # type: ignore[no-untyped-def]
+        """Return for every load, and every constant that it has of its own, a step and the rig with that step made."""
+        model = self.model
+        found: list[list[tuple[float, dict[str, float], Sensitivity, Response]]] = [[] for _ in modes]
+        for k in range(self.each):
+            load = state.load.copy()
+            steps = LOAD_STEP * np.maximum(np.abs(load[:, k]), LOAD_STEP)
+            load[:, k] += steps
+            constants = Constants(model.arrangement, state.rig, load)
+            for g, s in enumerate(modes):
+                values = constants.at(g)
+                problem = model.problem
+                noise, rate = problem.recordings.noise, problem.recordings.sample_rate_hz
+                rig = linear_rig(model.arrangement, values, problem.analog, noise, rate)
+                to = response(model.arrangement, values, rig, problem.analog)
+                found[g].append((float(steps[g]), values, replace(s, rig=rig), to))
+        return found
+
+    def _differences(self, i, c, terms, s, to, values, base, columns):  # type: ignore[no-untyped-def]
+        """Add what a change of the record's amplitudes does to the terms' part."""
         model = self.model
         modal = int(sum(w for j, w in enumerate(s.rig.weight) if j not in s.tied))
         record = model.problem.recordings.records[i]

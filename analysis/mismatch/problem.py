@@ -42,6 +42,15 @@ class Problem:
         records = tuple(self.recordings.records[i] for i in kept)
         return replace(self, recordings=replace(self.recordings, records=records))
 
+    def later(self, skipped: int) -> Problem:
+        """Return the same problem with every record beginning so many samples later."""
+        rate = self.recordings.sample_rate_hz
+        records = tuple(
+            replace(r, y=r.y[:, skipped:], raw=r.raw[:, skipped:], start_s=r.start_s + skipped / rate)
+            for r in self.recordings.records
+        )
+        return replace(self, recordings=replace(self.recordings, records=records))
+
 
 @dataclass(frozen=True, slots=True)
 class Term:

@@ -17,7 +17,8 @@ Real = NDArray[np.float64]
 GUARD_SAMPLES = 5  # before the trigger that a slow rise may already touch
 PULSE_BAND_HZ = (400.0, 6000.0)  # where a tap's force stands clear of drift and of the recorder's noise
 PULSE_EDGE = 0.05  # of the tap's peak: below this the pulse is over
-MARGIN_S = 0.16e-3  # left after it: the pulse's foot, and the low-pass ringing out
+MARGIN_S = 0.1e-3  # left after it: the pulse's foot
+RUN_UP = 4  # samples more, until the low-pass has forgotten forces of which only the later part is computed
 LONGEST_PULSE_S = 1.2e-3
 PULSE_MIDDLE_S = 1e-4  # after the trigger: when a tap counts as having struck
 OTHER_BLOWS = 0.5  # a peak of another blow is below this of the first one
@@ -39,6 +40,8 @@ class Record:
         Place of its load among the loads of all sessions; ``preload_n`` is that load.
     order
         Place in the session, from 0.
+    run_up
+        Samples before the first one from which on extra forces are computed: the filter remembers them.
     """
 
     name: str
@@ -48,6 +51,7 @@ class Record:
     group: int
     preload_n: float
     order: int
+    run_up: int = 0
 
     @property
     def since_tap_s(self) -> float:
@@ -137,7 +141,7 @@ def tester_recordings(
         rest = shot.acceleration[:, : max(1, shot.pretrigger - GUARD_SAMPLES)].mean(axis=1, keepdims=True)
         clean = shot.acceleration - rest
         force = tap_force(clean.mean(axis=0), rate, masses, springs, contact[shot.load_set])
-        start = pulse_end(force, shot.pretrigger, rate) + math.ceil(MARGIN_S * rate)
+        start = pulse_end(force, shot.pretrigger, rate) + math.ceil(MARGIN_S * rate) + RUN_UP
         y = np.stack([m.whiten(row)[start:] for m, row in zip(noise, clean, strict=True)])
         records.append(
             Record(
@@ -148,6 +152,7 @@ def tester_recordings(
                 groups[shot.load_set],
                 loads_n[shot.load_set],
                 shot.number,
+                RUN_UP,
             )
         )
     loads = tuple(loads_n[k] for k in sorted(groups, key=lambda k: groups[k]))

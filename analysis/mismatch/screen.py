@@ -173,18 +173,20 @@ class _Columns:
         to = self.to[self.record.group]
         values = self.fit.constants.at(self.record.group)
         out = np.zeros((len(self.clean), self.samples))
+        run_up = self.record.run_up
+        lead = run_up / self.rate
         for place in acted_on(term, self.fit.arrangement):
             if place not in self.motion:
-                t: Real = np.arange((self.samples - 1) * SUBSTEPS + 1) * self.h
+                t: Real = np.arange((self.samples - 1 + run_up) * SUBSTEPS + 1) * self.h - lead
                 self.motion[place] = to.motion(self.amplitudes, place, t)
             d, v = self.motion[place]
             if term.mechanism.shape is not None:
-                since = self.record.start_s + self.h * np.arange(d.size)
+                since = self.record.start_s - lead + self.h * np.arange(d.size)
                 force = term.mechanism.shape(d, v, np.asarray(since, np.float64), term.values)
             else:
                 p = law_parameters(term, self.fit.arrangement.elements[place], values, self.record, self.h)
-                force = along(term.mechanism.law, p, d, v, self.record.start_s, self.h, np.zeros(MEMORY))
-            out += to.to(place, force, self.h, SUBSTEPS)
+                force = along(term.mechanism.law, p, d, v, self.record.start_s - lead, self.h, np.zeros(MEMORY))
+            out += to.to(place, force, self.h, SUBSTEPS)[:, run_up:]
         return whiten(out, self.problem.recordings.noise)
 
     def _extended(self, term: Term, index: int) -> tuple[Real, Real | None]:

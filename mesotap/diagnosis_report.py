@@ -131,9 +131,7 @@ def verdict(found: Diagnosis) -> str:
         )
     names = " and ".join(m.id.replace("_", " ") for m in found.mechanisms)
     sure = min(m.probability for m in found.mechanisms)
-    return (
-        f"Eq. 9 does not explain {measured} ({chance}); what it leaves out is {names}, with a probability of {sure:.2f}."
-    )
+    return f"Eq. 9 does not explain {measured} ({chance}); it leaves out {names}, with a probability of {sure:.2f}."
 
 
 def law_name(fit: Fit | None) -> str:

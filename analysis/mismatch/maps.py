@@ -1,4 +1,4 @@
-"""Where and when a fit leaves more than noise: by load and frequency, load and time, impact, and before against after."""
+"""Where a fit leaves more than noise: by load and frequency, load and time, impact; and held-out impacts."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def map_by_time(fitted: Fit) -> ExcessMap:
 
 def _binned(power: Real, place: NDArray[np.intp], bins: int) -> tuple[Real, Real]:
     inside = (place >= 0) & (place < bins)
-    total = np.bincount(place[inside], power[inside], minlength=bins)
+    total = np.bincount(place[inside], power[inside], minlength=bins).astype(np.float64)
     count = np.bincount(place[inside], minlength=bins).astype(np.float64)
     return total, count
 
@@ -160,4 +160,5 @@ def spectrum(fitted: Fit) -> tuple[Real, Real]:
     """Return frequencies (n,), Hz, and the mean power (channels, n) of the whitened residuals; noise alone gives 1."""
     n = min(r.shape[1] for r in fitted.residuals)
     power = np.mean([np.abs(np.fft.rfft(rotated(r)[:, :n], axis=1)) ** 2 / n for r in fitted.residuals], axis=0)
-    return np.fft.rfftfreq(n, 1 / fitted.problem.recordings.sample_rate_hz)[1:-1], power[:, 1:-1]
+    frequency = np.fft.rfftfreq(n, 1 / fitted.problem.recordings.sample_rate_hz)
+    return np.asarray(frequency[1:-1], np.float64), np.asarray(power[:, 1:-1], np.float64)

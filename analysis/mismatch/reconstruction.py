@@ -105,7 +105,9 @@ def reconstruct(fit: Fit, number: int) -> Reconstruction:
     visible = _visible_force(fit.arrangement, values, place, noise, abs(pole), rate) / (values["kc"] * deformation)
     best: tuple[float, Real, Real, _System] | None = None
     for size in SIZES:
-        system = _system(fit.arrangement, values, place, fit.problem.analog, rate, deformation, pole, size * visible, noise)
+        system = _system(
+            fit.arrangement, values, place, fit.problem.analog, rate, deformation, pole, size * visible, noise
+        )
         likelihood, means, spreads = _smoothed(system, y)
         if best is None or likelihood > best[0]:
             best = likelihood, means, spreads, system

@@ -117,7 +117,7 @@ def tester_recordings(
     loads_n: dict[int, float],
     contact: dict[int, tuple[float, float]],
     springs: tuple[float, float],
-    noise: tuple[Colour, ...] | None = None,
+    noise: tuple[Colour, ...] | None,
 ) -> Recordings:
     """Whiten the accepted impacts of a session of the two-mass tester.
 
@@ -128,7 +128,7 @@ def tester_recordings(
     contact
         Stiffness (N/m) and damping (N s/m) of the contact at each load set, as a linear analysis has them.
     noise
-        Of the channels, where it is known from more than this session.
+        Of the channels, where it is known from more than this session; None to take it from this one.
     """
     rate = session.rig.sample_rate_hz
     shots = [s for s in session.shots if s.accepted and s.load_set in contact]

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from analysis.mismatch.baseline import Nuisance
 from analysis.mismatch.fit import SUBSTEPS, Fit
-from analysis.mismatch.records import Record
 from analysis.mismatch.response import response, whiten
 
 Real = NDArray[np.float64]
@@ -49,20 +48,20 @@ class Varying:
     damping_ratio_error: Real
 
 
-Windows = Callable[[Record, Real, Real], Real]
-"""Record, times after its start (n,), dynamic contact force over the load (n,) -> number of each sample's window."""
+Windows = Callable[[Real, Real], NDArray[np.intp]]
+"""Times after a record's start (n,), dynamic contact force over the load (n,) -> number of each sample's window."""
 
 
 def contact_in_time(fit: Fit) -> tuple[Varying, ...]:
     """Return the contact in windows of time after the pulse, at every load."""
     edges = np.array(TIME_S)
-    return _varying(fit, edges, lambda record, t, size: np.searchsorted(edges, t, side="right") - 1.0)
+    return _varying(fit, edges, lambda t, size: np.searchsorted(edges, t, side="right") - 1)
 
 
 def contact_by_amplitude(fit: Fit) -> tuple[Varying, ...]:
     """Return the contact in windows of its own dynamic force over the load, at every load."""
     edges = np.array(AMPLITUDES)
-    return _varying(fit, edges, lambda record, t, size: np.searchsorted(edges, size, side="right") - 1.0)
+    return _varying(fit, edges, lambda t, size: np.searchsorted(edges, size, side="right") - 1)
 
 
 def _varying(fit: Fit, edges: Real, windows: Windows) -> tuple[Varying, ...]:
@@ -85,11 +84,13 @@ def _varying(fit: Fit, edges: Real, windows: Windows) -> tuple[Varying, ...]:
             d, v = to.motion(fit.amplitudes[number], place, t)
             fastest = float(np.abs(modes.rig.poles).max())
             size = values["kc"] * np.hypot(d, v / fastest) / (record.preload_n or 1.0)
-            window = windows(record, t, size)
+            window = windows(t, size)
             forces = values["kc"] * d, UNIT_RATIO * critical * v
             columns = np.stack(
                 [
-                    whiten(to.to(place, np.where(window == w, f, 0.0), t[1], SUBSTEPS), problem.recordings.noise).ravel()
+                    whiten(
+                        to.to(place, np.where(window == w, f, 0.0), t[1], SUBSTEPS), problem.recordings.noise
+                    ).ravel()
                     for f in forces
                     for w in range(bins)
                 ],

@@ -75,7 +75,12 @@ def report_of(
             status.update("following the modes along the ring-downs ...")
             rig = RigSettings()
             results = analyse_session(
-                sessions[0], AnalysisSettings(), CalibrationSettings(), rig.masses, rig.springs, lambda done, total: None
+                sessions[0],
+                AnalysisSettings(),
+                CalibrationSettings(),
+                rig.masses,
+                rig.springs,
+                lambda done, total: None,
             )
         return write_diagnosis(folder, found, answer, known, results, lambda stage: status.update(f"{stage} ..."))
 

@@ -23,7 +23,7 @@ Real = NDArray[np.float64]
 TIME_S = (0.0, 1e-3, 2e-3, 4e-3, 8e-3, 16e-3, 32e-3, 64e-3, 0.2)
 AMPLITUDES = tuple(float(a) for a in np.geomspace(1e-3, 1.0, 13))  # dynamic contact force over the load
 UNIT_RATIO = 0.01  # of damping by which c_c is changed
-LARGEST_ERROR = 0.02  # of the relative change of k_c: a window that says less is left out
+LARGEST_ERROR = 0.005  # of the relative change of k_c: a window that says less is left out
 
 
 @dataclass(frozen=True, slots=True)

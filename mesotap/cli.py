@@ -327,6 +327,18 @@ def diagnose(
 
 
 @app.command()
+def adopt(
+    diagnosis: Annotated[Path, typer.Argument(help="JSON of a diagnosis.", show_default=False)],
+    config: ConfigPath = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Configuration to write.")] = Path("adopted.yaml"),
+) -> None:
+    """Give the simulated rig what a diagnosis found, so that it becomes the twin of the real one."""
+    from mesotap.commands.diagnose import adopt as take_up
+
+    take_up(diagnosis, config, output, _console(None))
+
+
+@app.command()
 def mechanisms() -> None:
     """List the mechanisms that a diagnosis can name."""
     from mesotap.commands.diagnose import list_mechanisms

@@ -125,7 +125,9 @@ class AnalogSignal:
         start = math.floor(after_start * self._rate_hz)
         onset = max(0.0, after_start - start / self._rate_hz)
         pulse, contact = self._settings.pulse, self._settings.contact
-        record, load = tap_record(tap, self._truth, contact, pulse, onset, self._rate_hz, self._analog, self._mechanisms)
+        record, load = tap_record(
+            tap, self._truth, contact, pulse, onset, self._rate_hz, self._analog, self._mechanisms
+        )
         self._records.append((start, record, load))
 
     def checkpoint(self) -> dict[str, Any]:

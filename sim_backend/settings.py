@@ -53,7 +53,7 @@ class SimulatedMechanism(Section):
     """Physics beyond Eq. 9: a mechanism's id and its parameters (`mesotap mechanisms` lists both)."""
 
     id: str
-    parameters: dict[str, Finite] = {}
+    parameters: dict[str, Finite] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _known(self) -> SimulatedMechanism:

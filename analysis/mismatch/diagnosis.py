@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +64,7 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """A mechanism that was left out."""
+    """A mechanism that was left out; ``fixed`` are values in it that were not fitted."""
 
     id: str
     probability: float
@@ -72,6 +72,7 @@ class Named:
     statement: str
     parameters: dict[str, Interval]
     indistinguishable_from: tuple[str, ...]
+    fixed: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -358,7 +359,13 @@ def _named(fit: Fit, number: int, step: Round, contest: Contest) -> Named:
         mechanism.statement(term.values),
         _intervals(term, fit.parameter_errors[number]),
         alike if accepted is not None else (),
+        _fixed(term),
     )
+
+
+def _fixed(term: Term) -> dict[str, float]:
+    fitted = {q.name for q in term.mechanism.parameters}
+    return {k: float(v) for k, v in term.values.items() if k not in fitted}
 
 
 def _looking_alike(step: Round, chosen: str, rivals: Sequence[str]) -> tuple[str, ...]:

@@ -85,6 +85,21 @@ def report_of(
         return write_diagnosis(folder, found, answer, known, results, lambda stage: status.update(f"{stage} ..."))
 
 
+def adopt(diagnosis: Path, config_path: Path | None, output: Path, console: Console) -> None:
+    """Write a configuration whose simulated rig is the one that was diagnosed."""
+    from mesotap.adoption import read_diagnosis, with_model, write_adopted
+    from mesotap.config import load_config
+
+    model = read_diagnosis(diagnosis)
+    write_adopted(output, with_model(load_config(config_path), model))
+    console.print(
+        f"{output}: simulated rig with {' and '.join(model.mechanisms)}"
+        + (f", k_c and zeta_c at {len(model.loads)} loads as fitted" if len(model.loads) > 1 else ""),
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
 def list_mechanisms(console: Console) -> None:
     """Print what can be named."""
     table = Table(title="Mechanisms")

@@ -177,11 +177,20 @@ def analyze(
     changes: Changes = None,
     report: Report = None,
     json: JsonPath = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model",
+            metavar="DIAGNOSIS.json",
+            help="Also give k_c and zeta_c corrected for what this diagnosis found.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Find the modes of every impact and k_c and zeta of every load; of any other ring-down, its modes."""
     from mesotap.commands.files import analyze as answer
 
-    answer(files, method, rate, config, changes or (), report, json, _console(json))
+    answer(files, method, rate, config, changes or (), report, json, _console(json), model)
 
 
 @app.command()

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mismatch.fit import Fit, fit
-from analysis.mismatch.problem import Problem, Term
+from analysis.mismatch.problem import Term
+from analysis.mismatch.screen import screen
 from calibration.estimate import Estimate
 from sim_backend.two_mass import TwoMass
 
@@ -73,9 +74,11 @@ def _slope(x: Real, i: int) -> float:
     return (_damping_ratio(up) - _damping_ratio(down)) / (2 * step)
 
 
-def corrected(problem: Problem, terms: Sequence[Term]) -> Fit:
-    """Fit Eq. 9 with given mechanisms to a problem, their parameters free within their ranges."""
-    return fit(problem, terms, begin=fit(problem))
+def augmented(plain: Fit, terms: Sequence[Term]) -> Fit:
+    """Fit Eq. 9 with given mechanisms to the impacts of a plain fit, their parameters free within their ranges."""
+    blows = [t.mechanism for t in terms if t.mechanism.blow]
+    delays = next((s.delays for s in screen(plain, blows).scores if s.delays), ()) if blows else ()
+    return fit(plain.problem, terms, begin=plain, delays=delays)
 
 
 def _error(variance: float) -> float:

@@ -85,6 +85,16 @@ def report_of(
         return write_diagnosis(folder, found, answer, known, results, lambda stage: status.update(f"{stage} ..."))
 
 
+def diagnose_finished(folder: Path, session: Session, results: SessionResults, console: Console) -> Path:
+    """Diagnose a session at its end; write ``diagnosis.html`` and ``diagnosis.json`` into its folder."""
+    known = known_mechanisms()
+    found, answer = diagnosed([session], known, console)
+    print_diagnosis(found, console)
+    page = report_of(folder, [session], found, answer, known, console, results)
+    console.print(f"diagnosis    {page}", highlight=False, soft_wrap=True)
+    return page
+
+
 def adopt(diagnosis: Path, config_path: Path | None, output: Path, console: Console) -> None:
     """Write a configuration whose simulated rig is the one that was diagnosed."""
     from mesotap.adoption import read_diagnosis, with_model, write_adopted

@@ -13,8 +13,8 @@ from sim_backend.adopted import adopted
 from sim_backend.contact_laws import ContactLaw
 from sim_backend.integrator import ring_down
 from sim_backend.pulses import half_sine
-from sim_backend.ring_down import ring_down_linear
 from sim_backend.rig import SimulatedRig
+from sim_backend.ring_down import ring_down_linear
 from sim_backend.settings import SimBackendSettings
 from sim_backend.twin import twin_record
 from tests.analysis.ring_downs import FILTER, ONSET_S, RATE_HZ, analog_filter, pulse_of, two_mass

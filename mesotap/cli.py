@@ -180,11 +180,20 @@ def analyze(
     changes: Changes = None,
     report: Report = None,
     json: JsonPath = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model",
+            metavar="DIAGNOSIS.json",
+            help="Also give k_c and zeta_c corrected for what this diagnosis found.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Find the modes of every impact and k_c and zeta of every load; of any other ring-down, its modes."""
     from mesotap.commands.files import analyze as answer
 
-    answer(files, method, rate, config, changes or (), report, json, _console(json))
+    answer(files, method, rate, config, changes or (), report, json, _console(json), model)
 
 
 @app.command()
@@ -301,7 +310,10 @@ def info(
 
 @app.command()
 def diagnose(
-    file: Annotated[Path | None, typer.Argument(help="Session file.", show_default=False)] = None,
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Session file; several of one rig are diagnosed together.", show_default=False),
+    ] = None,
     json: JsonPath = None,
     without: Annotated[
         list[str] | None,
@@ -319,11 +331,23 @@ def diagnose(
 
         published_gap(published, json, report, _console(json))
         return
-    if file is None:
+    if not files:
         raise typer.BadParameter("name a session file")
     from mesotap.commands.diagnose import diagnose as find_out
 
-    find_out(file, json, without or (), _console(json))
+    find_out(files, json, without or (), report, _console(json))
+
+
+@app.command()
+def adopt(
+    diagnosis: Annotated[Path, typer.Argument(help="JSON of a diagnosis.", show_default=False)],
+    config: ConfigPath = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Configuration to write.")] = Path("adopted.yaml"),
+) -> None:
+    """Give the simulated rig what a diagnosis found, so that it becomes the twin of the real one."""
+    from mesotap.commands.diagnose import adopt as take_up
+
+    take_up(diagnosis, config, output, _console(None))
 
 
 @app.command()

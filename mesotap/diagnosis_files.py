@@ -8,7 +8,9 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from analysis.mismatch.corrected import contact_at_rest
 from analysis.mismatch.diagnosis import Diagnosis
+from analysis.mismatch.fit import Fit
 
 
 def diagnosis_answer(d: Diagnosis, seconds: float) -> dict[str, Any]:
@@ -43,6 +45,7 @@ def diagnosis_answer(d: Diagnosis, seconds: float) -> dict[str, Any]:
                     k: {"value": v.value, "low": v.low, "high": v.high, "unit": v.unit} for k, v in m.parameters.items()
                 },
                 "indistinguishable_from": list(m.indistinguishable_from),
+                "fixed": dict(m.fixed),
             }
             for m in d.mechanisms
         ],
@@ -55,6 +58,25 @@ def diagnosis_answer(d: Diagnosis, seconds: float) -> dict[str, Any]:
         },
         "next_experiment": following,
         "seconds": seconds,
+        "adopted": None if d.contest.chosen is None else _augmented(d.contest.chosen),
+    }
+
+
+def _augmented(fitted: Fit) -> dict[str, Any]:
+    """Return the rig that the recordings are of, as fitted with what was left out: `mesotap adopt` takes it up."""
+    rig = dict(zip(fitted.constants.names()[0], fitted.constants.rig.tolist(), strict=True))
+    declared = [p for p in fitted.problem.arrangement.parameters if p.name in rig]
+    return {
+        "rig": {p.name: {"value": rig[p.name], "unit": p.unit} for p in declared},
+        "loads": [
+            {
+                "load_mn": 1e3 * c.load_n,
+                "contact_stiffness_n_per_m": c.stiffness.as_json(),
+                "contact_damping_n_s_per_m": c.damping.as_json(),
+                "damping_ratio": c.damping_ratio.as_json(),
+            }
+            for c in contact_at_rest(fitted)
+        ],
     }
 
 

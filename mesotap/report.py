@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -29,6 +29,9 @@ from mesotap.figures import Recording
 from mesotap.results_files import impacts_csv, json_text, loads_csv, modes_json, results_json
 from mesotap.rounding import UNKNOWN, significant, with_uncertainty
 from mesotap.summary import summary
+
+if TYPE_CHECKING:
+    from mesotap.correction import Correction
 
 __all__ = [
     "Plate",
@@ -71,6 +74,7 @@ def write_report(
     truth: Sequence[Mapping[str, Any]] | None = None,
     *,
     contact: SphereContact | FlatContact | None = None,
+    correction: Correction | None = None,
     pdf_figures: bool = True,
 ) -> Path:
     """Write ``report.html`` and beside it ``results.json``, ``results.csv``, ``impacts.csv`` and ``figures/*.pdf``.
@@ -87,6 +91,8 @@ def write_report(
         What a simulated rig was set to, a mapping per load set; None for a real one.
     contact
         Surfaces for which explanations of stiffness and damping are weighed, and ``explanations.json`` written.
+    correction
+        The contact corrected for what a diagnosis found, if one was given.
     pdf_figures
         Whether to write ``figures/*.pdf``, which takes longer than all the rest.
 
@@ -107,7 +113,12 @@ def write_report(
         (folder / FIGURE_FOLDER).mkdir(exist_ok=True)
         for name, figure in drawn.items():
             figures.save(figure, folder / FIGURE_FOLDER / f"{name}.pdf")
-    written(folder / "results.json", json_text(results_json(results)))
+    answer = results_json(results)
+    if correction is not None:
+        from mesotap.correction import with_correction  # compiles force laws: only where there are any
+
+        answer = with_correction(answer, correction)
+    written(folder / "results.json", json_text(answer))
     written(folder / "results.csv", loads_csv(results))
     written(folder / "impacts.csv", impacts_csv(results))
     ratios = theory_ratios(results, theory)
@@ -132,6 +143,7 @@ def write_report(
         marks=_note_marks(footnotes),
         ratios=ratios,
         explained=explained,
+        correction=correction,
         explanations_shown=SHOWN,
         taps=_taps(results),
         rejected=[(i, _shot(session, i)) for i in results.impacts if not i.accepted],

@@ -47,6 +47,7 @@ class AnalogSignal:
         self.inputs = wiring.inputs()
         self._units_per_volt = np.array(wiring.units_per_volt())[:, None]
         self._settings = settings
+        self._mechanisms = tuple(m.adopted() for m in settings.mechanisms)
         self._truth = truth
         self._analog = analog
         self._clock = clock
@@ -93,6 +94,8 @@ class AnalogSignal:
         self._clock.sleep_until(self._started_s + self._next / self._rate_hz)
 
         acceleration = self._noise.draw(n)
+        if self._mechanisms:
+            acceleration += self._tones(first, n)
         dynamic_mn = np.zeros(n)
         for start, record, load in self._records:
             low, high = max(first, start), min(first + n, start + len(load))
@@ -105,6 +108,16 @@ class AnalogSignal:
         strain_mv = self._gauge.stream(dynamic_mn, self._rng)
         return np.vstack([acceleration, strain_mv]) / self._units_per_volt
 
+    def _tones(self, first: int, samples: int) -> NDArray[np.float64]:
+        """Steady tones that the mechanisms put into both channels; their phase is that of the rig's time."""
+        from sim_backend.adopted import tones
+
+        t = self._started_s + (first + np.arange(samples)) / self._rate_hz
+        out = np.zeros(samples)
+        for frequency_hz, amplitude in tones(self._mechanisms):
+            out += amplitude * np.sin(2 * np.pi * frequency_hz * t)
+        return out
+
     def _hear(self, tap: Tap) -> None:
         if self._noise is None:
             return
@@ -112,7 +125,9 @@ class AnalogSignal:
         start = math.floor(after_start * self._rate_hz)
         onset = max(0.0, after_start - start / self._rate_hz)
         pulse, contact = self._settings.pulse, self._settings.contact
-        record, load = tap_record(tap, self._truth, contact, pulse, onset, self._rate_hz, self._analog)
+        record, load = tap_record(
+            tap, self._truth, contact, pulse, onset, self._rate_hz, self._analog, self._mechanisms
+        )
         self._records.append((start, record, load))
 
     def checkpoint(self) -> dict[str, Any]:

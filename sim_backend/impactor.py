@@ -51,6 +51,7 @@ class SimulatedImpactor(Impactor):
     ):
         self.history: deque[Tap] = deque(maxlen=100)
         self._settings = settings
+        self._second = self._second_blow() if settings.mechanisms else None
         self._truth = truth
         self._analog = analog
         self._full_scale = full_scale_m_s2
@@ -107,6 +108,9 @@ class SimulatedImpactor(Impactor):
         delays: tuple[float, ...] = (0.0,)
         if kinds["double"]:
             peaks, delays = (peak, second_share * peak), (0.0, max(second_delay, pulse.duration_ms * 1e-3))
+        if self._second is not None and not kinds["double"]:
+            delays = (0.0, max(rng.uniform(*SECOND_BLOW_S), pulse.duration_ms * 1e-3))
+            peaks = (peak, self._second * peak)
         return Tap(
             self._clock.now() + delay,
             preload,
@@ -117,6 +121,12 @@ class SimulatedImpactor(Impactor):
             rocking if kinds["off_centre"] else None,
             tuple(kind for kind, happens in kinds.items() if happens),
         )
+
+    def _second_blow(self) -> float | None:
+        """Impulse of a second blow that follows every tap over that of the first; None without one."""
+        from sim_backend.adopted import second_blow
+
+        return second_blow([m.adopted() for m in self._settings.mechanisms])
 
     def _unit_blow(self, preload_n: float, stiffness_factor: float, damping_factor: float) -> tuple[float, float]:
         """Return peak contact force, N, and peak filtered acceleration, m/s2, of a blow of 1 N by the linear model.

@@ -127,6 +127,7 @@ class SimulatedRig(Rig):
             f"simulated impactor: {self._settings.pulse.shape} pulses of {self._settings.pulse.duration_ms} ms "
             f"on a {contact.law} contact that {'can part' if contact.can_part else 'cannot part'}",
             "simulated dead weights: any load, with the surfaces apart",
+            *(f"simulated beyond Eq. 9: {m.adopted().mechanism.summary}" for m in self._settings.mechanisms),
         ]
 
     def close(self) -> None:

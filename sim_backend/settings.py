@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from rig.settings import Finite, NonNegative, Positive, Section
+
+if TYPE_CHECKING:
+    from sim_backend.adopted import Adopted
 
 Rate = Annotated[float, Field(ge=0, le=1)]
 
@@ -44,6 +47,24 @@ class SimulatedPulse(Section):
     shape: Literal["half_sine", "haversine", "triangle"] = "half_sine"
     peak_force_ratio: Positive = 0.45
     strength_scatter_percent: NonNegative = 20.0
+
+
+class SimulatedMechanism(Section):
+    """Physics beyond Eq. 9: a mechanism's id and its parameters (`mesotap mechanisms` lists both)."""
+
+    id: str
+    parameters: dict[str, Finite] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _known(self) -> SimulatedMechanism:
+        self.adopted()
+        return self
+
+    def adopted(self) -> Adopted:
+        """Return it as the simulation takes it."""
+        from sim_backend.adopted import adopted  # compiles force laws: only where there are any
+
+        return adopted(self.id, self.parameters)
 
 
 class BadTaps(Section):
@@ -103,3 +124,13 @@ class SimBackendSettings(Section):
     recorder: SimulatedRecorder = SimulatedRecorder()
     gauge: SimulatedGauge = SimulatedGauge()
     stage: SimulatedStage = SimulatedStage()
+    mechanisms: tuple[SimulatedMechanism, ...] = ()
+
+    @model_validator(mode="after")
+    def _one_law(self) -> SimBackendSettings:
+        names = [m.id for m in self.mechanisms]
+        if len(set(names)) < len(names):
+            raise ValueError("mechanisms: each can be there once")
+        if names and (self.contact.law != "linear" or self.contact.can_part):
+            raise ValueError("mechanisms act on a linear contact: set contact.law to linear and can_part to false")
+        return self

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,9 @@ from sim_backend.settings import SimulatedContact, SimulatedPulse
 from sim_backend.state_space import StateSpace, exact_response
 from sim_backend.truth import TrueRig
 from sim_backend.two_mass import TwoMass
+
+if TYPE_CHECKING:
+    from sim_backend.adopted import Adopted
 
 RECORD_S = 0.6  # afterwards nobody looks any more
 FIRST_MOMENTS_S = 1e-3  # in which rotation of the lower mass is judged (Sec. 3.3)
@@ -125,6 +129,7 @@ def tap_record(
     onset_s: float,
     sample_rate_hz: float,
     analog: StateSpace,
+    mechanisms: Sequence[Adopted] = (),
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return accelerations A and B after the filter, (2, n), and the lower spring's dynamic load, mN, (n,).
 
@@ -133,11 +138,19 @@ def tap_record(
     samples = round(RECORD_S * sample_rate_hz)
     pulse = tap_pulse(tap, settings)
     tester = rig.tester(tap.preload_n, tap.stiffness_factor, tap.damping_factor)
-    response = tap_ring_down(tester, tap.preload_n, contact, pulse, onset_s, samples, sample_rate_hz, analog)
-    acceleration = np.vstack([response.acceleration, response.acceleration])
+    if mechanisms and tap.preload_n > 0:
+        from sim_backend.twin import twin_record  # compiles the march: only where it is needed
+
+        acceleration, lower = twin_record(
+            tester, tap.preload_n, mechanisms, pulse, onset_s, samples, sample_rate_hz, analog
+        )
+    else:
+        response = tap_ring_down(tester, tap.preload_n, contact, pulse, onset_s, samples, sample_rate_hz, analog)
+        acceleration = np.vstack([response.acceleration, response.acceleration])
+        lower = response.lower_displacement
     if tap.rocking is not None:
         shape = rocking_response(tap.rocking, pulse, onset_s, samples, sample_rate_hz, analog)
         first = slice(0, int((onset_s + settings.duration_ms * 1e-3 + FIRST_MOMENTS_S) * sample_rate_hz) + 1)
         common, rotation = np.max(np.abs(acceleration[0, first])), np.max(np.abs(shape[first]))
         acceleration += np.array([[1.0], [-1.0]]) * shape * (tap.rocking.share * common / rotation)
-    return acceleration, tester.k2 * response.lower_displacement * 1e3
+    return acceleration, tester.k2 * lower * 1e3

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from analysis.mismatch.baseline import slow_filter_poles
+from analysis.mismatch.colour import Colour
 from analysis.mismatch.contest import (
     LEFT_LEVEL,
     LEVEL,
@@ -26,16 +27,17 @@ from analysis.mismatch.contest import (
 )
 from analysis.mismatch.excess import excess_by_frequency, excess_by_time
 from analysis.mismatch.fit import Fit
+from analysis.mismatch.load_drift import load_drift
 from analysis.mismatch.problem import Problem, Term
-from analysis.mismatch.records import tester_recordings
+from analysis.mismatch.records import channel_noise, joined, tester_recordings
 from analysis.mismatch.tones import tone_amplitude
 from analysis.session import AnalysisError, session_modes
 from analysis.settings import AnalysisSettings
 from analysis.stiffness import ResonanceError, contact_from_pole
-from daq.records import RigDescription, Session
+from daq.records import RigDescription, Session, Shot
 from rig.settings import Filter
 from sim_backend.arrangement import tester
-from sim_backend.mechanisms.mechanism import Mechanism
+from sim_backend.mechanisms.mechanism import Mechanism, mechanisms
 from sim_backend.recorder import analog_filter
 from sim_backend.state_space import StateSpace
 
@@ -43,8 +45,10 @@ Real = NDArray[np.float64]
 
 MASS_UNCERTAINTY = 5e-4  # relative, as weighed
 SPRING_UNCERTAINTY = 0.01  # relative, as identified
+NOISE_DIFFERENCE = 0.1  # of sessions that are diagnosed together
 NORMAL_95 = 1.959964
 SOMETHING_ELSE = -12.0  # evidence of what is not listed where nothing is left over
+LOAD_DRIFT = "load_drift"  # the one mechanism that ring-downs do not show
 STRONGER_TAP = 1.5  # over the strongest so far, for the next experiment
 MOST_FORCE_RATIO = 0.9  # of the preload: beyond, the surfaces would part
 
@@ -61,7 +65,7 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """A mechanism that was left out."""
+    """A mechanism that was left out; ``fixed`` are values in it that were not fitted."""
 
     id: str
     probability: float
@@ -69,6 +73,7 @@ class Named:
     statement: str
     parameters: dict[str, Interval]
     indistinguishable_from: tuple[str, ...]
+    fixed: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,15 +114,54 @@ class Diagnosis:
     contest: Contest
 
 
-def tester_problem(session: Session) -> Problem:
-    """Return the fitting problem of a session of the two-mass tester.
+def tester_problem(*sessions: Session) -> Problem:
+    """Return the fitting problem of a session of the two-mass tester, or of several of one rig.
 
     Raises
     ------
     AnalysisError
-        The rig is unknown, or too few impacts show both modes.
+        The rig is unknown, the sessions are of different rigs, or too few impacts show both modes.
     """
-    rig, name = session.rig, session.source or "session"
+    usable = [_usable(session) for session in sessions]
+    rig = sessions[0].rig
+    noise = _common_noise(usable)
+    parts = []
+    for one in usable:
+        try:
+            parts.append(
+                tester_recordings(one.session, one.loads_n, one.contact, (rig.k1_n_per_m, rig.k2_n_per_m), noise)
+            )
+        except ValueError as error:
+            raise AnalysisError(f"{_name(one.session)}: {error}") from None
+    arrangement = tester(
+        rig.m1_kg, rig.m2_kg, rig.k1_n_per_m, rig.k2_n_per_m, 1e6, 1.0,
+        mass_uncertainty=MASS_UNCERTAINTY, spring_uncertainty=SPRING_UNCERTAINTY,
+    )  # fmt: skip
+    start = np.array([one.contact[k] for one in usable for k in sorted(one.contact)])
+    highpass = rig.highpass_hz if rig.filter_family == "butterworth" else math.nan
+    slow = slow_filter_poles(highpass, int(rig.highpass_order))
+    return Problem(joined(parts), arrangement, declared_filter(rig), slow, start)
+
+
+@dataclass(frozen=True, slots=True)
+class _Usable:
+    """What of a session can be fitted: load (N) and linear contact (N/m, N s/m) of each load set."""
+
+    session: Session
+    loads_n: dict[int, float]
+    contact: dict[int, tuple[float, float]]
+
+    @property
+    def shots(self) -> list[Shot]:
+        return [s for s in self.session.shots if s.accepted and s.load_set in self.contact]
+
+
+def _name(session: Session) -> str:
+    return session.source or "session"
+
+
+def _usable(session: Session) -> _Usable:
+    rig, name = session.rig, _name(session)
     if not rig.is_tester:
         raise AnalysisError(f"{name}: masses and springs are unknown, so there is no Eq. 9 to compare with")
     rates = {s.sample_rate_hz for s in session.shots if s.accepted}
@@ -143,19 +187,40 @@ def tester_problem(session: Session) -> Problem:
         loads[load_set] = 1e-3 * _load(session, load_set)
     if sum(len(session.accepted(k)) for k in contact) < 4:
         raise AnalysisError(f"{name}: a diagnosis needs at least four accepted impacts that show both modes")
+    return _Usable(session, loads, contact)
+
+
+def _common_noise(usable: Sequence[_Usable]) -> tuple[Colour, ...] | None:
+    """Return the noise of several sessions of one rig taken together; None for a single one.
+
+    Raises
+    ------
+    AnalysisError
+        The sessions are not of one rig, or their noise differs in size.
+    """
+    first = usable[0].session
+    for other in (one.session for one in usable[1:]):
+        if other.rig != first.rig:
+            raise AnalysisError(
+                f"{_name(other)}: its masses, springs, filter or sampling rate are not those of {_name(first)}; "
+                "only sessions of one rig are diagnosed together"
+            )
+    if len(usable) == 1:
+        return None
+    rate = first.rig.sample_rate_hz
     try:
-        recordings = tester_recordings(session, loads, contact, (rig.k1_n_per_m, rig.k2_n_per_m))
+        own = [channel_noise(one.shots, rate) for one in usable]
+        both = channel_noise([s for one in usable for s in one.shots], rate)
     except ValueError as error:
-        raise AnalysisError(f"{name}: {error}") from None
-    arrangement = tester(
-        rig.m1_kg, rig.m2_kg, rig.k1_n_per_m, rig.k2_n_per_m, 1e6, 1.0,
-        mass_uncertainty=MASS_UNCERTAINTY, spring_uncertainty=SPRING_UNCERTAINTY,
-    )  # fmt: skip
-    start = np.array([contact[k] for k in sorted(contact)])
-    highpass = rig.highpass_hz if rig.filter_family == "butterworth" else math.nan
-    return Problem(
-        recordings, arrangement, declared_filter(rig), slow_filter_poles(highpass, int(rig.highpass_order)), start
-    )
+        raise AnalysisError(f"{_name(first)} and others: {error}") from None
+    for one, noise in zip(usable, own, strict=True):
+        for mine, common in zip(noise, both, strict=True):
+            if abs(mine.deviation / common.deviation - 1) > NOISE_DIFFERENCE:
+                raise AnalysisError(
+                    f"{_name(one.session)}: its noise is {mine.deviation / common.deviation:.2f} times that of the "
+                    "sessions together; diagnose it by itself"
+                )
+    return both
 
 
 def declared_filter(rig: RigDescription) -> StateSpace:
@@ -182,9 +247,11 @@ def _load(session: Session, load_set: int) -> float:
 
 
 def diagnose_session(
-    session: Session, known: Sequence[Mechanism], progress: Callable[[str], None] = lambda stage: None
+    session: Session | Sequence[Session],
+    known: Sequence[Mechanism],
+    progress: Callable[[str], None] = lambda stage: None,
 ) -> Diagnosis:
-    """Find out what physics Eq. 9 leaves out of a session's recordings.
+    """Find out what physics Eq. 9 leaves out of a session's recordings, or of those of several sessions of one rig.
 
     Parameters
     ----------
@@ -198,14 +265,53 @@ def diagnose_session(
     AnalysisError
         The session cannot carry a diagnosis.
     """
+    sessions = [session] if isinstance(session, Session) else list(session)
     # the matrices are small: further threads of the linear algebra would only get in each other's way; trial steps of a
     # fit that lead nowhere may overflow
     with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
         progress("identifying the modes of each impact")
-        problem = tester_problem(session)
+        problem = tester_problem(*sessions)
         contest = run_contest(problem, known, progress)
         progress("comparing with the held-out impacts")
-        return _answer(session.source, contest)
+        answer = _answer(" + ".join(s.source for s in sessions), contest)
+        return with_load_drift(answer, sessions) if any(m.id == LOAD_DRIFT for m in known) else answer
+
+
+def with_load_drift(found: Diagnosis, sessions: Sequence[Session]) -> Diagnosis:
+    """Add to a diagnosis what the calibrations before and after each session say of the load cell.
+
+    Where they can be compared they are a second test, and both share the level.
+    """
+    drift = load_drift(sessions, LEVEL)
+    if drift is None:
+        return found
+    share = -math.expm1(0.5 * math.log1p(-LEVEL))
+    p_value = -math.expm1(2 * math.log1p(-min(found.p_value, drift.p_value, 1 - 1e-15)))
+    if found.verdict != "consistent" and found.p_value >= share:
+        found = replace(found, verdict="consistent", mechanisms=(), location=None, rms_after=None, next_experiment=None)
+    found = replace(found, p_value=p_value)
+    if drift.p_value >= share:
+        return found
+    mechanism = mechanisms()[LOAD_DRIFT]
+    value = drift.zero_mv
+    named = Named(
+        LOAD_DRIFT,
+        drift.probability,
+        mechanism.component,
+        f"{mechanism.statement({q.name: value.value for q in mechanism.parameters})} Its sensitivity changed by "
+        f"{100 * drift.sensitivity.value:.2g} % (95 % interval {100 * drift.sensitivity.low:.2g} to "
+        f"{100 * drift.sensitivity.high:.2g} %).",
+        {q.name: Interval(value.value, value.low, value.high, q.unit) for q in mechanism.parameters},
+        (),
+    )
+    if found.verdict == "unexplained":
+        return found  # what is missing from the ring-downs has no name; the drift does not explain it
+    location = found.location
+    if location is None:
+        loads = tuple(1e3 * load for load in found.contest.problem.recordings.loads_n)
+        why = f"The calibrations before and after the test differ (p = {drift.p_value:.2g}); the ring-downs do not."
+        location = Location(mechanism.component, (), (0.0, 0.0), (0.0, 0.0), loads, why)
+    return replace(found, verdict="missing_physics", mechanisms=(*found.mechanisms, named), location=location)
 
 
 def _answer(source: str, contest: Contest) -> Diagnosis:
@@ -260,7 +366,13 @@ def _named(fit: Fit, number: int, step: Round, contest: Contest) -> Named:
         mechanism.statement(term.values),
         _intervals(term, errors),
         alike if accepted is not None else (),
+        _fixed(term),
     )
+
+
+def _fixed(term: Term) -> dict[str, float]:
+    fitted = {q.name for q in term.mechanism.parameters}
+    return {k: float(v) for k, v in term.values.items() if k not in fitted}
 
 
 def _looking_alike(step: Round, chosen: str, rivals: Sequence[str]) -> tuple[str, ...]:

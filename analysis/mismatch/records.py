@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,7 +113,11 @@ def channel_noise(shots: Sequence[Shot], sample_rate_hz: float) -> tuple[Colour,
 
 
 def tester_recordings(
-    session: Session, loads_n: dict[int, float], contact: dict[int, tuple[float, float]], springs: tuple[float, float]
+    session: Session,
+    loads_n: dict[int, float],
+    contact: dict[int, tuple[float, float]],
+    springs: tuple[float, float],
+    noise: tuple[Colour, ...] | None,
 ) -> Recordings:
     """Whiten the accepted impacts of a session of the two-mass tester.
 
@@ -123,10 +127,13 @@ def tester_recordings(
         Load of each load set, N.
     contact
         Stiffness (N/m) and damping (N s/m) of the contact at each load set, as a linear analysis has them.
+    noise
+        Of the channels, where it is known from more than this session; None to take it from this one.
     """
     rate = session.rig.sample_rate_hz
     shots = [s for s in session.shots if s.accepted and s.load_set in contact]
-    noise = channel_noise(shots, rate)
+    if noise is None:
+        noise = channel_noise(shots, rate)
     groups = {load_set: g for g, load_set in enumerate(sorted(contact))}
     masses = session.rig.m1_kg, session.rig.m2_kg
     records = []
@@ -151,3 +158,21 @@ def tester_recordings(
     loads = tuple(loads_n[k] for k in sorted(groups, key=lambda k: groups[k]))
     rms = float(np.mean([np.std(s.acceleration[:, : s.pretrigger - GUARD_SAMPLES]) for s in shots]))
     return Recordings(tuple(records), noise, rate, loads, rms)
+
+
+def joined(parts: Sequence[Recordings]) -> Recordings:
+    """Return the recordings of several sessions of one rig, whitened alike, as those of one.
+
+    Loads stay each session's own: the contact may have changed between sessions.
+    """
+    records: list[Record] = []
+    loads: list[float] = []
+    for number, part in enumerate(parts):
+        last = records[-1].order + 1 if records else 0
+        prefix = f"{number + 1}." if len(parts) > 1 else ""
+        records += [
+            replace(r, name=prefix + r.name, group=r.group + len(loads), order=r.order + last) for r in part.records
+        ]
+        loads += part.loads_n
+    rms = float(np.sqrt(np.mean([p.noise_rms**2 for p in parts])))
+    return Recordings(tuple(records), parts[0].noise, parts[0].sample_rate_hz, tuple(loads), rms)

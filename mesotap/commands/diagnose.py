@@ -3,35 +3,111 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from analysis.mismatch.diagnosis import diagnose_session
+from analysis.mismatch.diagnosis import Diagnosis, diagnose_session
+from analysis.results import SessionResults
 from daq.errors import RecordingError
+from daq.records import Session
 from mesotap.diagnosis_files import diagnosis_answer, print_diagnosis
-from sim_backend.mechanisms.mechanism import mechanisms
+from sim_backend.mechanisms.mechanism import Mechanism, mechanisms
 
 
-def diagnose(file: Path, json: Path | None, without: Sequence[str], console: Console) -> None:
-    """Diagnose one session file."""
+def diagnose(
+    files: Sequence[Path], json: Path | None, without: Sequence[str], report: Path | None, console: Console
+) -> None:
+    """Diagnose a session file, or several of one rig together."""
     from daq.session_file import read_session
     from mesotap.commands.answers import write_json
 
-    known = mechanisms()
-    for name in without:
-        if name not in known:
-            raise RecordingError(f"{name!r} is no mechanism; mesotap mechanisms lists them")
-    began = time.monotonic()
-    session = read_session(file)
-    with console.status("reading") as status:
-        found = diagnose_session(
-            session, [m for m in known.values() if m.id not in without], lambda stage: status.update(f"{stage} ...")
-        )
-    write_json(json, diagnosis_answer(found, time.monotonic() - began))
+    known = known_mechanisms(without)
+    sessions = [read_session(file) for file in files]
+    found, answer = diagnosed(sessions, known, console)
+    write_json(json, answer)
     print_diagnosis(found, console)
+    if report is not None:
+        page = report_of(report, sessions, found, answer, known, console)
+        console.print(f"report {page}", highlight=False, soft_wrap=True)
+
+
+def known_mechanisms(without: Sequence[str] = ()) -> dict[str, Mechanism]:
+    """Return the mechanisms by id, those struck from the list left out."""
+    known = dict(mechanisms())
+    for name in without:
+        if known.pop(name, None) is None:
+            raise RecordingError(f"{name!r} is no mechanism; mesotap mechanisms lists them")
+    return known
+
+
+def diagnosed(
+    sessions: Sequence[Session], known: Mapping[str, Mechanism], console: Console
+) -> tuple[Diagnosis, dict[str, Any]]:
+    """Diagnose sessions under a progress line; return the diagnosis and the answer for programs."""
+    began = time.monotonic()
+    with console.status("reading") as status:
+        found = diagnose_session(sessions, list(known.values()), lambda stage: status.update(f"{stage} ..."))
+    return found, diagnosis_answer(found, time.monotonic() - began)
+
+
+def report_of(
+    folder: Path,
+    sessions: Sequence[Session],
+    found: Diagnosis,
+    answer: dict[str, Any],
+    known: Mapping[str, Mechanism],
+    console: Console,
+    results: SessionResults | None = None,
+) -> Path:
+    """Write the page of a diagnosis under a progress line; analyse a single session for it if ``results`` is None."""
+    from analysis.session import analyse_session
+    from analysis.settings import AnalysisSettings
+    from calibration.settings import CalibrationSettings
+    from mesotap.diagnosis_report import write_diagnosis
+    from rig.settings import RigSettings
+
+    with console.status("drawing") as status:
+        if results is None and len(sessions) == 1:
+            status.update("following the modes along the ring-downs ...")
+            rig = RigSettings()
+            results = analyse_session(
+                sessions[0],
+                AnalysisSettings(),
+                CalibrationSettings(),
+                rig.masses,
+                rig.springs,
+                lambda done, total: None,
+            )
+        return write_diagnosis(folder, found, answer, known, results, lambda stage: status.update(f"{stage} ..."))
+
+
+def diagnose_finished(folder: Path, session: Session, results: SessionResults, console: Console) -> Path:
+    """Diagnose a session at its end; write ``diagnosis.html`` and ``diagnosis.json`` into its folder."""
+    known = known_mechanisms()
+    found, answer = diagnosed([session], known, console)
+    print_diagnosis(found, console)
+    page = report_of(folder, [session], found, answer, known, console, results)
+    console.print(f"diagnosis    {page}", highlight=False, soft_wrap=True)
+    return page
+
+
+def adopt(diagnosis: Path, config_path: Path | None, output: Path, console: Console) -> None:
+    """Write a configuration whose simulated rig is the one that was diagnosed."""
+    from mesotap.adoption import read_diagnosis, with_model, write_adopted
+    from mesotap.config import load_config
+
+    model = read_diagnosis(diagnosis)
+    write_adopted(output, with_model(load_config(config_path), model))
+    console.print(
+        f"{output}: simulated rig with {' and '.join(model.mechanisms)}"
+        + (f", k_c and zeta_c at {len(model.loads)} loads as fitted" if len(model.loads) > 1 else ""),
+        highlight=False,
+        soft_wrap=True,
+    )
 
 
 def list_mechanisms(console: Console) -> None:

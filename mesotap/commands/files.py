@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
@@ -28,6 +28,9 @@ from mesotap.config import Config, ConfigError, effective_text, load_config, par
 from mesotap.results_files import modes_json, results_json
 from mesotap.rounding import with_uncertainty
 
+if TYPE_CHECKING:
+    from mesotap.correction import Correction
+
 SESSION_SUFFIXES = (".h5", ".hdf5")
 METHODS = ("ml", "era")
 
@@ -41,13 +44,14 @@ def analyze(
     report: Path | None,
     json_path: Path | None,
     console: Console,
+    model: Path | None = None,
 ) -> None:
     """Analyse each file, print its table, and write the answers: one, or a list of them for several files."""
     if method is not None and method not in METHODS:
         raise ConfigError(f"--method {method}: allowed are {' and '.join(METHODS)}")
     changes = [*changes, *([f"analysis.method={method}"] if method else [])]
     if len(files) == 1:
-        write_json(json_path, _analyze_one(files[0], rate, config_path, changes, report, console))
+        write_json(json_path, _analyze_one(files[0], rate, config_path, changes, report, console, model))
         return
     answers: list[dict[str, Any]] = []
     refusals: list[str] = []
@@ -55,7 +59,7 @@ def analyze(
         # session files are often all called alike: the folder's name tells them apart
         folder = None if report is None else report / f"{number:02d}-{file.resolve().parent.name}-{file.stem}"
         try:
-            answers.append(_analyze_one(file, rate, config_path, changes, folder, console))
+            answers.append(_analyze_one(file, rate, config_path, changes, folder, console, model))
         except (RecordingError, AnalysisError, FitFailure) as error:
             refusals.append(str(error))
             answers.append({"format": "mesotap-refusal", "version": 1, "source": str(file), "reason": str(error)})
@@ -71,16 +75,25 @@ def _analyze_one(
     changes: Sequence[str],
     report: Path | None,
     console: Console,
+    model: Path | None,
 ) -> dict[str, Any]:
     opened = _opened(file, rate)
     if isinstance(opened, Session) and opened.rig.is_tester:
         config = _config_for(opened, config_path, changes, console)
+        correction = None if model is None else _corrected(opened, model, console)
         if report is not None:
-            results = _session_report(file, opened, config, report, console)
+            results = _session_report(file, opened, config, report, console, correction)
         else:
             results = analysed(opened, config, console)
         show_session(results, console)
-        return results_json(results)
+        if correction is None:
+            return results_json(results)
+        from mesotap.correction import show_correction, with_correction
+
+        show_correction(correction, console)
+        return with_correction(results_json(results), correction)
+    if model is not None:
+        raise RecordingError(f"{file}: is no session of the tester, so no diagnosis of one corrects it")
     recording = _as_recording(opened) if isinstance(opened, Session) else opened
     config = load_config(config_path, changes)
     modes = modes_of(recording, config.analysis.method)
@@ -91,6 +104,14 @@ def _analyze_one(
         page = recording_report(report, recording, modes)
         console.print(f"report {page}", highlight=False, soft_wrap=True)
     return modes_json(modes)
+
+
+def _corrected(session: Session, model: Path, console: Console) -> Correction:
+    from mesotap.adoption import read_diagnosis
+    from mesotap.correction import correct
+
+    with console.status("fitting the model of the diagnosis ..."):
+        return correct(session, read_diagnosis(model))
 
 
 def modes_of(recording: Recording, method: str) -> RecordingModes:
@@ -178,14 +199,27 @@ def write_session_report(
     write_json(json_path, results_json(results))
 
 
-def _session_report(source: Path, session: Session, config: Config, folder: Path, console: Console) -> SessionResults:
+def _session_report(
+    source: Path,
+    session: Session,
+    config: Config,
+    folder: Path,
+    console: Console,
+    correction: Correction | None = None,
+) -> SessionResults:
     from analysis.contact.theory import theory
     from mesotap.report import write_report
 
     truths = partial(source)[2] if source.is_dir() else []
     results = analysed(session, config, console)
     page = write_report(
-        folder, session, results, theory(config.analysis.contact), truths or None, contact=config.analysis.contact
+        folder,
+        session,
+        results,
+        theory(config.analysis.contact),
+        truths or None,
+        contact=config.analysis.contact,
+        correction=correction,
     )
     console.print(f"report {page}", highlight=False, soft_wrap=True)
     return results

@@ -9,7 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 
+from analysis.results import SessionResults
+from analysis.session import AnalysisError
 from calibration.line import fit_line
 from calibration.routine import calibrate, check_points
 from daq.errors import RecordingError
@@ -76,7 +79,10 @@ def resume(path: Path, json_path: Path | None, console: Console) -> None:
             console.print(f"{path}: this session is finished; its report is written again", highlight=False)
             session = read_session(path / SESSION_FILE)
             truths = progress_of(folder.events()).truths
-            write_json(json_path, _report(replace(session, source=SESSION_FILE), config, path, truths, console))
+            session = replace(session, source=SESSION_FILE)
+            results = _report(session, config, path, truths, console)
+            write_json(json_path, results_json(results))
+            _diagnose(session, results, config, path, console)
             return
         _carry_out(folder, config, _rig_of(folder.header, config, console), json_path, console)
 
@@ -93,14 +99,16 @@ def _carry_out(folder: SessionFolder, config: Config, rig: Rig, json_path: Path 
     session = assemble(header, config, runner.progress, folder.shots())
     write_session(file, session)
     runner.finish()
-    results = _report(replace(session, source=SESSION_FILE), config, folder.path, runner.progress.truths, console)
+    session = replace(session, source=SESSION_FILE)
+    results = _report(session, config, folder.path, runner.progress.truths, console)
     console.print(f"session file {file}", highlight=False, soft_wrap=True)
-    write_json(json_path, results)
+    write_json(json_path, results_json(results))
+    _diagnose(session, results, config, folder.path, console)
 
 
 def _report(
     session: Session, config: Config, folder: Path, truths: Sequence[dict[str, Any]], console: Console
-) -> dict[str, Any]:
+) -> SessionResults:
     from analysis.contact.theory import theory
     from mesotap.report import write_report
 
@@ -115,7 +123,24 @@ def _report(
     )
     show_session(results, console)
     console.print(f"report       {page}", highlight=False, soft_wrap=True)
-    return results_json(results)
+    return results
+
+
+def _diagnose(session: Session, results: SessionResults, config: Config, folder: Path, console: Console) -> None:
+    """Diagnose a finished session where its configuration says so; whatever fails, the session stays what it is."""
+    if not config.mesotap.diagnose:
+        return
+    from mesotap.commands.diagnose import diagnose_finished
+
+    try:
+        diagnose_finished(folder, session, results, console)
+    except Exception as error:
+        reason = str(error) if isinstance(error, AnalysisError) else f"{type(error).__name__}: {error}"
+        console.print(
+            f"no diagnosis: {escape(reason)} (the session is complete; 'mesotap diagnose' tries again)",
+            highlight=False,
+            soft_wrap=True,
+        )
 
 
 def partial(path: Path) -> tuple[Session, Config, list[dict[str, Any]]]:

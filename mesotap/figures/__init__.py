@@ -11,6 +11,15 @@ from mesotap.figures._amplitude import (
 )
 from mesotap.figures._calibration import calibration_figure
 from mesotap.figures._contact import DRIFT_FOOTNOTE, DRIFT_MARK, damping_figure, published_figure, stiffness_figure
+from mesotap.figures._diagnosis import (
+    ForcePicture,
+    excess_figure,
+    force_figure,
+    held_out_figure,
+    misfit_figure,
+    residual_spectra_figure,
+    varying_figure,
+)
 from mesotap.figures._files import inline_svg, save
 from mesotap.figures._impacts import impacts_figure
 from mesotap.figures._paper import paper_figure_3, paper_figure_7_8, paper_figure_9
@@ -23,12 +32,17 @@ __all__ = [
     "DRIFT_FOOTNOTE",
     "DRIFT_MARK",
     "FEWEST_POINTS",
+    "ForcePicture",
     "Recording",
     "amplitude_figure",
     "calibration_figure",
     "damping_figure",
+    "excess_figure",
+    "force_figure",
+    "held_out_figure",
     "impacts_figure",
     "inline_svg",
+    "misfit_figure",
     "mode_amplitude_figure",
     "modes_figure",
     "paper_figure_3",
@@ -36,6 +50,7 @@ __all__ = [
     "paper_figure_9",
     "published_figure",
     "record_figure",
+    "residual_spectra_figure",
     "save",
     "short_name",
     "shown_amplitudes",
@@ -44,5 +59,6 @@ __all__ = [
     "spectra_figure",
     "stabilisation_figure",
     "stiffness_figure",
+    "varying_figure",
     "weighing_figure",
 ]

@@ -1,0 +1,164 @@
+"""Where a fit leaves more than noise: by load and frequency, load and time, impact; and held-out impacts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.mismatch.contest import Contest, blow_delays
+from analysis.mismatch.excess import WINDOWS_S, excess_by_record, rotated
+from analysis.mismatch.fit import Fit, fit
+from analysis.mismatch.response import response
+
+Real = NDArray[np.float64]
+
+BANDS = 28
+LOWEST_HZ = 100.0
+TAP_S = 2.5e-3  # after the pulse, in which the contact's largest force is looked for
+
+
+@dataclass(frozen=True, slots=True)
+class ExcessMap:
+    """Power of the residual over that of the noise, (channels, loads, bins); NaN where there are no samples.
+
+    The channels are mean and difference of A and B, or the channels themselves where there are not two. ``edges``
+    (bins + 1,) in Hz or s; ``loads_n`` ascending.
+    """
+
+    loads_n: tuple[float, ...]
+    edges: Real
+    power: Real
+
+
+@dataclass(frozen=True, slots=True)
+class Impacts:
+    """One number an impact, each (impacts,): place in the session, load (N), largest dynamic contact force over the
+    load, and by how many standard deviations the residual is more than noise."""
+
+    order: Real
+    load_n: Real
+    force_ratio: Real
+    excess: Real
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Impacts that took no part in choosing or fitting, before and after what was left out is put in.
+
+    Attributes
+    ----------
+    before, after
+        Fits of these impacts; ``after`` is None where there is nothing to put in.
+    rms_before, rms_after
+        (impacts,) of their residuals, m/s2.
+    """
+
+    before: Fit
+    after: Fit | None
+    rms_before: Real
+    rms_after: Real | None
+
+
+def map_by_frequency(fitted: Fit) -> ExcessMap:
+    """Return the residual's power by load in bands of equal width in the logarithm of frequency."""
+    rate = fitted.problem.recordings.sample_rate_hz
+    edges = np.geomspace(LOWEST_HZ, rate / 2, BANDS + 1)
+
+    def binned(row: Real) -> tuple[Real, Real]:
+        power = np.abs(np.fft.rfft(row)) ** 2 / row.size
+        place = np.searchsorted(edges, np.fft.rfftfreq(row.size, 1 / rate), side="right") - 1
+        return _binned(power, place, BANDS)
+
+    return _map(fitted, edges, binned)
+
+
+def map_by_time(fitted: Fit) -> ExcessMap:
+    """Return the residual's power by load in windows after the pulse."""
+    rate = fitted.problem.recordings.sample_rate_hz
+    edges = np.array(WINDOWS_S)
+
+    def binned(row: Real) -> tuple[Real, Real]:
+        place = np.searchsorted(edges, np.arange(row.size) / rate, side="right") - 1
+        return _binned(row**2, place, edges.size - 1)
+
+    return _map(fitted, edges, binned)
+
+
+def _binned(power: Real, place: NDArray[np.intp], bins: int) -> tuple[Real, Real]:
+    inside = (place >= 0) & (place < bins)
+    total = np.bincount(place[inside], power[inside], minlength=bins).astype(np.float64)
+    count = np.bincount(place[inside], minlength=bins).astype(np.float64)
+    return total, count
+
+
+def _map(fitted: Fit, edges: Real, binned) -> ExcessMap:  # type: ignore[no-untyped-def]
+    loads = fitted.problem.recordings.loads_n
+    channels = len(rotated(fitted.residuals[0]))
+    total, count = np.zeros((2, channels, len(loads), edges.size - 1))
+    for record, residual in zip(fitted.problem.recordings.records, fitted.residuals, strict=True):
+        for c, row in enumerate(rotated(residual)):
+            added, number = binned(row)
+            total[c, record.group] += added
+            count[c, record.group] += number
+    power = np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
+    used = ~np.all(np.isnan(power), axis=(0, 1))
+    last = int(np.flatnonzero(used)[-1]) + 1
+    order = np.argsort(loads)
+    return ExcessMap(tuple(float(loads[i]) for i in order), edges[: last + 1], power[:, order, :last])
+
+
+def by_impact(fitted: Fit) -> Impacts:
+    """Return order, load, strength and misfit of every impact of a fit of the linear rig."""
+    records = fitted.problem.recordings.records
+    return Impacts(
+        np.array([r.order for r in records], np.float64),
+        np.array([r.preload_n for r in records]),
+        force_ratios(fitted),
+        excess_by_record(fitted),
+    )
+
+
+def force_ratios(fitted: Fit) -> Real:
+    """Return (records,) the largest dynamic contact force after the pulse over the load, by the fitted linear rig."""
+    place = next(i for i, e in enumerate(fitted.arrangement.elements) if e.role == "contact")
+    groups = range(len(fitted.modes))
+    values = [fitted.constants.at(g) for g in groups]
+    to = [response(fitted.arrangement, values[g], fitted.modes[g].rig, fitted.problem.analog) for g in groups]
+    rate = fitted.problem.recordings.sample_rate_hz
+    t = np.arange(int(TAP_S * rate)) / rate
+    ratios = []
+    for record, amplitudes in zip(fitted.problem.recordings.records, fitted.amplitudes, strict=True):
+        d, v = to[record.group].motion(amplitudes, place, t)
+        force = values[record.group]["kc"] * d + values[record.group]["cc"] * v
+        ratios.append(float(np.abs(force).max()) / record.preload_n if record.preload_n > 0 else math.nan)
+    return np.array(ratios)
+
+
+def held_out(contest: Contest) -> HeldOut | None:
+    """Fit what belongs to each impact on the held-out ones, before and after; None where none is held out."""
+    if not contest.held_out:
+        return None
+    kept = contest.problem.only(contest.held_out)
+    before = fit(kept, held=contest.baseline)
+    after = None
+    if contest.best.terms:
+        blows = any(t.mechanism.blow for t in contest.best.terms)
+        after = fit(kept, held=contest.best, delays=blow_delays(kept, contest.best) if blows else ())
+    return HeldOut(before, after, rms_by_record(before), None if after is None else rms_by_record(after))
+
+
+def rms_by_record(fitted: Fit) -> Real:
+    """Return (records,) rms of each record's residual, m/s2."""
+    deviations = np.array([m.deviation for m in fitted.problem.recordings.noise])[:, None]
+    return np.array([math.sqrt(float(np.mean((r * deviations) ** 2))) for r in fitted.residuals])
+
+
+def spectrum(fitted: Fit) -> tuple[Real, Real]:
+    """Return frequencies (n,), Hz, and the mean power (channels, n) of the whitened residuals; noise alone gives 1."""
+    n = min(r.shape[1] for r in fitted.residuals)
+    power = np.mean([np.abs(np.fft.rfft(rotated(r)[:, :n], axis=1)) ** 2 / n for r in fitted.residuals], axis=0)
+    frequency = np.fft.rfftfreq(n, 1 / fitted.problem.recordings.sample_rate_hz)
+    return np.asarray(frequency[1:-1], np.float64), np.asarray(power[:, 1:-1], np.float64)

@@ -1,0 +1,96 @@
+"""A diagnosis taken up by the simulated rig, and found again in what that rig records."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.mismatch.diagnosis import diagnose_session
+from daq.errors import RecordingError
+from mesotap.adoption import read_diagnosis, with_model
+from mesotap.config import Config, ConfigError, load_config
+from mesotap.diagnosis_files import diagnosis_answer
+from sim_backend.adopted import adopted
+from sim_backend.mechanisms.mechanism import mechanisms
+from sim_backend.twin import twin_record
+from tests.analysis.ring_downs import FILTER, K1, M1, ONSET_S, RATE_HZ, SAMPLES, analog_filter, session_of, two_mass
+from tests.mesotap.test_cli import mesotap, refused
+
+HUNT_CROSSLEY, GROWTH = "hunt_crossley_damping", "damping_growth_per_relative_approach"
+CONTEST = (HUNT_CROSSLEY, "hertz_stiffness", "squeeze_film", "quadratic_damping")
+TRUE_GROWTH = 1.4
+ANALOG = analog_filter(FILTER)
+
+
+def damped(rig, load_n, pulse) -> np.ndarray:
+    found = [adopted(HUNT_CROSSLEY, {GROWTH: TRUE_GROWTH})]
+    return twin_record(rig, load_n, found, pulse, ONSET_S, SAMPLES, RATE_HZ, ANALOG)[0]
+
+
+@pytest.fixture(scope="module")
+def answer() -> dict:
+    known = [mechanisms()[name] for name in CONTEST]
+    return diagnosis_answer(diagnose_session(session_of(damped), known), 1.0)
+
+
+@pytest.fixture
+def diagnosis(answer: dict, tmp_path: Path) -> Path:
+    path = tmp_path / "diagnosis.json"
+    path.write_text(json.dumps(answer))
+    return path
+
+
+def test_what_the_rig_was_given_is_named_with_an_interval_that_holds_it(answer: dict) -> None:
+    (named,) = answer["mechanisms"]
+    assert named["id"] == HUNT_CROSSLEY
+    assert named["parameters"][GROWTH]["low"] < TRUE_GROWTH < named["parameters"][GROWTH]["high"]
+
+
+def test_the_contact_is_corrected_for_it(answer: dict) -> None:
+    for load in answer["adopted"]["loads"]:
+        true = two_mass(1e-3 * load["load_mn"])
+        for key, value in (("contact_stiffness_n_per_m", true.kc), ("damping_ratio", true.modes()[3])):
+            estimate = load[key]
+            half = (estimate["high"] - estimate["low"]) / 2
+            assert abs(estimate["value"] - value) < 2 * half
+
+
+def test_the_simulated_rig_becomes_the_one_that_was_diagnosed(diagnosis: Path, answer: dict) -> None:
+    config = with_model(Config(), read_diagnosis(diagnosis))
+    (mechanism,) = config.sim_backend.mechanisms
+    assert mechanism.parameters[GROWTH] == answer["mechanisms"][0]["parameters"][GROWTH]["value"]
+    assert config.sim_backend.contact.load_mn == pytest.approx((200.0, 400.0, 800.0))
+    assert config.rig.springs.k1_n_per_m == pytest.approx(K1, rel=0.02)
+    assert config.rig.masses.m1_kg == pytest.approx(M1, rel=1e-3)
+
+
+def test_adopt_writes_a_configuration_and_never_over_one(diagnosis: Path, tmp_path: Path) -> None:
+    new = tmp_path / "twin.yaml"
+    mesotap("adopt", str(diagnosis), "--output", str(new))
+    assert load_config(new).sim_backend.mechanisms[0].id == HUNT_CROSSLEY
+    assert "exists already" in refused("adopt", str(diagnosis), "--output", str(new))
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"format": "mesotap-results"}, "is no mesotap-diagnosis 1"),
+        ({"mechanisms": []}, "nothing to adopt"),
+        ({"mechanisms": [{"id": "contact_loss"}]}, "is no complete mesotap-diagnosis 1"),
+        ({"mechanisms": [{"id": "magnetism", "parameters": {}}]}, "'magnetism' is no mechanism"),
+        ({"mechanisms": [{"id": HUNT_CROSSLEY, "parameters": {}}]}, f"needs {GROWTH}"),
+    ],
+)
+def test_what_cannot_be_adopted_is_refused_in_a_sentence(diagnosis: Path, answer, change, sentence) -> None:
+    diagnosis.write_text(json.dumps(answer | change))
+    with pytest.raises((RecordingError, ConfigError)) as refusal:
+        with_model(Config(), read_diagnosis(diagnosis))
+    assert sentence in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_file_that_is_no_diagnosis_ends_with_code_2(tmp_path: Path) -> None:
+    assert "cannot be read" in refused("adopt", str(tmp_path / "nothing.json"))

@@ -94,7 +94,7 @@ def reliability_figure(lines: Sequence[Reliability]) -> Figure:
             marker="o",
             capsize=1.5,
             linestyle="",
-            label="first names",
+            label="names",
         )
         for r in shown:
             axes.annotate(

@@ -235,16 +235,16 @@ def _tell_attached(plan: Plan, s: float, c: Character) -> dict[str, Any]:
 
 
 def _frame(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    """Both tube springs stand on a mass of 1/s kg that itself is sprung."""
+    """The lower tube spring stands on a mass of 1/s kg that itself is sprung."""
     mass, stiffness, damping = _frame_numbers(s, c)
     ground = np.zeros(machine.mass.size + 1)
     ground[-1] = 1.0
     machine = with_body(machine, mass, ground, stiffness, damping)
+    k2 = plan.springs[1]
     coupled = machine.stiffness.copy()
-    for mass_on_it, k in enumerate(plan.springs):
-        coupled[:, mass_on_it, -1] -= k
-        coupled[:, -1, mass_on_it] -= k
-        coupled[:, -1, -1] += k
+    coupled[:, 1, -1] -= k2
+    coupled[:, -1, 1] -= k2
+    coupled[:, -1, -1] += k2
     return replace(machine, stiffness=coupled)
 
 

@@ -6,6 +6,7 @@ pulse is needed) and the slow ringing of each channel.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 SMALL = 1e-9  # |Im s| over |s| below which a pole counts as real
+KEPT = 64  # sets of columns
 STEP = 1e-5  # relative step of the differences of poles and gains
 
 
@@ -75,19 +77,50 @@ class Sensitivity:
         return grown
 
 
+@dataclass(slots=True)
+class _Made:
+    """Columns, and the decomposition of them once it was asked for; ``owner`` keeps its identity from being reused."""
+
+    owner: Sensitivity
+    columns: Real
+    basis: tuple[Real, Real] | None = None
+
+
 class Nuisance:
-    """Columns of one record that every model leaves free: its modes' amplitudes and the filter's own ringing."""
+    """Columns of one record that every model leaves free: its modes' amplitudes and the filter's own ringing.
+
+    Records of one load and one length share them, so they are kept.
+    """
 
     def __init__(self, recordings: Recordings, ringing: Complex):
         self._rate = recordings.sample_rate_hz
         own = [m.ringing(self._rate) for m in recordings.noise]
         self._ringing = [np.append(ringing, [s] if np.isfinite(s) else []) for s in own]
+        self._made: OrderedDict[tuple[int, int, float], _Made] = OrderedDict()
 
     def columns(self, s: Sensitivity, record: Record) -> Real:
         """Return (c, n, q): per pair of poles two columns, per real pole one, per filter pole one a channel.
 
         A tied mode has no column of its own: it rings in those of the reference.
         """
+        return self._of(s, record).columns
+
+    def basis(self, s: Sensitivity, record: Record) -> tuple[Real, Real]:
+        """Return the columns' QR decomposition, (c n, q) and (q, q)."""
+        made = self._of(s, record)
+        if made.basis is None:
+            made.basis = np.linalg.qr(made.columns.reshape(-1, made.columns.shape[-1]))
+        return made.basis
+
+    def _of(self, s: Sensitivity, record: Record) -> _Made:
+        key = (id(s), record.y.shape[1], record.since_tap_s if s.tied else 0.0)
+        if key not in self._made:
+            self._made[key] = _Made(s, self._columns(s, record))
+            if len(self._made) > KEPT:
+                self._made.popitem(last=False)
+        return self._made[key]
+
+    def _columns(self, s: Sensitivity, record: Record) -> Real:
         modes = s.rig
         t = np.arange(record.y.shape[1]) / self._rate
         waves = np.exp(np.outer(t, modes.poles))

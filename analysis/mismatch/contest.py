@@ -25,14 +25,14 @@ from sim_backend.mechanisms.mechanism import Mechanism
 Real = NDArray[np.float64]
 
 LEVEL = 0.01  # of the test whether anything is missing
-HELD_OUT_EVERY = 4  # every fourth impact of a load is held out
+HELD_OUT_EVERY = 4  # every fourth impact is held out
 MOST_TERMS = 3
 FINALISTS = 5  # mechanisms that are fitted in full
 CLOSE = 0.25  # share of the best score's gain that earns a full fit
 FIRST_GAIN = 6.0  # evidence that the first mechanism must have, where the joint test says that there is one
 LEAST_GAIN = 16.0  # evidence that a further mechanism must have
 LEAST_SHARE = 0.03  # of what is explained already, likewise
-LEFT_OVER = 0.05  # share of all misfit that may be left over by a right explanation
+LEFT_OVER = (0.02, 0.005, 0.0)  # share of all misfit that one, two, three mechanisms may leave over
 LEFT_LEVEL = 1e-3  # p-value below which what is left over counts
 TEMPERATURE = 2.0  # by which differences of chi-squared are divided: laws are never exactly right
 HELD_OUT_EVIDENCE = 4.0  # that a further mechanism must have in the impacts that took no part
@@ -96,14 +96,16 @@ class Contest:
 
 
 def split(problem: Problem) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return records for fitting and held-out ones, from every load."""
-    seen: dict[int, int] = {}
+    """Return records for fitting and held-out ones: every fourth, but never all of a load."""
+    fitted = [0] * len(problem.recordings.loads_n)
     training: list[int] = []
     held: list[int] = []
     for i, record in enumerate(problem.recordings.records):
-        place = seen.get(record.group, 0)
-        seen[record.group] = place + 1
-        (held if place % HELD_OUT_EVERY == HELD_OUT_EVERY - 1 else training).append(i)
+        if i % HELD_OUT_EVERY == HELD_OUT_EVERY - 1 and fitted[record.group]:
+            held.append(i)
+        else:
+            training.append(i)
+            fitted[record.group] += 1
     return tuple(training), tuple(held)
 
 
@@ -140,9 +142,17 @@ def run_contest(
     left = screening.unexplained if p_value < LEVEL else 0.0
     left_p = screening.p_value
     chosen = current if current.terms else None
-    if chosen is not None and left_p < LEFT_LEVEL and left > LEFT_OVER * (explained + left):
-        chosen = None
+    if chosen is not None and left_p < LEFT_LEVEL and left > may_be_left(len(chosen.terms)) * (explained + left):
+        chosen = None  # patched together, not explained
     return Contest(problem, training, held, baseline, tuple(rounds), p_value, chosen, current, left, left_p)
+
+
+def may_be_left(terms: int) -> float:
+    """Return the share of all misfit that an explanation with so many mechanisms may leave over.
+
+    One law is never exactly right; several that still leave something are patches on what is not listed.
+    """
+    return LEFT_OVER[min(terms, len(LEFT_OVER)) - 1]
 
 
 def _full_fits(
@@ -168,13 +178,13 @@ def _full_fits(
         progress(f"fitting {name_of(score)}")
         try:
             fitted = fit(current.problem, (*current.terms, started(score)), begin=current, delays=score.delays)
+            if fitted.only_laws and not explained and misfit(fitted) > STRONG:
+                fitted = lengthened(current.problem, fitted.terms, current) or fitted
         except (ValueError, np.linalg.LinAlgError):
             entries.append(Entry(score, None, 0.0))  # it cannot be joined with what is there already
             continue
-        if fitted.only_laws and not explained and misfit(fitted) > STRONG:
-            fitted = lengthened(current.problem, fitted.terms, current) or fitted
         explained = explained or misfit(fitted) < STRONG
-        gain = current.objective - fitted.objective
+        gain = current.objective - fitted.objective - score.choice
         found = evidence(gain, own_numbers(score), len(score.term.mechanism.parameters))
         entries.append(Entry(score, fitted, found))
     entries.sort(key=lambda e: (e.fit is None, -(e.evidence + stiffness_evidence(e))))

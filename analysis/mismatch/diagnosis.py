@@ -14,7 +14,6 @@ from analysis.mismatch.baseline import slow_filter_poles
 from analysis.mismatch.colour import Colour
 from analysis.mismatch.contest import (
     LEFT_LEVEL,
-    LEFT_OVER,
     LEVEL,
     LOOK_ALIKE,
     TEMPERATURE,
@@ -22,6 +21,7 @@ from analysis.mismatch.contest import (
     Entry,
     Round,
     held_out_rms,
+    may_be_left,
     run_contest,
     stiffness_evidence,
 )
@@ -265,8 +265,9 @@ def diagnose_session(
         The session cannot carry a diagnosis.
     """
     sessions = [session] if isinstance(session, Session) else list(session)
-    # the matrices are small: further threads of the linear algebra would only get in each other's way
-    with threadpool_limits(limits=1, user_api="blas"):
+    # the matrices are small: further threads of the linear algebra would only get in each other's way; trial steps of a
+    # fit that lead nowhere may overflow
+    with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
         progress("identifying the modes of each impact")
         problem = tester_problem(*sessions)
         contest = run_contest(problem, known, progress)
@@ -343,7 +344,8 @@ def _named(fit: Fit, number: int, step: Round, contest: Contest) -> Named:
     strength = {e.id: e.evidence + stiffness_evidence(e) for e in entries}
     left = contest.left_over if contest.left_p_value < LEFT_LEVEL else 0.0
     explained = contest.baseline.objective - fit.objective
-    share = left / (LEFT_OVER * (explained + left)) if left > 0 else 0.0  # 1 where it would just not be named
+    allowed = may_be_left(len(fit.terms)) * (explained + left)
+    share = left / allowed if left > 0 else 0.0  # 1 where it would just not be named
     strength["something else"] = strength[mechanism.id] + SOMETHING_ELSE * (1 - min(share, 1.0))
     top = max(strength.values())
     weights = {k: math.exp((v - top) / 2 / TEMPERATURE) for k, v in strength.items()}

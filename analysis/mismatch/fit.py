@@ -402,12 +402,11 @@ class _Solver:
         coefficients: list[Real] = []
         for i, record in enumerate(model.problem.recordings.records):
             g = record.group
-            columns = model.nuisance.columns(modes[g], record)
-            flat = columns.reshape(-1, columns.shape[-1])
+            q_, r_ = model.nuisance.basis(modes[g], record)
             y = record.y
             if amplitudes and model.nonlinear:
                 y = y - model.extra(terms, i, amplitudes[i], model.constants(state).at(g), to[g])
-            coefficients.append(np.asarray(np.linalg.lstsq(flat, y.ravel(), rcond=None)[0], np.float64))
+            coefficients.append(np.asarray(np.linalg.lstsq(r_, q_.T @ y.ravel(), rcond=1e-12)[0], np.float64))
         return replace_coefficients(state, coefficients)
 
     def _evaluate(
@@ -460,8 +459,7 @@ class _Solver:
                 moved = model.extra(model.with_free(x), i, amplitudes, values[g], to[g])
                 parts.append(((moved - base) / step).reshape(residual.size, 1))
             tangent = np.concatenate(parts, axis=1)
-            flat = columns.reshape(residual.size, -1)
-            q_, r_ = np.linalg.qr(flat)
+            q_, r_ = np.linalg.qr(columns.reshape(residual.size, -1)) if self.exact else model.nuisance.basis(s, record)
             cross = q_.T @ tangent
             tangent = tangent - q_ @ cross
             where = np.r_[

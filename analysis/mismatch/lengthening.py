@@ -108,7 +108,7 @@ def _left(problem: Problem, constants: Constants, group: int) -> float:
     nuisance, total = Nuisance(recordings, problem.slow), 0.0
     for record in recordings.records:
         if record.group == group:
-            q, _ = np.linalg.qr(nuisance.columns(s, record).reshape(record.y.size, -1))
+            q, _ = nuisance.basis(s, record)
             y = record.y.ravel()
             total += float(y @ y - np.sum((q.T @ y) ** 2))
     return total

@@ -50,6 +50,8 @@ class Score:
         Estimate of its strength relative to the trial's (of a mechanism without one: 1 is expected).
     p_value
         Of this trial alone.
+    delays, choice
+        For a second blow: its sample after each record's first one, and the chi-squared that choosing these took.
     """
 
     term: Term
@@ -58,6 +60,7 @@ class Score:
     strength: float
     p_value: float
     delays: tuple[int, ...] = ()
+    choice: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,8 +281,7 @@ def screen(fit: Fit, known: Sequence[Mechanism], progress: Callable[[int, int], 
     for number, record in enumerate(records):
         columns.begin(number)
         s: Sensitivity = fit.modes[record.group]
-        flat = nuisance.columns(s, record).reshape(record.y.size, -1)
-        q, _ = np.linalg.qr(flat)
+        q, _ = nuisance.basis(s, record)
         slopes = slope_columns(s, fit.amplitudes[number], record, columns.rate).reshape(record.y.size, -1)
         made = [columns.of(t, i)[0].ravel() for i, t in enumerate(shared)]
         residual = fit.residuals[number].ravel()
@@ -450,7 +452,7 @@ def _second_blow(fit: Fit, mechanism: Mechanism, nuisance: Nuisance, columns: _C
         h = smooth_blow((to.rig.gains @ waves.T).real)
         first = max(1, int(BLOW_FROM_S * rate) - round(record.start_s * rate))
         last = min(int(BLOW_TO_S * rate), samples - 200)
-        q, _ = np.linalg.qr(nuisance.columns(fit.modes[record.group], record).reshape(record.y.size, -1))
+        q, _ = nuisance.basis(fit.modes[record.group], record)
         q = q.reshape(*record.y.shape, -1)
         both = np.concatenate([fit.residuals[number][:, :, None], q], axis=2)
         flipped = h[:, ::-1]
@@ -465,10 +467,13 @@ def _second_blow(fit: Fit, mechanism: Mechanism, nuisance: Nuisance, columns: _C
         per_record.append((s, g, first))
     best = int(np.argmax(evidence))
     share = float(SHARES[best])
+    highest = 0.0
     for s, g, first in per_record:
-        delays.append(first + int(np.argmax(share * s - share**2 * g / 2)))
+        log_ratio = share * s - share**2 * g / 2
+        delays.append(first + int(np.argmax(log_ratio)))
+        highest += float(log_ratio.max())
     found = float(evidence[best])
     term = Term(mechanism, {mechanism.parameters[0].name: share})
     # the likelihood ratio has mean one under the null, so that it exceeds e^x with a probability below e^-x
     p = min(1.0, math.exp(-min(max(found - math.log(SHARES.size), 0.0), 700.0)))
-    return Score(term, max(2 * found, 0.0), 1, share, p, tuple(delays))
+    return Score(term, max(2 * found, 0.0), 1, share, p, tuple(delays), 2 * (highest - found))

@@ -1,18 +1,20 @@
-"""A diagnosis taken up by the simulated rig, and found again in what that rig records."""
+"""A diagnosis: its page, taken up by the simulated rig, and found again in what that rig records."""
 
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from analysis.mismatch.diagnosis import diagnose_session
+from analysis.mismatch.diagnosis import Diagnosis, diagnose_session
 from daq.errors import RecordingError
 from mesotap.adoption import read_diagnosis, with_model
 from mesotap.config import Config, ConfigError, load_config
 from mesotap.diagnosis_files import diagnosis_answer
+from mesotap.diagnosis_report import contenders, write_diagnosis
 from sim_backend.adopted import adopted
 from sim_backend.mechanisms.mechanism import mechanisms
 from sim_backend.twin import twin_record
@@ -30,10 +32,17 @@ def damped(rig, load_n, pulse) -> np.ndarray:
     return twin_record(rig, load_n, found, pulse, ONSET_S, SAMPLES, RATE_HZ, ANALOG)[0]
 
 
+KNOWN = {name: mechanisms()[name] for name in CONTEST}
+
+
 @pytest.fixture(scope="module")
-def answer() -> dict:
-    known = [mechanisms()[name] for name in CONTEST]
-    return diagnosis_answer(diagnose_session(session_of(damped), known), 1.0)
+def found() -> Diagnosis:
+    return diagnose_session(session_of(damped), list(KNOWN.values()))
+
+
+@pytest.fixture(scope="module")
+def answer(found: Diagnosis) -> dict:
+    return diagnosis_answer(found, 1.0)
 
 
 @pytest.fixture
@@ -47,6 +56,24 @@ def test_what_the_rig_was_given_is_named_with_an_interval_that_holds_it(answer: 
     (named,) = answer["mechanisms"]
     assert named["id"] == HUNT_CROSSLEY
     assert named["parameters"][GROWTH]["low"] < TRUE_GROWTH < named["parameters"][GROWTH]["high"]
+
+
+def test_the_page_says_what_where_and_why_not_and_needs_nothing_else(found: Diagnosis, answer: dict, tmp_path) -> None:
+    page = write_diagnosis(tmp_path, found, answer, KNOWN)
+    text = page.read_text()
+    assert json.loads((tmp_path / "diagnosis.json").read_text()) == answer
+    assert f"it leaves out {HUNT_CROSSLEY.replace('_', ' ')}" in text
+    assert all(f"{name}</" in text for name in CONTEST)  # a row in the contest's table
+    assert "Struck from the list" in text
+    assert len(list((tmp_path / "figures").glob("diagnosis-*.pdf"))) == text.count("<svg") == 6
+    outside = set(re.findall(r"""(?:src|href)=["']([^#"'][^"']*)""", text))
+    assert all(where.startswith("data:") for where in outside)
+
+
+def test_the_contests_table_tells_the_named_one_from_the_others(found: Diagnosis) -> None:
+    rows = {row.id: row for row in contenders(found.contest, KNOWN)}
+    assert rows[HUNT_CROSSLEY].outcome == "named"
+    assert all(not row.named and row.outcome for name, row in rows.items() if name != HUNT_CROSSLEY)
 
 
 def test_the_contact_is_corrected_for_it(answer: dict) -> None:

@@ -70,8 +70,10 @@ def write_diagnosis(
     known: Mapping[str, Mechanism],
     results: SessionResults | None = None,
     progress: Callable[[str], None] = lambda stage: None,
+    *,
+    pdf_figures: bool = True,
 ) -> Path:
-    """Write ``diagnosis.html``, ``diagnosis.json`` and the figures as PDF into a folder; return the page.
+    """Write ``diagnosis.html``, ``diagnosis.json`` and ``figures/diagnosis-*.pdf`` into a folder; return the page.
 
     Parameters
     ----------
@@ -81,14 +83,18 @@ def write_diagnosis(
         Mechanisms that took part.
     results
         Of the session's linear analysis, for frequency and damping against amplitude; None to leave that out.
+    pdf_figures
+        Whether to write the figures for print, which takes about as long as the page.
     """
     folder.mkdir(parents=True, exist_ok=True)
     contest = found.contest
     progress("reconstructing the contact force")
     drawn = _figures(found, results)
-    (folder / "figures").mkdir(exist_ok=True)
-    for name, figure in drawn.items():
-        figures.save(figure, folder / "figures" / f"diagnosis-{name}.pdf")
+    progress("drawing")
+    if pdf_figures:
+        (folder / "figures").mkdir(exist_ok=True)
+        for name, figure in drawn.items():
+            figures.save(figure, folder / "figures" / f"diagnosis-{name}.pdf")
     written(folder / "diagnosis.json", json_text(dict(answer)))
     after = contest.best if contest.best.terms else None
     html = environment().get_template("diagnosis.html").render(
@@ -107,6 +113,7 @@ def write_diagnosis(
         loads_mn=[1e3 * p for p in contest.problem.recordings.loads_n],
         level_percent=round(100 * LEVEL),
         best_name=law_name(after),
+        pdf_figures=pdf_figures,
     )  # fmt: skip
     return written(folder / "diagnosis.html", html)
 

@@ -70,7 +70,8 @@ def ended(session: Session, folder: Path, config: Config) -> str:
 def test_a_session_is_diagnosed_at_its_end(tmp_path: Path, monkeypatch) -> None:
     few = {name: mechanisms()[name] for name in ("hertz_stiffness", "channel_gain")}
     monkeypatch.setattr("mesotap.commands.diagnose.known_mechanisms", lambda: few)
-    said = ended(session_of(with_law("linear"), ratios=GENTLE), tmp_path, Config())
+    wanted = Config.model_validate({"mesotap": {"diagnose": True}})
+    said = ended(session_of(with_law("linear"), ratios=GENTLE), tmp_path, wanted)
     assert json.loads((tmp_path / "diagnosis.json").read_text())["verdict"] == "consistent"
     assert "nothing is left beyond noise" in (tmp_path / "diagnosis.html").read_text()
     assert "diagnosis.html" in said
@@ -78,10 +79,10 @@ def test_a_session_is_diagnosed_at_its_end(tmp_path: Path, monkeypatch) -> None:
 
 def test_a_session_that_cannot_be_diagnosed_stays_what_it_is(made: Session, tmp_path: Path) -> None:
     few = Session(made.created, made.rig, made.shots[:2], source="few.h5")
-    said = ended(few, tmp_path, Config())
+    said = ended(few, tmp_path, Config.model_validate({"mesotap": {"diagnose": True}}))
     assert "no diagnosis: few.h5: a diagnosis needs at least four accepted impacts" in said
     assert not list(tmp_path.iterdir())
 
 
-def test_it_is_not_diagnosed_where_the_configuration_says_so(made: Session, tmp_path: Path) -> None:
-    assert ended(made, tmp_path, Config.model_validate({"mesotap": {"diagnose": False}})) == ""
+def test_it_is_diagnosed_only_where_the_configuration_says_so(made: Session, tmp_path: Path) -> None:
+    assert ended(made, tmp_path, Config()) == ""

@@ -59,13 +59,13 @@ def test_what_the_rig_was_given_is_named_with_an_interval_that_holds_it(answer: 
 
 
 def test_the_page_says_what_where_and_why_not_and_needs_nothing_else(found: Diagnosis, answer: dict, tmp_path) -> None:
-    page = write_diagnosis(tmp_path, found, answer, KNOWN)
+    page = write_diagnosis(tmp_path, found, answer, KNOWN, pdf_figures=False)
     text = page.read_text()
     assert json.loads((tmp_path / "diagnosis.json").read_text()) == answer
     assert f"it leaves out {HUNT_CROSSLEY.replace('_', ' ')}" in text
     assert all(f"{name}</" in text for name in CONTEST)  # a row in the contest's table
     assert "Struck from the list" in text
-    assert len(list((tmp_path / "figures").glob("diagnosis-*.pdf"))) == text.count("<svg") == 6
+    assert text.count("<svg") == 6
     outside = set(re.findall(r"""(?:src|href)=["']([^#"'][^"']*)""", text))
     assert all(where.startswith("data:") for where in outside)
 

@@ -81,7 +81,8 @@ def read_diagnosis(path: Path) -> AdoptedModel:
         raise RecordingError(f"{path}: is no complete {FORMAT} {VERSION} ({type(error).__name__}: {error})") from error
     if not found:
         raise RecordingError(
-            f"{path}: names no mechanism that acts in a ring-down (verdict {content.get('verdict')!r}): nothing to adopt"
+            f"{path}: names no mechanism that acts in a ring-down (verdict {content.get('verdict')!r}), so there is "
+            "nothing to adopt"
         )
     return AdoptedModel(str(path), found, tuple(sorted(loads, key=lambda p: p.load_mn)), rig)
 

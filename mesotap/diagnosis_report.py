@@ -20,6 +20,7 @@ from analysis.mismatch.reconstruction import law_along, reconstruct, stitched, t
 from analysis.mismatch.varying import contact_by_amplitude, contact_in_time
 from analysis.results import SessionResults
 from mesotap import figures
+from mesotap.adoption import LOAD_CELL
 from mesotap.report import Plate, environment, written
 from mesotap.results_files import json_text
 from sim_backend.mechanisms.mechanism import Mechanism
@@ -135,6 +136,11 @@ def verdict(found: Diagnosis) -> str:
         return (
             f"Eq. 9 does not explain {measured} ({chance}), and nothing listed does: what is missing is not named, "
             "but located and drawn below."
+        )
+    if all(m.where == LOAD_CELL for m in found.mechanisms):
+        return (
+            f"Eq. 9 with its constants refitted explains all of {measured}, but the load cell drifted between its "
+            f"calibrations ({chance}): the loads are in doubt."
         )
     names = " and ".join(m.id.replace("_", " ") for m in found.mechanisms)
     sure = min(m.probability for m in found.mechanisms)

@@ -107,6 +107,7 @@ def test_adopt_writes_a_configuration_and_never_over_one(diagnosis: Path, tmp_pa
         ({"format": "mesotap-results"}, "is no mesotap-diagnosis 1"),
         ({"mechanisms": []}, "nothing to adopt"),
         ({"mechanisms": [{"id": "contact_loss"}]}, "is no complete mesotap-diagnosis 1"),
+        ({"mechanisms": [{"id": "load_drift", "where": "load cell", "parameters": {}}]}, "nothing to adopt"),
         ({"mechanisms": [{"id": "magnetism", "parameters": {}}]}, "'magnetism' is no mechanism"),
         ({"mechanisms": [{"id": HUNT_CROSSLEY, "parameters": {}}]}, f"needs {GROWTH}"),
     ],

@@ -43,14 +43,14 @@ recovery: $(VENV)/.installed
 streaming: $(VENV)/.installed
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/streaming.py
 
-# random fault schedules over whole sessions with the drivers on emulated devices (twenty minutes)
+# random fault schedules over whole sessions with the drivers on emulated devices (ten minutes)
 SCHEDULES := 2000
 faults: $(VENV)/.tested
 	MESOTAP_FAULT_SCHEDULES=$(SCHEDULES) OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 tests/faults/test_schedules.py
 
 # docs/faults.md, written by what happens
 faults-table: $(VENV)/.tested
-	MESOTAP_WRITE_FAULTS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest tests/faults/test_table.py
+	MESOTAP_WRITE_FAULTS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest tests/faults/test_table.py -k page_holds
 
 # damaged files, configurations and USB replies, FUZZ of each kind; another FUZZ_SEED makes others (hours)
 FUZZ := 100000

@@ -43,6 +43,7 @@ def _sentence(error: Exception) -> str | None:
     from calibration.line import CalibrationError
     from daq.errors import RecordingError
     from mesotap.config import ConfigError
+    from mesotap.proof.errors import ProofError
     from rig import RigError
 
     meant = (
@@ -50,6 +51,7 @@ def _sentence(error: Exception) -> str | None:
         CalibrationError,
         ConfigError,
         FitFailure,
+        ProofError,
         RecordingError,
         ResonanceError,
         RigError,

@@ -133,13 +133,16 @@ def devices(
     emulate: Emulate = False,
     config: ConfigPath = None,
     seed: Seed = None,
+    search: Annotated[
+        bool, typer.Option("--search", help="Also ask the serial ports that are not configured who is there.")
+    ] = False,
     changes: Changes = None,
     json: JsonPath = None,
 ) -> None:
     """Find what is connected, and say what each configured device answers. Nothing moves."""
     from mesotap.commands.devices import devices as look
 
-    look(config, changes or (), simulate, emulate, seed, json, _console(json))
+    look(config, changes or (), simulate, emulate, seed, json, _console(json), search)
 
 
 @app.command()
@@ -345,6 +348,37 @@ def adopt(
     from mesotap.commands.diagnose import adopt as take_up
 
     take_up(diagnosis, config, output, _console(None))
+
+
+@app.command()
+def prove(
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the sessions.")] = 1,
+    sessions: Annotated[
+        int | None,
+        typer.Option("--sessions", min=1, help="How many; 24, or all of --practice, by default.", show_default=False),
+    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the proof.")] = Path("docs/proof"),
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Diagnoses at a time.")] = 2,
+    only: Annotated[
+        str | None,
+        typer.Option("--only", metavar="KIND", help="null, single, two, struck or outside alone.", show_default=False),
+    ] = None,
+    practice: Annotated[
+        Path | None,
+        typer.Option("--practice", metavar="FOLDER", help="Sessions with a truth.json instead.", show_default=False),
+    ] = None,
+) -> None:
+    """Try the diagnosis on sealed sessions that conceal an effect, and score its answers.
+
+    An interrupted proof goes on where it stopped.
+    """
+    from mesotap.commands.prove import prove as try_out
+    from mesotap.commands.prove import prove_practice
+
+    if practice is not None:
+        prove_practice(practice, sessions, output, jobs, _console(None))
+    else:
+        try_out(seed, sessions or 24, only, output, jobs, _console(None))
 
 
 @app.command()

@@ -156,6 +156,18 @@ class Nuisance:
             found[list(s.tied)] = found[s.reference] * s.ties(record.since_tap_s)
         return found
 
+    def rung(self, s: Sensitivity, coefficients: Real) -> list[Complex]:
+        """Return the complex amplitude in each channel of everything that rings by itself, (poles,) each."""
+        at, found = int(sum(w for j, w in enumerate(s.rig.weight) if j not in s.tied)), []
+        for ringing in self._ringing:
+            own = np.zeros(ringing.size, np.complex128)
+            for i, pole in enumerate(ringing):
+                pair = abs(pole.imag) > SMALL * abs(pole)
+                own[i] = complex(coefficients[at], -coefficients[at + 1] if pair else 0.0)
+                at += 2 if pair else 1
+            found.append(own)
+        return found
+
 
 def slow_filter_poles(highpass_hz: float, order: int) -> Complex:
     """Return zero (an offset) and the poles of the declared Butterworth high-pass, 1/s."""

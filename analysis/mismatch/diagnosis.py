@@ -30,6 +30,7 @@ from analysis.mismatch.fit import Fit
 from analysis.mismatch.load_drift import load_drift
 from analysis.mismatch.problem import Problem, Term
 from analysis.mismatch.records import channel_noise, joined, tester_recordings
+from analysis.mismatch.tones import tone_amplitude
 from analysis.session import AnalysisError, session_modes
 from analysis.settings import AnalysisSettings
 from analysis.stiffness import ResonanceError, contact_from_pole
@@ -354,12 +355,16 @@ def _named(fit: Fit, number: int, step: Round, contest: Contest) -> Named:
         k for k in weights if k not in (mechanism.id, "something else") and weights[k] > 0.02 * weights[mechanism.id]
     )
     alike = _looking_alike(step, mechanism.id, rivals)
+    errors = fit.parameter_errors[number]
+    if mechanism.lines is not None and mechanism.strength is not None:
+        amplitude, error = tone_amplitude(fit)
+        term, errors = replace(term, values={**term.values, mechanism.strength: amplitude}), {mechanism.strength: error}
     return Named(
         mechanism.id,
         min(weights[mechanism.id] / total, 1.0),
         mechanism.component,
         mechanism.statement(term.values),
-        _intervals(term, fit.parameter_errors[number]),
+        _intervals(term, errors),
         alike if accepted is not None else (),
         _fixed(term),
     )
@@ -394,6 +399,10 @@ def _intervals(term: Term, errors: dict[str, float]) -> dict[str, Interval]:
         else:
             low, high = value - error, value + error
         out[q.name] = Interval(value, max(low, q.low), min(high, q.high), q.unit)
+    for more in term.mechanism.derived:
+        known = out.get(more.of)
+        if known is not None:
+            out[more.name] = Interval(more.value(known.value), more.value(known.low), more.value(known.high), more.unit)
     return out
 
 

@@ -29,6 +29,7 @@ Complex = NDArray[np.complex128]
 MOST_ITERATIONS = 25
 CONVERGED = 0.02  # change of chi-squared below which a fit is done
 SUBSTEPS = 4
+ONSET_SAMPLES = 5  # of a blow
 LOAD_STEP = 1e-5  # of differences, relative
 PARAMETER_STEP = 1e-4  # of differences, relative to the parameter (or its range where it is small)
 AMPLITUDE_STEP = 1e-3  # of differences, relative to the record's largest amplitude
@@ -225,15 +226,10 @@ class _Model:
     def _blow(self, term: Term, number: int, amplitudes: Complex, to: Response) -> Real:
         """Response of the channels to a second blow, before whitening."""
         record = self.problem.recordings.records[number]
-        samples, delay = record.y.shape[1], self.delays[number]
-        struck = self.arrangement.bodies.index(self.arrangement.struck)
-        left = to.rig.left[struck]
-        impulse = first_impulse(to, amplitudes, record, struck)
-        kick = left * impulse * next(iter(term.values.values()))
-        out = np.zeros((len(to.rig.filtered), samples))
-        t = np.arange(samples - delay) / self.rate
-        waves = np.exp(np.outer(t, to.rig.poles)) * (to.rig.weight * kick)
-        out[:, delay:] = smooth_blow((to.rig.filtered @ waves.T).real)
+        delay = self.delays[number]
+        waves = waves_of_blow(to, amplitudes, record, record.y.shape[1] - delay, self.rate)
+        out = np.zeros((len(to.rig.filtered), record.y.shape[1]))
+        out[:, delay:] = next(iter(term.values.values())) * onset((to.rig.filtered @ waves.T).real)
         return out
 
     def residual(
@@ -272,17 +268,18 @@ def extra_forces(fitted: Fit, number: int, samples: int) -> tuple[Real, list[int
     return forces, used, h
 
 
-def first_impulse(to: Response, amplitudes: Complex, record: Record, struck: int) -> float:
-    """Impulse of the tap that these amplitudes tell of, N s."""
-    at_tap = amplitudes * np.exp(-to.rig.poles * (record.since_tap_s))
-    return float(np.mean((at_tap / to.rig.left[struck]).real))
+def waves_of_blow(to: Response, amplitudes: Complex, record: Record, samples: int, sample_rate_hz: float) -> Complex:
+    """Return (samples, p) the modes as the tap set them going, from the tap on: a second blow does the same later."""
+    t = np.arange(samples) / sample_rate_hz - record.since_tap_s
+    return np.asarray(np.exp(np.outer(t, to.rig.poles)) * (to.rig.weight * amplitudes), np.complex128)
 
 
-def smooth_blow(y: Real) -> Real:
-    """Spread a blow over as many samples as a tap takes."""
-    kernel = np.hanning(7)[1:-1]
-    kernel /= kernel.sum()
-    return np.stack([np.convolve(row, kernel)[: row.size] for row in y])
+def onset(y: Real) -> Real:
+    """Let a response begin as slowly as a tap does."""
+    out: Real = y.copy()
+    rise = np.sin(np.linspace(0, np.pi / 2, ONSET_SAMPLES + 2)[1:-1]) ** 2
+    out[:, :ONSET_SAMPLES] *= rise[: y.shape[1]]
+    return out
 
 
 def _inward(value: float, q: Quantity) -> float:

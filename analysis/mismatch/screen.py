@@ -18,7 +18,7 @@ from scipy.stats import chi2
 
 from analysis.mismatch.baseline import Nuisance, Sensitivity, slope_columns
 from analysis.mismatch.excess import Excess, excess_by_frequency, excess_by_time
-from analysis.mismatch.fit import Fit, first_impulse, smooth_blow
+from analysis.mismatch.fit import Fit, onset, waves_of_blow
 from analysis.mismatch.free_form import free_terms
 from analysis.mismatch.linear import LinearRig, linear_rig
 from analysis.mismatch.problem import Term, acted_on, law_parameters
@@ -440,16 +440,13 @@ def _second_blow(fit: Fit, mechanism: Mechanism, nuisance: Nuisance, columns: _C
     """Likelihood of a second blow of one share of the first in all records, its delay anywhere in each."""
     recordings = fit.problem.recordings
     rate = recordings.sample_rate_hz
-    struck = fit.arrangement.bodies.index(fit.arrangement.struck)
     evidence = np.zeros(SHARES.size)
     delays, per_record = [], []
     for number, record in enumerate(recordings.records):
         to = columns.to[record.group]
         samples = record.y.shape[1]
-        impulse = first_impulse(to, fit.amplitudes[number], record, struck)
-        t = np.arange(samples) / rate
-        waves = np.exp(np.outer(t, to.rig.poles)) * (to.rig.weight * to.rig.left[struck] * impulse)
-        h = smooth_blow((to.rig.gains @ waves.T).real)
+        waves = waves_of_blow(to, fit.amplitudes[number], record, samples, rate)
+        h = onset((to.rig.gains @ waves.T).real)
         first = max(1, int(BLOW_FROM_S * rate) - round(record.start_s * rate))
         last = min(int(BLOW_TO_S * rate), samples - 200)
         q, _ = nuisance.basis(fit.modes[record.group], record)

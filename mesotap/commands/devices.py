@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +27,17 @@ def devices(
     seed: int | None,
     json_path: Path | None,
     console: Console,
+    search: bool = False,
 ) -> None:
-    """List the ports of this machine, and say what each configured device answers. Nothing moves."""
+    """List what is plugged into this machine, and say what each configured device answers. Nothing moves.
+
+    ``search`` asks also the serial ports that are not configured; every question is one that changes nothing.
+    """
     config = _not_homing(load_config(config_path, changes))
-    found = [] if simulate or emulate else [*_serial_ports(), *_recorders()]
-    for item in found:
-        console.print(escape(f"{item['port']}: {item['says']}"), highlight=False)
+    found: list[dict[str, Any]] = []
+    for item in () if simulate or emulate else _connected(config, search):
+        found.append(item)
+        console.print(escape(f"{item['port']}: {item['says']}"), highlight=False, soft_wrap=True)
     if not simulate and not emulate and not found:
         console.print("no serial port and no recorder is connected to this machine", highlight=False)
     answers = _answers(config, simulate, emulate, seed, console)
@@ -135,6 +140,25 @@ def _not_homing(config: Config) -> Config:
     return config.model_copy(update={"rig": config.rig.model_copy(update={"parts": parts})})
 
 
+def _connected(config: Config, search: bool) -> Iterator[dict[str, Any]]:
+    """Yield each port and recorder with what is known of it, one after the other as they answer."""
+    from rig.drivers.search import who_answers
+    from rig.wall_clock import WallClock
+
+    configured = {getattr(part, "port", None) for part in (config.rig.parts.load_cell, config.rig.parts.stage)}
+    for port in _serial_ports():
+        if not search or port["port"] in configured:
+            yield port
+            continue
+        try:
+            answers = who_answers(port["port"], WallClock())
+        except RigError as error:
+            answers = str(error)
+        yield {**port, "says": f"{port['says']}: {answers}"}
+    yield from _recorders()
+    yield from _ni_modules()
+
+
 def _serial_ports() -> list[dict[str, Any]]:
     from serial.tools.list_ports import comports
 
@@ -163,3 +187,12 @@ def _recorders() -> list[dict[str, Any]]:
             transport.close()
         found.append({"port": transport.port, "says": says})
     return found
+
+
+def _ni_modules() -> list[dict[str, Any]]:
+    from rig.drivers.ni9234 import modules
+
+    try:
+        return [{"port": name, "says": kind} for name, kind in modules()]
+    except RigError as error:
+        return [{"port": "NI", "says": str(error)}]

@@ -8,7 +8,16 @@ import numpy as np
 
 from rig.drivers.driver import Driver
 from rig.drivers.modbus import ModbusDevice
-from rig.drivers.registers import Bridge, Register, RegisterMap, decode, plausible, signal_mv
+from rig.drivers.registers import (
+    Bridge,
+    Register,
+    RegisterMap,
+    decode,
+    other_order,
+    plausible,
+    possible_signal,
+    signal_mv,
+)
 from rig.drivers.settings import Amplifier
 from rig.drivers.transport import Transport
 from rig.errors import DeviceError
@@ -91,20 +100,40 @@ class ModbusLoadCell(LoadCell, Driver):
         return LoadReading(self._clock.now(), float(np.mean(samples)), float(np.std(samples, ddof=1)), len(samples))
 
     def _sample(self) -> float:
-        """One bridge voltage, mV; NaN where the amplifier itself answers no number."""
+        """One bridge voltage, mV; NaN where the amplifier itself answers no number.
+
+        A voltage that no bridge gives is an error: for a map without ratio and full scale it is the only sign of a
+        wrong word order, and it shows before anything is moved, for the gauge is read first.
+        """
         offset, count = self._block
         words = self._wire.read(self._map.table, offset, count)
         status = 0 if self._map.status is None else words[self._map.status - offset]
         for bit, meaning in self._map.troubles.items():
             if status >> bit & 1:
                 raise self._error(meaning, "take the load off, then check the bridge's wiring and its range")
-        register = self._map.signal
-        first = register.offset - offset
-        value = decode(words[first : first + register.words()], register.kind, self._map.word_order)
-        if self._map.negative_bit is not None and status >> self._map.negative_bit & 1:
-            value = -value
-        voltage = signal_mv(value, self._map, self._settings.mv_per_count, self._settings.excitation_v, self._bridge)
-        return voltage if math.isfinite(voltage) else math.nan
+        first = self._map.signal.offset - offset
+        signal = words[first : first + self._map.signal.words()]
+        voltage = self._voltage_mv(signal, self._map.word_order)
+        if not math.isfinite(voltage):
+            return math.nan
+        if not possible_signal(voltage, self._settings.excitation_v):
+            raise self._impossible(voltage, self._voltage_mv(signal, other_order(self._map.word_order)))
+        negative = self._map.negative_bit is not None and status >> self._map.negative_bit & 1
+        return -voltage if negative else voltage
+
+    def _voltage_mv(self, signal: list[int], word_order: str) -> float:
+        value = decode(signal, self._map.signal.kind, word_order)
+        return signal_mv(value, self._map, self._settings.mv_per_count, self._settings.excitation_v, self._bridge)
+
+    def _impossible(self, voltage: float, otherwise: float) -> DeviceError:
+        what = f"its signal reads {voltage:.4g} mV, which no bridge gives"
+        if self._map.signal.words() > 1 and possible_signal(otherwise, self._settings.excitation_v):
+            other = other_order(self._map.word_order)
+            return self._error(
+                f"{what}, but {otherwise:.4g} mV with the words the other way round",
+                f"give its register map with word_order: {other} in rig.parts.load_cell.registers",
+            )
+        return self._error(what, "check the register map and mv_per_count in rig.parts.load_cell")
 
     # --- at connect -----------------------------------------------------------------------------------------
 
@@ -137,7 +166,7 @@ class ModbusLoadCell(LoadCell, Driver):
             return ""
         words = self._words(ratio), self._words(full_scale)
         order = self._map.word_order
-        other = "low_first" if order == "high_first" else "high_first"
+        other = other_order(order)
         read = {
             way: (decode(words[0], ratio.kind, way), decode(words[1], full_scale.kind, way)) for way in (order, other)
         }

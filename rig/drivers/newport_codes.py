@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum, IntFlag
 
+LARGEST_NUMBER = 1e6  # mm, or any other quantity of these controllers
+
 
 class CommandError(Enum):
     """Letters that ``TE`` answers after a command."""
@@ -158,6 +160,3 @@ def parse_number(value: str) -> float:
     if abs(number) > LARGEST_NUMBER:
         raise ReplyError(f"{value!r} is out of all bounds")
     return number
-
-
-LARGEST_NUMBER = 1e6  # mm, or any other quantity of these controllers

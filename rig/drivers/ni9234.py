@@ -7,6 +7,7 @@ asked for it gives 25.6, and every record says so.
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import math
 from typing import Any
 
@@ -234,9 +235,31 @@ class Ni9234(Accelerometers, Driver):
         elif code in TIMED_OUT:
             what, check = "it sends nothing", "look at the chassis in NI MAX, plug it out and in again"
         else:
-            said = str(error).strip().splitlines()[0][:200].rstrip(".") if str(error).strip() else "no reason given"
-            what, check = f"NI-DAQmx refuses ({said})", "look at the module in NI MAX"
+            what, check = f"NI-DAQmx refuses ({_reason(error)})", "look at the module in NI MAX"
         return DeviceError(f"recorder {NAME}", self._settings.module, what, check)
+
+
+def modules(nidaqmx: Any = None) -> list[tuple[str, str]]:
+    """Return name and kind of every NI module that NI-DAQmx knows; none where its package is not installed.
+
+    Raises
+    ------
+    RigError
+        The package is there, and NI's driver under it is not or fails.
+    """
+    if nidaqmx is None and importlib.util.find_spec("nidaqmx") is None:
+        return []
+    ni = nidaqmx or _nidaqmx()
+    try:
+        return [(str(device.name), str(device.product_type)) for device in ni.system.System.local().devices]
+    except ni.errors.Error as error:
+        raise RigError(f"NI-DAQmx: {_reason(error)}; install NI's driver, or look at NI MAX") from error
+
+
+def _reason(error: Exception | None) -> str:
+    """First line of what NI-DAQmx says, without its full stop."""
+    said = str(error).strip()
+    return said.splitlines()[0][:200].rstrip(".") if said else "no reason given"
 
 
 def _code(error: Exception | None) -> int | None:

@@ -23,7 +23,7 @@ class Usb1608Settings(Section):
 
     driver: Literal["usb-1608fs-plus"] = "usb-1608fs-plus"
     serial_number: Annotated[str, Field(pattern=r"^[0-9A-Za-z]{1,8}$")] | None = None
-    reconnect_s: NonNegative = 0.3
+    reconnect_s: NonNegative = 0.15
 
 
 class Ni9234Settings(Section):

@@ -24,6 +24,7 @@ LARGEST_BLOCK = 120  # registers that one request may ask for (Modbus allows 125
 
 RATIOS_MV_PER_V = (0.05, 50.0)  # sensitivities that bridges have
 FULL_SCALES = (1e-6, 1e7)  # of any load cell in any unit
+SMALLEST_SIGNAL_MV = 1e-9  # but for zero: below it is a float32 whose words are the wrong way round
 
 
 class Register(Section):
@@ -161,6 +162,17 @@ def encode(value: float, kind: Kind, word_order: str) -> tuple[int, ...]:
 def plausible(ratio_mv_per_v: float, full_scale: float) -> bool:
     """Whether a bridge can have this ratio, mV/V, and this full scale, in any unit."""
     return RATIOS_MV_PER_V[0] <= ratio_mv_per_v <= RATIOS_MV_PER_V[1] and FULL_SCALES[0] <= full_scale <= FULL_SCALES[1]
+
+
+def possible_signal(voltage_mv: float, excitation_v: float) -> bool:
+    """Whether a bridge can give this voltage, mV: none gives more than its largest ratio times its supply."""
+    size = abs(voltage_mv)
+    return size <= RATIOS_MV_PER_V[1] * excitation_v and (size == 0.0 or size >= SMALLEST_SIGNAL_MV)
+
+
+def other_order(word_order: str) -> str:
+    """Return the word order that is not this one."""
+    return "low_first" if word_order == "high_first" else "high_first"
 
 
 def signal_mv(value: float, settings_map: RegisterMap, mv_per_count: float, excitation_v: float, cell: Bridge) -> float:

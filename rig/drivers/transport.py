@@ -198,12 +198,28 @@ class TcpTransport(Transport):
     def _take(self) -> None:
         name = "".join(c if c.isalnum() else "-" for c in self.port)
         path = Path(tempfile.gettempdir()) / f"mesotap-{name}.lock"
-        self._lock_file = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
         try:
+            self._lock_file = _opened_file(path)
             fcntl.flock(self._lock_file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+        except BlockingIOError as error:
             self.close()
             raise DeviceError(self.device, self.port, *IN_USE) from error
+        except OSError as error:
+            self.close()
+            raise DeviceError(
+                self.device,
+                self.port,
+                f"cannot be kept for this program ({path}: {error.strerror})",
+                "give this user access to that file",
+            ) from error
+
+
+def _opened_file(path: Path) -> int:
+    """Open a lock file, which another user may have made, to be locked and not to be written."""
+    try:
+        return os.open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        return os.open(path, os.O_CREAT | os.O_RDONLY, 0o644)
 
 
 IN_USE = ("another program uses it", "close that program, then try again")

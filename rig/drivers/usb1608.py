@@ -16,9 +16,9 @@ from usb.backend import IBackend
 from rig.drivers import usb1608_protocol as protocol
 from rig.drivers.driver import Driver
 from rig.drivers.recorder_settings import Usb1608Settings
-from rig.drivers.usb1608_protocol import NAME, NoRecorder, Status, Usb1608Protocol, find
+from rig.drivers.usb1608_protocol import DEVICE, NoRecorder, Status, Usb1608Protocol, find
 from rig.drivers.usb1608_scale import Scale, check_wiring
-from rig.drivers.usb_transport import UsbDamaged, UsbFault, UsbGone, UsbSilent
+from rig.drivers.usb_transport import UsbDamaged, UsbFault, UsbGone, UsbMute, UsbSilent
 from rig.errors import RigError
 from rig.interface import Accelerometers, Clock
 from rig.readings import Block
@@ -27,8 +27,9 @@ from rig.settings import Wiring
 BLOCK_SAMPLES = 256
 """Samples of a block: with any number of inputs a whole number of packets."""
 
-TRANSFER_MARGIN_S = 0.08
-"""How much longer than a block lasts it is waited for: a recorder that is mute is given up within half a second."""
+TRANSFER_MARGIN_S = 0.04
+"""How much longer than a block lasts it is waited for. Like all patience here so short that the surfaces are apart
+within half a second after the recorder has failed for good: while it is waited for, nobody watches the load."""
 
 MOST_RESTARTS = 3
 """Times a scan is started again without one whole block before the recorder is given up."""
@@ -105,7 +106,7 @@ class Usb1608(Accelerometers, Driver):
         self._attach()
         wired = ", ".join(f"{i} (±{r:g} V)" for i, r in zip(self._inputs, self._ranges_v, strict=True))
         return (
-            f"recorder {NAME} {self.serial_number} on {self._opened().transport.port}: {self.sample_rate_hz:g} Hz, "
+            f"{DEVICE} {self.serial_number} on {self._opened().transport.port}: {self.sample_rate_hz:g} Hz, "
             f"inputs {wired}, full scale {self.full_scale_m_s2:.1f} m/s2"
         )
 
@@ -130,7 +131,7 @@ class Usb1608(Accelerometers, Driver):
 
     def _opened(self) -> Usb1608Protocol:
         if self._device is None:
-            raise RigError(f"recorder {NAME}: it is not connected; check its cable")
+            raise RigError(f"{DEVICE}: it is not connected; check its cable")
         return self._device
 
     def _attach(self) -> None:
@@ -173,7 +174,9 @@ class Usb1608(Accelerometers, Driver):
                     self._come_back(fault)
                 self._start_scan()
             except UsbFault as trouble:
-                fault = trouble
+                before, fault = fault, trouble
+                if _mute(before, fault):
+                    break
             else:
                 self._started_s = self._clock.now()
                 self._running = True
@@ -191,7 +194,7 @@ class Usb1608(Accelerometers, Driver):
             Not started, or the recorder could not be brought to stream again.
         """
         if not self._running:
-            raise RigError(f"recorder {NAME}: it does not stream; start it before blocks are read")
+            raise RigError(f"{DEVICE}: it does not stream; start it before blocks are read")
         fault: UsbFault | None = None
         for _ in range(MOST_RESTARTS + 1):
             try:
@@ -199,7 +202,9 @@ class Usb1608(Accelerometers, Driver):
                     self._restart(fault)
                 return self._take(self._fill())
             except UsbFault as trouble:
-                fault = trouble
+                before, fault = fault, trouble
+                if _mute(before, fault):
+                    break
         self._running = False
         raise self._given_up(fault)
 
@@ -250,7 +255,7 @@ class Usb1608(Accelerometers, Driver):
             self._clock.sleep(LOOK_AGAIN_S)
 
     def _given_up(self, fault: UsbFault | None) -> RigError:
-        return RigError(f"{fault} ({MOST_RESTARTS} new starts did not help)")
+        return RigError(f"{fault} (to start it again did not help)")
 
     def _fill(self) -> bytes | array.array[int]:
         """Return the bytes of one block, however the device cuts them into transfers."""
@@ -295,3 +300,8 @@ class Usb1608(Accelerometers, Driver):
         first = self._next
         self._next += BLOCK_SAMPLES
         return Block(first, values[:2], values[2] if len(values) > 2 else None)
+
+
+def _mute(*faults: UsbFault | None) -> bool:
+    """Whether one request after the other was not answered, so that asking again is a waste of time."""
+    return all(isinstance(fault, UsbMute) for fault in faults)

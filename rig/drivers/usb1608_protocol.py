@@ -18,6 +18,7 @@ from rig.errors import RigError
 
 VENDOR, PRODUCT = 0x09DB, 0x00EA
 NAME = "MCC USB-1608FS-Plus"
+DEVICE = f"recorder {NAME}"
 
 ENDPOINT = 0x81
 PACKET = 64
@@ -184,15 +185,15 @@ def find(serial_number: str | None, backend: IBackend | None = None) -> tuple[Us
     """
     devices = connected(VENDOR, PRODUCT, backend)
     if not devices:
-        raise NoRecorder(f"recorder {NAME}: there is none on USB; check its cable and the hub")
+        raise NoRecorder(f"{DEVICE}: there is none on USB; check its cable and the hub")
     if serial_number is None and len(devices) > 1:
         raise RigError(
-            f"recorder {NAME}: there are {len(devices)} on USB; name one by its serial_number in config.yaml "
+            f"{DEVICE}: there are {len(devices)} on USB; name one by its serial_number in config.yaml "
             "('mesotap devices' lists them)"
         )
     others: list[str] = []
     for candidate in devices:
-        transport = UsbTransport(candidate, NAME)
+        transport = UsbTransport(candidate, DEVICE)
         try:
             transport.open()
             device = Usb1608Protocol(transport)
@@ -207,4 +208,4 @@ def find(serial_number: str | None, backend: IBackend | None = None) -> tuple[Us
             return device, number
         transport.close()
         others.append(f"{number} on {transport.port}")
-    raise RigError(f"recorder {NAME}: none has serial number {serial_number}; found {'; '.join(others)}")
+    raise RigError(f"{DEVICE}: none has serial number {serial_number}; found {'; '.join(others)}")

@@ -18,7 +18,7 @@ from rig.errors import DeviceError, RigError
 VENDOR_OUT, VENDOR_IN = 0x40, 0xC0
 """bmRequestType of vendor requests to the device."""
 
-CONTROL_TIMEOUT_MS = 100
+CONTROL_TIMEOUT_MS = 50
 """A control transfer takes a few milliseconds; this long without an answer is silence."""
 
 PLUG_AGAIN = "plug it out and in again"
@@ -36,7 +36,11 @@ class UsbStalled(UsbFault):
 
 
 class UsbSilent(UsbFault):
-    """No answer in time."""
+    """Nothing came in time."""
+
+
+class UsbMute(UsbSilent):
+    """Not even a request was answered in time."""
 
 
 class UsbDamaged(UsbFault):
@@ -147,17 +151,19 @@ class UsbTransport:
     @contextmanager
     def _told(self, request: int | None = None) -> Iterator[None]:
         """Turn what libusb reports into a sentence about this device."""
-        what = "a transfer" if request is None else f"request 0x{request:02X}"
         try:
             with self._lock:
                 yield
         except usb.core.USBError as error:
-            raise self._fault(error, what) from error
+            raise self._fault(error, request) from error
 
-    def _fault(self, error: usb.core.USBError, what: str) -> DeviceError:
+    def _fault(self, error: usb.core.USBError, request: int | None) -> DeviceError:
+        what = "a transfer" if request is None else f"request 0x{request:02X}"
         number = error.errno
         if isinstance(error, usb.core.USBTimeoutError) or number == errno.ETIMEDOUT:
-            return UsbSilent(self.name, self.port, f"it did not answer {what}", PLUG_AGAIN)
+            if request is None:
+                return UsbSilent(self.name, self.port, "it sent nothing", PLUG_AGAIN)
+            return UsbMute(self.name, self.port, f"it did not answer {what}", PLUG_AGAIN)
         if number == errno.EPIPE:
             return UsbStalled(self.name, self.port, f"it refused {what}", PLUG_AGAIN)
         if number in _GONE:

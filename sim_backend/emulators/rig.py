@@ -19,7 +19,7 @@ from rig.drivers.amplifier import DEVICE as AMPLIFIER
 from rig.drivers.amplifier import ModbusLoadCell
 from rig.drivers.motor_stage import DEVICE as STAGE
 from rig.drivers.motor_stage import MotorStage
-from rig.drivers.recorder_settings import SolenoidSettings, Usb1608Settings
+from rig.drivers.recorder_settings import Ni9234Settings, SolenoidSettings, Usb1608Settings
 from rig.drivers.settings import AmplifierRtu, AmplifierTcp, NewportStage
 from rig.drivers.solenoid import SolenoidImpactor
 from rig.drivers.transport import SerialTransport, TcpTransport, Transport
@@ -144,6 +144,11 @@ class EmulatedRig(AssembledRig):
 
     def _recorder(self, rig_settings: RigSettings, settings: SimBackendSettings) -> tuple[Accelerometers, Impactor]:
         parts, physics = rig_settings.parts, self.physics
+        if isinstance(parts.accelerometers, Ni9234Settings):
+            raise RigError(
+                "rig.parts.accelerometers: the NI 9234 is not emulated, for its wire is NI's own; name a "
+                "usb-1608fs-plus, or take --simulate"
+            )
         recorder = parts.accelerometers if isinstance(parts.accelerometers, Usb1608Settings) else Usb1608Settings()
         solenoid = parts.impactor if isinstance(parts.impactor, SolenoidSettings) else None
         self.recorder = EmulatedUsb1608(

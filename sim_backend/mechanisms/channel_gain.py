@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim_backend.mechanisms.mechanism import Mechanism, Quantity, Real, Values
+from sim_backend.mechanisms.mechanism import Derived, Mechanism, Quantity, Real, Values
 
 NAME = "gain_error_of_b"
 
@@ -23,6 +23,7 @@ MECHANISM = Mechanism(
     summary="one accelerometer's sensitivity is off",
     source="sensitivity of a channel",
     parameters=(Quantity(NAME, "1", -0.9, 9.0, "relative error of B's sensitivity against A's"),),
+    derived=(Derived("gain_of_b", "1", NAME, lambda error: 1 + error),),
     strength=NAME,
     trials=lambda scale: [{NAME: 1e-3}],
     distort=distort,

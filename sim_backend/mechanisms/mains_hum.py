@@ -5,17 +5,22 @@ from __future__ import annotations
 from sim_backend.mechanisms.mechanism import Mechanism, Quantity
 
 NAME = "amplitude_m_s2"
+MAINS_HZ = (50.0, 60.0)
+LINES = (1.0, 2.0, 3.0, 13.0, 123.0, 12345.0)  # each digit a multiple of the mains frequency
 
 MECHANISM = Mechanism(
     id="mains_hum",
     component="sensor chain",
     summary="50 or 60 Hz and harmonics",
     source="ground loops",
-    parameters=(Quantity(NAME, "m/s2", 0.0, 1e3, "amplitude of the strongest line"),),
+    parameters=(Quantity(NAME, "m/s2", 0.0, 1e3, "amplitude of the loudest line"),),
     strength=NAME,
-    trials=lambda scale: [{"line_hz": base * k, NAME: 0.0} for base in (50.0, 60.0) for k in (1, 2, 3)],
-    lines=lambda values: (values["line_hz"],),
+    trials=lambda scale: [{"mains_hz": base, "lines": lines, NAME: 0.0} for base in MAINS_HZ for lines in LINES],
+    lines=lambda values: [int(k) * values["mains_hz"] for k in str(int(values["lines"]))],
     statement=lambda values: (
-        f"The mains hums in the records: {values['line_hz']:.0f} Hz with {1e3 * values[NAME]:.2g} mm/s2."
+        "The mains hums in the records: "
+        + " and ".join(f"{int(k) * values['mains_hz']:.0f}" for k in str(int(values["lines"])))
+        + " Hz"
+        + f", the loudest line with {1e3 * values[NAME]:.2g} mm/s2."
     ),
 )

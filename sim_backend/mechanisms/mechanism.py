@@ -76,6 +76,16 @@ class Scale:
 
 
 @dataclass(frozen=True, slots=True)
+class Derived:
+    """A quantity that follows from one parameter (``of``), rising with it."""
+
+    name: str
+    unit: str
+    of: str
+    value: Callable[[float], float]
+
+
+@dataclass(frozen=True, slots=True)
 class Mechanism:
     """One piece of physics that the linear rig leaves out. It does one of five things; one that does none cannot be
     seen in ring-downs.
@@ -106,8 +116,8 @@ class Mechanism:
         Whether only a positive strength makes sense.
     last
         Whether the law must be the last one in its element (it limits what the others make).
-    shown
-        What is reported beside the parameters: from values and the element at rest to (name, value, unit).
+    derived
+        What is reported beside the parameters.
     statement
         A sentence about the fitted mechanism, from its values.
     stiffness_exponent
@@ -134,6 +144,7 @@ class Mechanism:
     one_signed: bool = True
     last: bool = False
     stiffness_exponent: tuple[float, float] | None = None
+    derived: tuple[Derived, ...] = ()
 
 
 @cache

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sim_backend.arrangement import Arrangement, Parameter
-from sim_backend.mechanisms.mechanism import Mechanism, Quantity, Values
+from sim_backend.mechanisms.mechanism import Derived, Mechanism, Quantity, Values
 
 NAME = "c_n_s_per_m"
 
@@ -23,6 +23,7 @@ MECHANISM = Mechanism(
     summary="the tube springs dissipate; Eq. 9 has no damper there",
     source="material damping of the rings",
     parameters=(Quantity(NAME, "N s/m", 0.0, 1e3, "damper beside each tube spring"),),
+    derived=tuple(Derived(f"c{i}_n_s_per_m", "N s/m", NAME, lambda c: c) for i in (1, 2)),
     strength=NAME,
     trials=lambda scale: [{NAME: 1e-4 * scale.force / scale.rate}],
     extend=extend,

@@ -17,7 +17,8 @@ from mesotap.console import KeyControl
 from mesotap.session.runner import Bench, SessionRunner
 from mesotap.session.states import State
 from rig import RigError
-from sim_backend.emulators.disturbance import DisturbedWire, foreign_line, foreign_rtu
+from rig.drivers.settings import AmplifierTcp
+from sim_backend.emulators.disturbance import DisturbedWire, foreign_line, foreign_rtu, foreign_tcp
 from tests.mesotap.benches import Silent, Watching, header_of, small_config
 
 QUICK = (
@@ -33,6 +34,15 @@ PORTS = (
 FLOAT_MAP = (
     "rig.parts.load_cell={driver: modbus-rtu, port: /dev/ttyUSB0, registers: {signal: {offset: 2, kind: float32}, "
     "signal_is: mv}}",
+)
+TCP = (
+    "rig.parts.load_cell={driver: modbus-tcp, preset: seneca-ze-sg3, host: 192.168.1.5, expected_id: 14}",
+    "rig.parts.stage={driver: smc100, port: /dev/ttyUSB1, zero_mm: 0.2, expected_identity: SMC_CC}",
+)
+SOLENOID = (
+    "rig.parts.load_cell={driver: modbus-rtu, port: /dev/ttyUSB0, registers: {signal: {offset: 65, kind: float32}, "
+    "signal_is: mv, word_order: low_first, table: input}}",
+    "rig.parts.impactor={driver: solenoid, line: 3}",
 )
 LONGEST_S = 3600.0  # of virtual time that one run may take before it counts as hanging
 MOST_EXCHANGES = 200_000
@@ -66,14 +76,16 @@ class Outcome:
         What ended it, None if it came to its end.
     reads
         All that the operator reads of it, as the program prints it.
-    noticed_s, apart_s
-        Rig time when the error reached the runner, and when the surfaces were first apart from then on (NaN: never).
+    made_s, noticed_s, apart_s
+        Rig time when the last fault took effect, when the error reached the runner, and when the surfaces were first
+        apart from then on (NaN: never).
     further_um
         How far the stage went on towards contact after that.
     """
 
     error: BaseException | None = None
     reads: str = ""
+    made_s: float = float("nan")
     noticed_s: float = float("nan")
     apart_s: float = float("nan")
     further_um: float = 0.0
@@ -86,12 +98,14 @@ class FaultyBench:
     def __init__(self, path: Path, config: Config, seed: int = 1, wires: bool = False) -> None:
         self.config = config
         self.path = path
-        self.amplifier_wire = DisturbedWire(foreign_rtu, seed)
+        tcp = isinstance(config.rig.parts.load_cell, AmplifierTcp)
+        self.amplifier_wire = DisturbedWire(foreign_tcp if tcp else foreign_rtu, seed)
         self.stage_wire = DisturbedWire(foreign_line, seed + 1)
         self.rig = emulated_rig(
             config, seed=seed, wires=wires, amplifier_wire=self.amplifier_wire, stage_wire=self.stage_wire
         )
         self.controller, self.amplifier, self.recorder = self.rig.controller, self.rig.amplifier, self.rig.recorder
+        self._version = self.controller.version
         self.watching = Watching()
         self.runner: SessionRunner | None = None
         self._due: list[tuple[float, Callable[[], None]]] = []
@@ -113,6 +127,10 @@ class FaultyBench:
         """Do something a while from now, in the midst of whatever goes on then."""
         self._due.append((self.rig.clock.now() + delay_s, action))
 
+    def happens(self, at_s: float) -> None:
+        """Note when the fault takes effect."""
+        self._outcome.made_s = at_s
+
     def kill(self) -> None:
         """End the program here: what it still tries to send does not leave it."""
         self.amplifier_wire.plugged = self.stage_wire.plugged = False
@@ -128,13 +146,14 @@ class FaultyBench:
         self.amplifier.identity = 14
         self.rig.physics.load_cell.fault = None
         self.controller.stalled = False
-        self.controller.version = "CONEX-CC 2.0.1"
+        self.controller.version = self._version
         self.controller.ends_um = (-200.0, 11800.0)
         self.controller.restore_power()
         self.recorder.serial_number = "01D2E3F4"
         self.recorder._faults.clear()
         self.recorder.power_up()
         self.recorder.bus.plug(self.recorder)
+        self.recorder.bus.ports[0].taken = False
 
     # --- running --------------------------------------------------------------------------------------------
 
@@ -166,6 +185,7 @@ class FaultyBench:
             state, load_set, nth, action = entry
             if (state, load_set) == key and self._checks[key] == nth:
                 self._waiting.remove(entry)
+                self.happens(self.rig.clock.now())
                 action()
 
     def accepted(self) -> dict[int, tuple]:

@@ -14,12 +14,13 @@ from dataclasses import dataclass
 from mesotap.session.states import State
 from rig.drivers.newport_codes import PositionerError
 from sim_backend.emulators.disturbance import WireFault
-from tests.faults.bench import FLOAT_MAP, FaultyBench
+from tests.faults.bench import FLOAT_MAP, TCP, FaultyBench
 
 UNNOTICED, APART, STANDS, AT_CONNECT, KILLED = "unnoticed", "apart", "stands", "at connect", "killed"
-AMPLIFIER, STAGE, RECORDER, PROGRAM = "amplifier", "stage", "recorder", "program"
+AMPLIFIER, ON_TCP, STAGE, RECORDER, PROGRAM = "amplifier", "amplifier on TCP", "stage", "recorder", "program"
 NAMES = {
     AMPLIFIER: ("strain-gauge amplifier", "/dev/ttyUSB0"),
+    ON_TCP: ("strain-gauge amplifier", "192.168.1.5:502"),
     STAGE: ("micrometer stage", "/dev/ttyUSB1"),
     RECORDER: ("recorder MCC USB-1608FS-Plus", "usb"),
     PROGRAM: ("", ""),
@@ -59,7 +60,7 @@ class Case:
 def wire(device: str, fault: WireFault, times: int = 1) -> Callable[[FaultyBench], None]:
     def make(bench: FaultyBench) -> None:
         for _ in range(times):
-            (bench.amplifier_wire if device == AMPLIFIER else bench.stage_wire).inject(fault)
+            (bench.stage_wire if device == STAGE else bench.amplifier_wire).inject(fault)
 
     return make
 
@@ -80,9 +81,10 @@ def gauge(value) -> Callable[[FaultyBench], None]:
 
 def usb(*faults: str) -> Callable[[FaultyBench], None]:
     def make(bench: FaultyBench) -> None:
-        # in the midst of the recording, not before it
+        at_s = bench.rig.clock.now() + 0.25  # in the midst of the recording, not before it
         for fault in faults:
-            bench.recorder.inject(fault, bench.rig.clock.now() + 0.25)
+            bench.recorder.inject(fault, at_s)
+        bench.happens(at_s)
 
     return make
 
@@ -104,8 +106,13 @@ def cut_power_before(bench: FaultyBench) -> None:
 
 def fill_the_disk(bench: FaultyBench) -> None:
     sync = os.fsync
+    tried = False
 
     def full(descriptor: int) -> None:
+        nonlocal tried
+        if not tried:
+            bench.happens(bench.rig.clock.now())
+        tried = True
         raise OSError(errno.ENOSPC, "No space left on device")
 
     mend = bench.mend
@@ -116,6 +123,10 @@ def fill_the_disk(bench: FaultyBench) -> None:
 
     os.fsync = full
     bench.mend = mended
+
+
+def take_the_recorder(bench: FaultyBench) -> None:
+    bench.recorder.bus.ports[0].taken = True
 
 
 def set_the_clock_back(bench: FaultyBench) -> None:
@@ -147,6 +158,7 @@ CASES = [
         )
     ),
     Case(AMPLIFIER, "silent from now on", wire(AMPLIFIER, WireFault.SILENT), APART),
+    Case(AMPLIFIER, "silent at the largest load", wire(AMPLIFIER, WireFault.SILENT), APART, State.TAP, 1),
     Case(AMPLIFIER, "all replies damaged", wire(AMPLIFIER, WireFault.FLIPPED_REPLY, 50), APART),
     Case(AMPLIFIER, "cable pulled and put back", wire(AMPLIFIER, WireFault.PULLED), APART),
     Case(AMPLIFIER, "exception: failure", setting("amplifier", "fault", 4), APART),
@@ -157,6 +169,18 @@ CASES = [
     Case(AMPLIFIER, "gauge jumps", gauge(("offset", -10.0)), APART),
     Case(AMPLIFIER, "gauge saturated", gauge(("offset", 1e3)), APART),
     Case(AMPLIFIER, "another one plugged in", setting("amplifier", "identity", 15), AT_CONNECT, between=True),
+    *(
+        Case(ON_TCP, name, wire(ON_TCP, fault), UNNOTICED, changes=TCP)
+        for name, fault in (
+            ("a reply late", WireFault.LATE),
+            ("a reply truncated", WireFault.TRUNCATED),
+            ("a reply twice", WireFault.DUPLICATED),
+            ("the reply to another question", WireFault.FOREIGN),
+            ("a reply lost", WireFault.LOST),
+        )
+    ),
+    Case(ON_TCP, "silent from now on", wire(ON_TCP, WireFault.SILENT), APART, changes=TCP),
+    Case(ON_TCP, "cable pulled and put back", wire(ON_TCP, WireFault.PULLED), APART, changes=TCP),
     Case(STAGE, "silent from now on", wire(STAGE, WireFault.SILENT), STANDS),
     Case(STAGE, "cable pulled and put back", wire(STAGE, WireFault.PULLED), STANDS),
     Case(STAGE, "stalled", setting("controller", "stalled", True), STANDS),
@@ -174,8 +198,10 @@ CASES = [
     Case(RECORDER, "silent from now on", usb("silent"), APART, State.TAP, 1),
     Case(RECORDER, "cable pulled and put back", usb("unplug"), APART, State.TAP, 1),
     Case(RECORDER, "another one plugged in", usb("swapped"), APART, State.TAP, 1),
+    Case(RECORDER, "another program uses it", take_the_recorder, AT_CONNECT, between=True),
     Case(PROGRAM, "disk full", fill_the_disk, APART, State.TAP, 1),
     Case(PROGRAM, "clock set back a day", set_the_clock_back, UNNOTICED),
     Case(PROGRAM, "SIGTERM", terminate, APART),
+    Case(PROGRAM, "SIGTERM at the largest load", terminate, APART, State.TAP, 1),
     Case(PROGRAM, "killed (SIGKILL)", kill, KILLED),
 ]

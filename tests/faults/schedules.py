@@ -1,4 +1,8 @@
-"""Random fault schedules: a small session to which several things happen, at moments that nobody chose."""
+"""Random fault schedules: a small session to which several things happen, at moments that nobody chose.
+
+The seed also chooses the devices: the amplifier on a serial line or on Ethernet, with a maker's map or one of its own,
+either controller, taps by hand or by the solenoid.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +18,9 @@ from mesotap.session.progress import assemble, progress_of
 from mesotap.session.states import State
 from rig import SessionAborted
 from rig.drivers.newport_codes import PositionerError
+from rig.drivers.settings import AmplifierTcp
 from sim_backend.emulators.disturbance import WireFault
-from tests.faults.bench import FaultyBench, Killed, allowed_mn, quick_config
+from tests.faults.bench import SOLENOID, TCP, FaultyBench, Killed, allowed_mn, quick_config
 from tests.faults.cases import cut_power, end_in_the_way, fill_the_disk, gauge, set_the_clock_back, setting, usb, wire
 
 SAFE_WITHIN_S = 0.5
@@ -33,22 +38,36 @@ STATES = (
     State.RETRACT,
     State.POST_CALIBRATION,
 )
-CONFIG = quick_config()
+CONFIGS = (quick_config(), quick_config(*TCP), quick_config(*SOLENOID))
+
+
+Menu = tuple[Callable[[FaultyBench], None], ...]
 
 
 def abort(bench: FaultyBench) -> None:
     raise SessionAborted("session ended by the operator")
 
 
-GAUGES: tuple[Callable[[FaultyBench], None], ...] = tuple(
+GAUGES: Menu = tuple(
     gauge(fault) for fault in (("offset", 10.0), ("offset", -10.0), ("offset", 1e3), ("scale", 0.5), ("scale", -1.0))
 )
-MENU: tuple[Callable[[FaultyBench], None], ...] = (
-    *(wire(device, fault) for device in ("amplifier", "stage") for fault in WireFault),
-    *(wire(device, WireFault.FLIPPED_REPLY, 3) for device in ("amplifier", "stage")),
+# TCP has check bytes of its own, below what a device sees: a damaged reply is one that does not come
+FLIPS = tuple(
+    wire("amplifier", fault, times)
+    for fault, times in ((WireFault.FLIPPED_REQUEST, 1), (WireFault.FLIPPED_REPLY, 1), (WireFault.FLIPPED_REPLY, 3))
+)
+MENU: Menu = (
+    *(
+        wire("amplifier", fault)
+        for fault in WireFault
+        if fault not in (WireFault.FLIPPED_REQUEST, WireFault.FLIPPED_REPLY)
+    ),
+    *(wire("stage", fault) for fault in WireFault),
+    wire("stage", WireFault.FLIPPED_REPLY, 3),
     setting("amplifier", "fault", 4),
     setting("amplifier", "fault", 6),
     setting("amplifier", "fault", "frozen"),
+    setting("amplifier", "fault", "nan"),
     *GAUGES,
     setting("controller", "stalled", True),
     *(setting("controller", "fails_next", bit) for bit in (PositionerError.FOLLOWING, PositionerError.RMS_CURRENT)),
@@ -80,11 +99,13 @@ def run_schedule(path: Path, seed: int) -> dict[str, int]:
         A promise was broken; the seed makes it happen again.
     """
     rng = np.random.default_rng([seed, 13])
-    bench = FaultyBench(path, CONFIG, seed)
+    config = CONFIGS[seed % len(CONFIGS)]
+    bench = FaultyBench(path, config, seed)
+    menu = MENU if isinstance(config.rig.parts.load_cell, AmplifierTcp) else MENU + FLIPS
     faults = int(rng.integers(1, MOST_FAULTS + 1))
     kept: dict[int, tuple] = {}
     ended = 0
-    pending = [_draw(rng) for _ in range(faults)]
+    pending = [_draw(rng, menu) for _ in range(faults)]
     for runs in range(1, MOST_RUNS + 1):
         for state, load_set, nth, delay, make in pending:
             bench.when(state, load_set, nth, _later(bench, delay, make))
@@ -92,7 +113,7 @@ def run_schedule(path: Path, seed: int) -> dict[str, int]:
         left = {(entry[0], entry[1], entry[2]) for entry in bench._waiting}
         pending = [entry for entry in pending if entry[:3] in left]
         peak = bench.rig.physics.peak_true_load_mn
-        assert peak <= allowed_mn(CONFIG), f"seed {seed}: the load went to {peak:.0f} mN"
+        assert peak <= allowed_mn(config), f"seed {seed}: the load went to {peak:.0f} mN"
         if outcome.error is not None:
             ended += 1
             _hold_to_safety(bench, outcome, seed)
@@ -107,7 +128,7 @@ def run_schedule(path: Path, seed: int) -> dict[str, int]:
     raise AssertionError(f"seed {seed}: not finished after {MOST_RUNS} starts: {outcome.reads}")
 
 
-def _draw(rng: np.random.Generator) -> tuple[State, int, int, float, Callable[[FaultyBench], None]]:
+def _draw(rng: np.random.Generator, menu: Menu) -> tuple[State, int, int, float, Callable[[FaultyBench], None]]:
     state = STATES[rng.integers(len(STATES))]
     later = state in (State.SET_LOAD, State.LOCK, State.TAP, State.RETRACT, State.POST_CALIBRATION)
     load_set = int(rng.integers(2)) if later else 0
@@ -115,8 +136,8 @@ def _draw(rng: np.random.Generator) -> tuple[State, int, int, float, Callable[[F
         load_set = 1
     nth = 1 + int(rng.exponential({State.APPROACH: 10.0, State.SET_LOAD: 4.0}.get(state, 0.7)))
     # a gauge that is calibrated while its zero is off and mended afterwards needs a new session, whatever one does
-    menu = [make for make in MENU if make not in GAUGES] if state is State.PRE_CALIBRATION else MENU
-    return state, load_set, nth, float(rng.uniform(0, 0.4)), menu[rng.integers(len(menu))]
+    fit = [make for make in menu if make not in GAUGES] if state is State.PRE_CALIBRATION else menu
+    return state, load_set, nth, float(rng.uniform(0, 0.4)), fit[rng.integers(len(fit))]
 
 
 def _later(bench: FaultyBench, delay_s: float, make: Callable[[FaultyBench], None]) -> Callable[[], None]:
@@ -129,7 +150,7 @@ def _hold_to_safety(bench: FaultyBench, outcome, seed: int) -> None:
         return
     said = outcome.reads
     assert "\n" not in said, f"seed {seed}: {said!r}"
-    step = CONFIG.rig.limits.largest_approach_step_um
+    step = bench.config.rig.limits.largest_approach_step_um
     assert outcome.further_um <= step, f"seed {seed}: went on by {outcome.further_um:.2f} um after: {said}"
     by_hand = "by hand" in said or "nothing was moved" in said
     waited = outcome.apart_s - outcome.noticed_s
@@ -140,9 +161,9 @@ def _hold_to_the_end(bench: FaultyBench, seed: int) -> None:
     """The plan carried out: the taps asked for at each load, and a session to be written."""
     with SessionFolder.open(bench.path) as folder:
         progress = progress_of(folder.events())
-        session = assemble(folder.header, CONFIG, progress, folder.shots())
+        session = assemble(folder.header, bench.config, progress, folder.shots())
     assert progress.state is State.FILE, f"seed {seed}: {progress.state}"
-    for load_set in range(len(CONFIG.mesotap.load_plan_mn)):
+    for load_set in range(len(bench.config.mesotap.load_plan_mn)):
         good = sum(s.accepted and s.load_set == load_set for s in session.shots)
-        assert good == CONFIG.mesotap.impacts_per_load, f"seed {seed}: {good} taps at load {load_set}"
+        assert good == bench.config.mesotap.impacts_per_load, f"seed {seed}: {good} taps at load {load_set}"
     assert bench.rig.physics.true_load_mn() == 0.0, f"seed {seed}: the surfaces are not apart"

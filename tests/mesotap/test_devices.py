@@ -148,10 +148,26 @@ def test_every_part_of_a_rig_that_is_not_there_answers(tmp_path, how):
 def test_each_configured_device_is_asked_by_itself(tmp_path, monkeypatch):
     monkeypatch.setattr("mesotap.commands.devices._serial_ports", lambda: [{"port": "/dev/ttyS9", "says": "a port"}])
     monkeypatch.setattr("mesotap.commands.devices._recorders", list)
+    monkeypatch.setattr("mesotap.commands.devices._ni_modules", lambda: [{"port": "cDAQ1Mod1", "says": "NI 9234"}])
     lines, answer = told(devices, tmp_path, *REAL)
-    assert lines[0] == "/dev/ttyS9: a port"
+    assert lines[:2] == ["/dev/ttyS9: a port", "cDAQ1Mod1: NI 9234"]
     parts = {part["part"]: part for part in answer["parts"]}
     assert "127.0.0.1:1: cannot be connected" in parts["load_cell"]["says"]
     assert "/nowhere/ttyUSB1: there is no such port" in parts["stage"]["says"]
     assert parts["accelerometers"]["says"] == "no device is configured (rig.parts)"
     assert not any(part["answers"] for part in answer["parts"])
+
+
+def test_a_search_asks_the_ports_that_are_not_configured_and_no_others(tmp_path, monkeypatch):
+    ports = [{"port": "/nowhere/ttyUSB1", "says": "configured"}, {"port": "/nowhere/ttyS9", "says": "another"}]
+    monkeypatch.setattr("mesotap.commands.devices._serial_ports", lambda: ports)
+    monkeypatch.setattr("mesotap.commands.devices._recorders", list)
+    lines, answer = told(devices, tmp_path, *REAL, search=True)
+    assert lines[0] == "/nowhere/ttyUSB1: configured"
+    assert lines[1].startswith("/nowhere/ttyS9: another: serial port on /nowhere/ttyS9: there is no such port")
+    assert [item["port"] for item in answer["ports"]] == ["/nowhere/ttyUSB1", "/nowhere/ttyS9"]
+
+
+def test_a_recorder_that_is_not_emulated_is_named():
+    with pytest.raises(RigError, match=r"rig.parts.accelerometers: the NI 9234 is not emulated"):
+        emulated_rig(small_config("rig.parts.accelerometers={driver: ni-9234}", "rig.wiring.bits=24"))

@@ -202,6 +202,37 @@ def test_no_number_is_passed_on_as_no_number():
     assert math.isnan(ModbusLoadCell(wire, "rtu", settings, wire.clock).read(0.02).voltage_mv)
 
 
+@pytest.mark.parametrize(
+    ("signal", "said"),
+    [
+        (words(3.25, order="low_first"), r"with the words the other way round; give .* word_order: low_first"),
+        (words(-2.5e-3, order="low_first"), r"but -0.0025 mV with the words the other way round"),
+        (words(1e6), r"reads 1e\+06 mV, which no bridge gives; check the register map"),
+    ],
+    ids=["other order", "small and negative", "neither"],
+)
+def test_without_ratio_and_full_scale_the_signal_itself_shows_a_wrong_word_order(signal, said):
+    own = RegisterMap(signal=Register(offset=2, kind="float32"), signal_is="mv")
+    wire = Dialogue((rtu(1, 3, 0, 2, 0, 2), rtu(1, 3, 4, *signal)))
+    settings = AmplifierRtu(driver="modbus-rtu", registers=own, port="/dev/ttyX")
+    with pytest.raises(DeviceError, match=said):
+        ModbusLoadCell(wire, "rtu", settings, wire.clock).read(0.02)
+    wire.finished()
+
+
+@pytest.mark.parametrize("code", [1000, -1000, 70000, 3000000])
+def test_counts_in_the_other_order_are_told_too(code):
+    def read(order):
+        own = RegisterMap(signal=Register(offset=2, kind="int32"), word_order=order)
+        wire = Dialogue(*[(rtu(1, 3, 0, 2, 0, 2), rtu(1, 3, 4, *words(code, "int32")))] * 2)
+        settings = AmplifierRtu(driver="modbus-rtu", registers=own, port="/dev/ttyX")
+        return ModbusLoadCell(wire, "rtu", settings, wire.clock).read(0.02).voltage_mv
+
+    assert read("high_first") == code / 65536
+    with pytest.raises(DeviceError, match="give its register map with word_order: high_first"):
+        read("low_first")
+
+
 @pytest.mark.parametrize("name", PRESETS)
 def test_every_preset_fits_one_request(name):
     offset, count = PRESETS[name].reading_block()

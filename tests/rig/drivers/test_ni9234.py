@@ -12,7 +12,7 @@ import pytest
 from daq.settings import Trigger
 from daq.trigger import record_shot
 from rig import DeviceError, Impactor, RigError
-from rig.drivers.ni9234 import Ni9234
+from rig.drivers.ni9234 import Ni9234, modules
 from rig.drivers.recorder_settings import Ni9234Settings
 from rig.settings import Channel, Wiring
 from sim_backend.clock import VirtualClock
@@ -49,13 +49,17 @@ class FakeDaqmx:
         self.errors_to_come: list[Exception | None] = []
         self.refuse: dict[str, Exception] = {}
         self.rate = 25600.0
-        self.system = SimpleNamespace(Device=self._device)
+        self.system = SimpleNamespace(Device=self._device, System=SimpleNamespace(local=self._local))
         self.stream_readers = SimpleNamespace(AnalogMultiChannelReader=lambda stream: self)
         self.sample = 0
 
     def _device(self, name: str) -> SimpleNamespace:
         self._note("device", name)
         return SimpleNamespace(product_type=self.product)
+
+    def _local(self) -> SimpleNamespace:
+        self._note("local")
+        return SimpleNamespace(devices=[SimpleNamespace(name="cDAQ1Mod1", product_type=self.product)])
 
     def _note(self, what: str, *more) -> None:
         self.calls.append((what, *more))
@@ -249,6 +253,14 @@ def test_an_error_without_a_word_is_still_a_sentence():
 def test_reading_before_starting_is_told():
     with pytest.raises(RigError, match="does not stream"):
         connected()[0].read_block()
+
+
+def test_the_modules_that_are_there_are_listed():
+    fake = FakeDaqmx(VirtualClock())
+    assert modules(fake) == [("cDAQ1Mod1", "NI 9234")]
+    fake.refuse["local"] = DaqError("Could not find an installation of NI-DAQmx. Please ensure.", -1)
+    with pytest.raises(RigError, match=r"NI-DAQmx: Could not find an installation .*; install NI's driver"):
+        modules(fake)
 
 
 def test_without_the_package_it_says_how_to_get_it(monkeypatch):

@@ -1,0 +1,93 @@
+"""`mesotap prove`: sealed sessions, their diagnoses, and the score."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from mesotap.proof import page, sealed
+from mesotap.proof.entries import Entry, entry_of
+from mesotap.proof.errors import ProofError
+from mesotap.proof.generator.deck import KINDS
+from mesotap.proof.lookalikes import with_likeness
+from mesotap.proof.page import Proof
+
+
+def prove(seed: int, sessions: int, only: str | None, output: Path, jobs: int, console: Console) -> None:
+    """Make sealed sessions, have them diagnosed, open the truths and score the answers."""
+    if only is not None and only not in KINDS:
+        raise ProofError(f"--only {only}: expected one of {', '.join(KINDS)}")
+    with _progress(console) as shown:
+        hashes = sealed.seal(output, seed, sessions, only, jobs, _told(shown, "sealing"))
+    console.print(hashes, highlight=False, soft_wrap=True, end="")
+    files = {name: output / sealed.SESSIONS / f"{name}.h5" for name in sealed.names(output)}
+    answers = output / sealed.ANSWERS
+    with _progress(console) as shown:
+        sealed.diagnose_all(files, sealed.struck(output), answers, jobs, _told(shown, "diagnosing"))
+    truths = sealed.unseal(output)
+    entries, failures = _entries(truths, answers)
+    with _progress(console) as shown:
+        entries = with_likeness(entries, seed, len(files), only, output / "likeness.json", _told(shown, "look-alikes"))
+    command = hashes.splitlines()[0][2:]
+    origin = (
+        f"Made by `{command}`. Truths and session files were hashed before the first diagnosis "
+        "([hashes.txt](hashes.txt)); every diagnosis ran in a process of its own that was given one session file. The "
+        "sessions come from a generator (`mesotap/proof/generator`) that shares no code with the mechanisms, the "
+        "integrator or the fits of the diagnosis."
+    )
+    _write(Proof("The diagnosis, tried on sealed sessions", origin, tuple(entries), failures), output, console)
+
+
+def prove_practice(folder: Path, sessions: int | None, output: Path, jobs: int, console: Console) -> None:
+    """Have the sessions of another program diagnosed and score the answers by the truths beside them."""
+    files, truths = sealed.practice_sessions(folder)
+    chosen = list(sealed.chosen(sorted(files), sessions))
+    answers = output / sealed.ANSWERS
+    with _progress(console) as shown:
+        sealed.diagnose_all({n: files[n] for n in chosen}, {}, answers, jobs, _told(shown, "diagnosing"))
+    entries, failures = _entries({n: truths[n] for n in chosen}, answers)
+    origin = f"{len(chosen)} of {len(files)} sessions that another program made, with its truths beside them."
+    _write(
+        Proof("The diagnosis, tried on another program's sessions", origin, tuple(entries), failures), output, console
+    )
+
+
+def _entries(truths: dict[str, dict[str, Any]], answers: Path) -> tuple[list[Entry], dict[str, str]]:
+    entries, failures = [], {}
+    for name, truth in truths.items():
+        answer = sealed.answer_of(answers, name)
+        entry = entry_of(name, truth, answer)
+        if entry is None:
+            failures[name] = str(answer.get("failed", "no answer"))
+        else:
+            entries.append(entry)
+    return entries, failures
+
+
+def _write(proof: Proof, output: Path, console: Console) -> None:
+    written = page.write(proof, output)
+    console.print(written.read_text(encoding="utf-8"), highlight=False, markup=False)
+    console.print(f"written: {written}", highlight=False)
+
+
+def _progress(console: Console) -> Progress:
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    return Progress(*columns, console=console)
+
+
+def _told(shown: Progress, description: str) -> sealed.Told:
+    task = shown.add_task(description, total=None)
+
+    def told(done: int, total: int) -> None:
+        shown.update(task, completed=done, total=total)
+
+    return told

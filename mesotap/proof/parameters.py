@@ -1,0 +1,86 @@
+"""From what a truth file says of an effect to the parameters by which a diagnosis reports it.
+
+Only where both mean the same quantity; what a truth file holds besides is not scored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+Truth = Mapping[str, Any]
+
+EVEN = 0.02  # relative spread over the loads up to which a ratio counts as one number
+
+_SAME = {
+    "attached_mass": ("attached_mass_kg", "mount_stiffness_n_per_m", "mount_damping_n_s_per_m"),
+    "channel_skew": ("delay_of_b_samples",),
+    "clipping": ("clip_at_fraction_of_peak",),
+    "contact_creep": ("creep_per_e_fold", "creep_time_s"),
+    "double_hit": ("second_impulse_fraction",),
+    "frame_compliance": ("frame_mass_kg", "frame_stiffness_n_per_m", "frame_damping_n_s_per_m"),
+    "guide_friction": ("friction_force_n",),
+    "hunt_crossley_damping": ("damping_growth_per_relative_approach",),
+    "mains_hum": ("amplitude_m_s2",),
+    "squeeze_film": ("film_height_m",),
+    "tube_spring_cubic": ("cubic_stiffness_n_per_m3",),
+}
+
+
+def _ratio(numerator: Any, denominator: Any) -> float | None:
+    """One number for all loads, None where it differs from load to load."""
+    ratio = np.asarray(numerator, float) / np.asarray(denominator, float)
+    middle = float(np.median(ratio))
+    return middle if float(np.ptp(ratio)) <= EVEN * abs(middle) else None
+
+
+def _static(t: Truth) -> Any:
+    return np.asarray(t["loads_n"], float) / np.asarray(t["kc"], float)
+
+
+def _reach(t: Truth) -> Any:
+    effect = t["effect"]
+    return np.asarray(effect["slip_force_n"], float) / np.asarray(effect["slip_stiffness_n_per_m"], float)
+
+
+_DERIVED: dict[str, dict[str, Callable[[Truth], float | None]]] = {
+    "adhesion": {
+        "adhesion_force_share": lambda t: _ratio(t["effect"]["adhesion_force_n"], t["loads_n"]),
+        "adhesion_range_share": lambda t: _ratio(t["effect"]["adhesion_range_m"], _static(t)),
+    },
+    "channel_gain": {"gain_error_of_b": lambda t: float(t["effect"]["gain_of_b"]) - 1.0},
+    "micro_slip": {
+        "slip_stiffness_share": lambda t: _ratio(t["effect"]["slip_stiffness_n_per_m"], t["kc"]),
+        "slip_reach_share": lambda t: _ratio(_reach(t), _static(t)),
+    },
+    "quadratic_damping": {
+        "quadratic_damping_per_c_c": lambda t: _ratio(t["effect"]["quadratic_damping_n_s2_per_m2"], t["cc"])
+    },
+    "rocking": {
+        "contact_offset_share": lambda t: t["effect"]["contact_offset_m"] / t["effect"]["accelerometer_arm_m"],
+    },
+    "squeeze_film": {"film_share_of_c_c": lambda t: _ratio(t["effect"]["film_damping_n_s_per_m"], t["cc"])},
+    "tube_spring_damping": {
+        "c_n_s_per_m": lambda t: (
+            _ratio(t["effect"]["c1_n_s_per_m"], t["effect"]["c2_n_s_per_m"]) and float(t["effect"]["c1_n_s_per_m"])
+        )
+    },
+}
+
+
+def true_parameters(truth: Truth, mechanism: str) -> dict[str, float]:
+    """Return the true values of a mechanism's parameters, by the names of `mesotap mechanisms`, as far as told."""
+    effect = truth.get("effect", {})
+    found = {
+        name: float(effect[name]) for name in _SAME.get(mechanism, ()) if isinstance(effect.get(name), int | float)
+    }
+    for name, derive in _DERIVED.get(mechanism, {}).items():
+        try:
+            value = derive(truth)
+        except KeyError:
+            continue
+        if value is not None:
+            found[name] = float(value)
+    return found

@@ -1,0 +1,244 @@
+"""A folder of sealed sessions: truths and files are hashed before anything is diagnosed, and checked when opened.
+
+===================  ==================================================================
+`sessions/*.h5`      what the diagnosis sees, one at a time
+`truths.sealed`      compressed truths, opened into `truths.json` after the last diagnosis
+`hashes.txt`         seed and SHA-256 of `truths.json` and of every session (`sha256sum -c`)
+`answers/*.json`     what was answered, as it comes: an interrupted proof goes on from there
+===================  ==================================================================
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import json
+import multiprocessing
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+from daq.durable import write_whole
+from mesotap.proof.errors import ProofError
+from mesotap.proof.generator.deck import Card, deal, make
+
+SESSIONS, ANSWERS, PARTS = "sessions", "answers", "parts"
+HASHES, SEALED, TRUTHS = "hashes.txt", "truths.sealed", "truths.json"
+LONGEST_S = 900.0  # that a diagnosis may take
+TOLD = 300  # characters of what a failed diagnosis said
+PACKAGE_ROOT = Path(__file__).resolve().parents[2]
+
+Told = Callable[[int, int], None]
+"""Called with what is done and what there is to do."""
+
+
+def seal(folder: Path, seed: int, sessions: int, only: str | None, jobs: int, told: Told) -> str:
+    """Make the sessions of a proof and their hashes; what is there already stays. Return the text of `hashes.txt`.
+
+    Raises
+    ------
+    ProofError
+        The folder holds another proof, or a session or the truths are not those that were hashed.
+    """
+    heading = f"# mesotap prove --seed {seed} --sessions {sessions}" + (f" --only {only}" if only else "")
+    listed = folder / HASHES
+    if listed.exists():
+        text = listed.read_text(encoding="utf-8")
+        if text.splitlines()[0] != heading:
+            raise ProofError(f"{folder}: holds another proof ({text.splitlines()[0][2:]}); name another folder")
+        check(folder)
+        return text
+    (folder / SESSIONS).mkdir(parents=True, exist_ok=True)
+    (folder / PARTS).mkdir(exist_ok=True)
+    begun = folder / PARTS / "proof"
+    if begun.exists() and begun.read_text(encoding="utf-8") != heading:
+        raise ProofError(f"{folder}: another proof was begun here; name another folder")
+    begun.write_text(heading, encoding="utf-8")
+    cards = deal(seed, sessions, only)
+    missing = [c for c in cards if not _part(folder, c.name).exists()]
+    told(len(cards) - len(missing), len(cards))
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for done, made in enumerate(as_completed([pool.submit(_make, folder, seed, c) for c in missing]), start=1):
+            made.result()
+            told(len(cards) - len(missing) + done, len(cards))
+    truths = {c.name: json.loads(gzip.decompress(_part(folder, c.name).read_bytes())) for c in cards}
+    content = (json.dumps(truths, indent=1, allow_nan=False) + "\n").encode()
+    write_whole(folder / SEALED, gzip.compress(content, mtime=0))
+    lines = [heading, f"{hashlib.sha256(content).hexdigest()}  {TRUTHS}"]
+    lines += [f"{_hash(_session(folder, c.name))}  {SESSIONS}/{c.name}.h5" for c in cards]
+    text = "\n".join(lines) + "\n"
+    write_whole(listed, text.encode())
+    shutil.rmtree(folder / PARTS)
+    return text
+
+
+def _make(folder: Path, seed: int, card: Card) -> None:
+    truth = make(seed, card, folder / SESSIONS)
+    write_whole(_part(folder, card.name), gzip.compress(json.dumps(truth, allow_nan=False).encode(), mtime=0))
+
+
+def _part(folder: Path, name: str) -> Path:
+    return folder / PARTS / f"{name}.gz"
+
+
+def _session(folder: Path, name: str) -> Path:
+    return folder / SESSIONS / f"{name}.h5"
+
+
+def _hash(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _listed(folder: Path) -> dict[str, str]:
+    """File to hash, as `hashes.txt` has them."""
+    lines = (folder / HASHES).read_text(encoding="utf-8").splitlines()[1:]
+    return {name: digest for digest, name in (line.split("  ", 1) for line in lines)}
+
+
+def check(folder: Path) -> None:
+    """Hold every session and the truths against the hashes.
+
+    Raises
+    ------
+    ProofError
+        One of them is missing or another than the one that was hashed.
+    """
+    for name, digest in _listed(folder).items():
+        if name == TRUTHS:
+            found = hashlib.sha256(_unsealed(folder)).hexdigest()
+        else:
+            path = folder / name
+            if not path.is_file():
+                raise ProofError(f"{path}: is missing; its hash is in {HASHES}")
+            found = _hash(path)
+        if found != digest:
+            raise ProofError(f"{folder / name}: is not the file that was hashed before the proof")
+
+
+def _unsealed(folder: Path) -> bytes:
+    path = folder / SEALED
+    try:
+        return gzip.decompress(path.read_bytes())
+    except (OSError, EOFError) as error:
+        raise ProofError(f"{path}: cannot be opened: {error}") from error
+
+
+def names(folder: Path) -> list[str]:
+    """Names of the sealed sessions."""
+    return [Path(name).stem for name in _listed(folder) if name != TRUTHS]
+
+
+def struck(folder: Path) -> dict[str, str]:
+    """Return which mechanism is struck from the list for which session: all of the truth that a diagnosis is told."""
+    truths = json.loads(_unsealed(folder))
+    return {name: truth["without"] for name, truth in truths.items() if truth["without"]}
+
+
+def unseal(folder: Path) -> dict[str, dict[str, Any]]:
+    """Check all hashes, write the truths down in the open, and return them."""
+    check(folder)
+    content = _unsealed(folder)
+    write_whole(folder / TRUTHS, content)
+    truths: dict[str, dict[str, Any]] = json.loads(content)
+    return truths
+
+
+def diagnose_all(sessions: dict[str, Path], without: dict[str, str], answers: Path, jobs: int, told: Told) -> None:
+    """Have every session diagnosed by a process of its own that is given the session file only.
+
+    Each runs in an empty folder with a copy of the file. Answers that are there are kept; failures are tried again.
+    """
+    answers.mkdir(parents=True, exist_ok=True)
+    missing = [name for name in sessions if "verdict" not in answer_of(answers, name)]
+    there = len(sessions) - len(missing)
+    told(there, len(sessions))
+    with ThreadPoolExecutor(jobs) as pool:
+        running: list[Future[None]] = [
+            pool.submit(_diagnose, sessions[name], without.get(name), answers / f"{name}.json") for name in missing
+        ]
+        try:
+            for done, future in enumerate(as_completed(running), start=1):
+                future.result()
+                told(there + done, len(sessions))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def answer_of(answers: Path, name: str) -> dict[str, Any]:
+    """Return what was answered about a session; empty where nothing was."""
+    try:
+        found = json.loads((answers / f"{name}.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _diagnose(session: Path, without: str | None, answer: Path) -> None:
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="mesotap-proof-") as place:
+        shutil.copyfile(session, Path(place, "session.h5"))
+        command = [sys.executable, "-m", "mesotap", "diagnose", "session.h5", "--json", "answer.json"]
+        command += ["--without", without] if without else []
+        path = os.pathsep.join(filter(None, [str(PACKAGE_ROOT), os.environ.get("PYTHONPATH", "")]))
+        said = ""
+        try:
+            ended = subprocess.run(
+                command,
+                cwd=place,
+                env={**os.environ, "PYTHONPATH": path},
+                capture_output=True,
+                text=True,
+                timeout=LONGEST_S,
+            )
+            said = ended.stderr.strip()[-TOLD:]
+            content = Path(place, "answer.json").read_bytes() if ended.returncode == 0 else None
+        except subprocess.TimeoutExpired:
+            content, said = None, f"no answer within {LONGEST_S:.0f} s"
+        except OSError as error:
+            content, said = None, str(error)
+    if content is None:
+        content = json.dumps({"failed": said or "no answer", "seconds": time.monotonic() - began}).encode()
+    write_whole(answer, content)
+
+
+def practice_sessions(folder: Path) -> tuple[dict[str, Path], dict[str, dict[str, Any]]]:
+    """Return session files and truths of a folder with a `truth.json`, by name.
+
+    Raises
+    ------
+    ProofError
+        There is no `truth.json`, it is malformed, or a session that it tells of is missing.
+    """
+    path = folder / "truth.json"
+    try:
+        truths = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ProofError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise ProofError(f"{path}: is no JSON: {error}") from error
+    if not isinstance(truths, dict) or not all(
+        isinstance(t, dict) and isinstance(t.get("kinds"), list) for t in truths.values()
+    ):
+        raise ProofError(f"{path}: expected an object with 'kinds' for each session")
+    files = {name: folder / f"{name}.h5" for name in truths}
+    for file in files.values():
+        if not file.is_file():
+            raise ProofError(f"{file}: is missing, though {path.name} tells of it")
+    return files, truths
+
+
+def chosen(names: list[str], count: int | None) -> Iterator[str]:
+    """Choose ``count`` names evenly over the list; all of them without."""
+    if count is None or count >= len(names):
+        yield from names
+        return
+    for i in range(count):
+        yield names[i * len(names) // count]

@@ -34,6 +34,7 @@ LABELS = {
     "held_out": "Residual of each held-out impact before and after",
     "amplitude": "Frequency change and damping ratio of the contact mode against its amplitude along the ring-down",
 }
+SURE = 1e-12  # p-values below are not worth their digits
 UNSEEN = "ring-downs do not show it"
 
 
@@ -115,6 +116,7 @@ def write_diagnosis(
         level_percent=round(100 * LEVEL),
         best_name=law_name(after),
         pdf_figures=pdf_figures,
+        surely=lambda p: p_words(p).removeprefix("p = ").removeprefix("p "),
     )  # fmt: skip
     return written(folder / "diagnosis.html", html)
 
@@ -129,7 +131,7 @@ def verdict(found: Diagnosis) -> str:
     """Say the answer in a sentence with the session's numbers."""
     records, loads = found.contest.problem.recordings.records, found.contest.problem.recordings.loads_n
     measured = f"{len(records)} impacts at {len(loads)} loads from {1e3 * min(loads):.0f} to {1e3 * max(loads):.0f} mN"
-    chance = f"p = {found.p_value:.2g}"
+    chance = p_words(found.p_value)
     if found.verdict == "consistent":
         return f"Eq. 9 with its constants refitted explains all of {measured}: nothing is left beyond noise ({chance})."
     if found.verdict == "unexplained" or not found.mechanisms:
@@ -147,6 +149,11 @@ def verdict(found: Diagnosis) -> str:
     return f"Eq. 9 does not explain {measured} ({chance}); it leaves out {names}, with a probability of {sure:.2f}."
 
 
+def p_words(p: float) -> str:
+    """Write a p-value; one that is certainty anyway without its digits."""
+    return f"p = {p:.2g}" if p > SURE else f"p < {SURE:g}"
+
+
 def law_name(fit: Fit | None) -> str:
     """Name the mechanisms of a fit."""
     return "" if fit is None else " and ".join(t.mechanism.id.replace("_", " ") for t in fit.terms)
@@ -159,13 +166,13 @@ def left_over(contest: Contest) -> str:
         return "Nothing beyond noise."
     if contest.left_p_value >= LEFT_LEVEL:
         return (
-            f"Nothing beyond noise: tested against forces and channels of any shape, what is left has p = "
-            f"{contest.left_p_value:.2g}."
+            "Nothing beyond noise: tested against forces and channels of any shape, what is left has "
+            f"{p_words(contest.left_p_value)}."
         )
     share = contest.left_over / max(explained + contest.left_over, 1e-300)
     return (
         f"Forces or channels of any shape would take away a further chi-squared of {contest.left_over:.0f}, "
-        f"{100 * share:.2g} % of all misfit (p = {contest.left_p_value:.2g})."
+        f"{100 * share:.2g} % of all misfit ({p_words(contest.left_p_value)})."
     )
 
 

@@ -19,6 +19,7 @@ from analysis.mismatch.maps import by_impact, held_out, map_by_frequency, map_by
 from analysis.mismatch.reconstruction import law_along, reconstruct, stitched, telling_impacts
 from analysis.mismatch.varying import contact_by_amplitude, contact_in_time
 from analysis.results import SessionResults
+from calibration.estimate import Estimate
 from mesotap import figures
 from mesotap.adoption import LOAD_CELL
 from mesotap.report import Plate, environment, written
@@ -55,12 +56,11 @@ class Contender:
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """A constant of the rig as declared and as fitted, with standard errors."""
+    """A constant of the rig as declared, and as fitted without and with what was left out."""
 
     name: str
     unit: str
-    declared: float
-    uncertainty: float
+    declared: Estimate
     before: float
     after: float | None
 
@@ -181,7 +181,13 @@ def constants(contest: Contest) -> list[Constant]:
     before = dict(zip(contest.baseline.constants.names()[0], contest.baseline.constants.rig.tolist(), strict=True))
     after = dict(zip(contest.best.constants.names()[0], contest.best.constants.rig.tolist(), strict=True))
     return [
-        Constant(p.name, p.unit, p.value, p.uncertainty, before[p.name], after[p.name] if contest.best.terms else None)
+        Constant(
+            p.name,
+            p.unit,
+            Estimate(p.value, p.uncertainty),
+            before[p.name],
+            after[p.name] if contest.best.terms else None,
+        )
         for p in contest.problem.arrangement.parameters
         if p.name in before
     ]

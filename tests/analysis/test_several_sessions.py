@@ -55,6 +55,11 @@ def test_sessions_of_different_rigs_are_refused() -> None:
         diagnosis.tester_problem(made(1), other)
 
 
+def test_a_session_given_twice_is_refused() -> None:
+    with pytest.raises(AnalysisError, match="holds the impacts of session 1 once more"):
+        diagnosis.tester_problem(made(1), replace(made(1), source="a copy"))
+
+
 def test_sessions_of_different_noise_are_refused() -> None:
     with pytest.raises(AnalysisError, match=r"its noise is .* times that of the sessions together"):
         diagnosis.tester_problem(made(1), made(2, noise=0.02))

@@ -77,7 +77,7 @@ def read_diagnosis(path: Path) -> AdoptedModel:
         augmented = content.get("adopted") or {"loads": [], "rig": {}}
         loads = [_load(entry) for entry in augmented["loads"]]
         rig = {name: _number(known["value"]) for name, known in augmented["rig"].items()}
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
+    except (LookupError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise RecordingError(f"{path}: is no complete {FORMAT} {VERSION} ({type(error).__name__}: {error})") from error
     if not found:
         raise RecordingError(

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from analysis.mismatch.diagnosis import Diagnosis, diagnose_session
 from daq.errors import RecordingError
@@ -122,3 +124,29 @@ def test_what_cannot_be_adopted_is_refused_in_a_sentence(diagnosis: Path, answer
 
 def test_a_file_that_is_no_diagnosis_ends_with_code_2(tmp_path: Path) -> None:
     assert "cannot be read" in refused("adopt", str(tmp_path / "nothing.json"))
+
+
+JSON = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.sampled_from(["contact_loss", "load cell", HUNT_CROSSLEY]),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.sampled_from(["id", "parameters", "fixed", "where", "value", "loads", "rig", "k1"]), inner)
+    ),
+    max_leaves=12,
+)
+
+
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(mechanisms=JSON, augmented=JSON)
+def test_any_json_is_adopted_or_refused_in_a_sentence(tmp_path: Path, mechanisms, augmented) -> None:
+    path = tmp_path / "any.json"
+    head = {"format": "mesotap-diagnosis", "version": 1}
+    path.write_text(json.dumps(head | {"mechanisms": mechanisms, "adopted": augmented}))
+    try:
+        with_model(Config(), read_diagnosis(path))
+    except (RecordingError, ConfigError) as refusal:
+        assert str(path) in str(refusal)

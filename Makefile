@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 DEMO := demo
 SEED := 1
 
-.PHONY: demo test check unit lint types layers kills recovery bench streaming fuzz faults faults-table clean
+.PHONY: demo test check unit lint types layers kills recovery bench streaming fuzz faults faults-table proof clean
 
 demo: $(VENV)/.installed
 	rm -rf $(DEMO)
@@ -57,6 +57,12 @@ FUZZ := 100000
 FUZZ_SEED := 1
 fuzz: $(VENV)/.tested
 	MESOTAP_FUZZ=$(FUZZ) MESOTAP_FUZZ_SEED=$(FUZZ_SEED) OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 tests/fuzz
+
+# the diagnosis on sealed sessions (hours; an interrupted proof goes on where it stopped)
+PROOF_SEED := 1
+PROOF_SESSIONS := 300
+proof: $(VENV)/.installed
+	$(BIN)/mesotap prove --seed $(PROOF_SEED) --sessions $(PROOF_SESSIONS) --output docs/proof
 
 # modal identification against the Cramer-Rao bound and beside other programs, in a virtualenv of its own
 bench: .venv-bench/.installed

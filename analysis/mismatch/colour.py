@@ -22,6 +22,8 @@ Complex = NDArray[np.complex128]
 
 BANDS = 18
 LOWEST_HZ = 15.0
+SETTLING = 60  # samples in which the whitening forgets its start
+LEVEL_BIAS = 0.005  # relative error of the level that no number of samples takes away
 LEVEL_TRUST = 0.1  # difference of the two levels beyond which the difference holds more than noise
 MEDIAN = math.log(2.0)  # of a periodogram's value over its mean
 
@@ -60,38 +62,43 @@ def noise_colour(quiet: Sequence[Real], whole: Sequence[Real], sample_rate_hz: f
         (n,) stretches of noise as long as the records, such as the difference of two channels; only the shape of
         their spectrum is used. Without any, the noise counts as white.
     """
-    variance = np.mean([np.var(q, axis=1, ddof=1) for q in quiet], axis=0)
-    if not np.all(variance > 0):
+    if not np.all(np.mean([np.var(q, axis=1) for q in quiet], axis=0) > 0):
         raise ValueError("a channel shows no noise before the trigger")
-    share, corner, white_sum = _slow_part(whole, sample_rate_hz) if len(whole) else (0.0, 1.0, math.nan)
+    share, corner = _slow_part(whole, sample_rate_hz) if len(whole) else (0.0, 1.0)
     pole = math.exp(-2 * math.pi * corner / sample_rate_hz)
     # slow part's variance over the white one's; `share` is its spectral density at zero over the white one's
     slow = share * (1 - pole) ** 2 / (1 - pole**2)
-    # what the mean of a short stretch takes away of a slow noise is put back
-    length = quiet[0].shape[1]
-    kept = (1 + slow * (1 - _mean_share(pole, length))) / (1 + slow)
-    whites = variance / kept / (1 + slow)
-    if math.isfinite(white_sum) and abs(white_sum / whites.sum() - 1) < LEVEL_TRUST:
-        whites = whites * (white_sum / whites.sum())  # the long stretches tell the level better
-    colours = []
-    for white in whites.tolist():
-        total = white * (1 + pole**2) + white * slow * (1 - pole**2)
-        product = white * pole
-        root = math.sqrt(max(total**2 - 4 * product**2, 0.0))
-        deviation2 = (total + root) / 2
-        colours.append(Colour(pole, product / deviation2, math.sqrt(deviation2)))
-    return tuple(colours)
+    total = 1 + pole**2 + slow * (1 - pole**2)
+    zero = 2 * pole / (total + math.sqrt(max(total**2 - 4 * pole**2, 0.0)))
+    shape = Colour(pole, zero, 1.0)
+    variance = np.mean([np.mean(_settled(shape, q) ** 2, axis=1) for q in quiet], axis=0)
+    if len(whole):
+        of_difference = float(np.median(np.concatenate([_power(shape, w) for w in whole]))) / MEDIAN
+        if abs(of_difference / variance.sum() - 1) < LEVEL_TRUST:
+            variance = variance * (of_difference / variance.sum())  # the long stretches tell the level better
+    return tuple(Colour(pole, zero, math.sqrt(v)) for v in variance.tolist())
 
 
-def _mean_share(pole: float, n: int) -> float:
-    """Variance of the mean of n samples of the slow noise over that of a sample, beyond that of white noise."""
-    k = np.arange(1, n)
-    correlation = 1 + 2 * float(np.sum((1 - k / n) * pole**k))
-    return correlation / n - 1 / n
+def level_error(samples: int) -> float:
+    """Return the relative standard error of the noise's power from so many samples of a difference of channels."""
+    return LEVEL_BIAS + math.sqrt(2.0 / samples) / MEDIAN
 
 
-def _slow_part(whole: Sequence[Real], sample_rate_hz: float) -> tuple[float, float, float]:
-    """Density of the slow part at zero frequency over that of the white part, its corner (Hz), the white variance."""
+def _settled(shape: Colour, y: Real) -> Real:
+    """Whiten (..., n) and leave out what does not know its past."""
+    n = y.shape[-1]
+    return shape.whiten(y - y.mean(axis=-1, keepdims=True))[..., min(n // 4, SETTLING) :]
+
+
+def _power(shape: Colour, y: Real) -> Real:
+    """Return the periodogram of a whitened stretch; its median is not moved by lines."""
+    white = _settled(shape, y)
+    out: Real = np.abs(np.fft.rfft(white)[1:-1]) ** 2 / white.size
+    return out
+
+
+def _slow_part(whole: Sequence[Real], sample_rate_hz: float) -> tuple[float, float]:
+    """Density of the slow part at zero frequency over that of the white part, and its corner (Hz)."""
     n = min(w.size for w in whole)
     taper = np.hanning(n)
     spectra = np.stack([np.abs(np.fft.rfft((w[:n] - w[:n].mean()) * taper)) ** 2 for w in whole])
@@ -115,4 +122,4 @@ def _slow_part(whole: Sequence[Real], sample_rate_hz: float) -> tuple[float, flo
     best = min(
         (least_squares(off, s, bounds=(lower, upper), loss="soft_l1") for s in starts), key=lambda found: found.cost
     )
-    return math.exp(best.x[1]), math.exp(best.x[2]), math.exp(best.x[0]) / float(np.sum(taper**2))
+    return math.exp(best.x[1]), math.exp(best.x[2])

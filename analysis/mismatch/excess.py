@@ -13,7 +13,6 @@ from analysis.mismatch.fit import Fit
 
 Real = NDArray[np.float64]
 
-LEVEL_ERROR = 0.01  # relative error of the noise power that no band may be found by
 SURE = 1e-4  # p-value of a bin, all bins counted, from which on it holds more than noise
 WINDOWS_S = (0.0, 0.5e-3, 1e-3, 2e-3, 4e-3, 8e-3, 16e-3, 32e-3, 64e-3, 0.2)
 
@@ -56,7 +55,7 @@ def excess_by_frequency(fit: Fit) -> Excess:
     spectra = np.stack([np.abs(np.fft.rfft(rotated(r)[:, :n], axis=1)) ** 2 / n for r in fit.residuals])
     count = len(spectra)
     power = spectra.mean(axis=0)[:, 1:-1]
-    tail = gamma.sf(power * count / (1 + LEVEL_ERROR), count)
+    tail = gamma.sf(power * count / (1 + fit.problem.recordings.level_error), count)
     tests = tail.size
     sure = tail * tests < SURE
     rate = fit.problem.recordings.sample_rate_hz
@@ -79,7 +78,7 @@ def excess_by_time(fit: Fit) -> Excess:
     used = count > 0
     energy, count = energy[:, used], count[used]
     edges = np.append(edges[:-1][used], edges[1:][used][-1])
-    z = (energy - count) / np.sqrt(2 * count + (LEVEL_ERROR * count) ** 2)
+    z = (energy - count) / np.sqrt(2 * count + (fit.problem.recordings.level_error * count) ** 2)
     tail = norm.sf(z)
     p = float(-math.expm1(tail.size * math.log1p(-min(float(tail.min()), 1 - 1e-12))))
     sure = tail * tail.size < SURE
@@ -91,6 +90,6 @@ def excess_by_record(fit: Fit) -> Real:
     z = []
     for residual in fit.residuals:
         size = residual.size
-        spread = math.sqrt(2 * size + (LEVEL_ERROR * size) ** 2)
+        spread = math.sqrt(2 * size + (fit.problem.recordings.level_error * size) ** 2)
         z.append((float(np.vdot(residual, residual)) - size) / spread)
     return np.array(z)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.mismatch.colour import Colour, noise_colour
+from analysis.mismatch.colour import Colour, level_error, noise_colour
 from daq.records import Session, Shot
 
 Real = NDArray[np.float64]
@@ -68,6 +68,11 @@ class Recordings:
     sample_rate_hz: float
     loads_n: tuple[float, ...]
     noise_rms: float
+
+    @property
+    def level_error(self) -> float:
+        """Relative standard error of the noise's power."""
+        return level_error(sum(r.y.shape[1] for r in self.records))
 
 
 def tap_force(

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from mesotap.figures._style import BLACK, BLUE, GREY, PAGE_MM, VERMILION, blank, styled
 from mesotap.proof.scores import AtGrade, Count, Nulls, Reliability, power
 
-CELL_MM = 6.0
+CELL_MM = 5.6
+LABEL_MM, EDGE_MM = 38.0, 7.0
 
 
 def _bars(count: Count) -> tuple[float, float]:
@@ -94,7 +95,7 @@ def reliability_figure(lines: Sequence[Reliability]) -> Figure:
             marker="o",
             capsize=1.5,
             linestyle="",
-            label="first names",
+            label="names",
         )
         for r in shown:
             axes.annotate(
@@ -119,8 +120,13 @@ def confusion_figure(table: Mapping[str, Mapping[str, int]], order: Sequence[str
     columns += sorted(said - set(columns))
     rows = [name for name in ("nothing", *order) if name in table]
     rows += sorted(set(table) - set(rows))
-    figure = blank(min(PAGE_MM, 45 + CELL_MM * len(columns)), 38 + CELL_MM * len(rows))
-    axes = figure.subplots()
+    # the turned labels are longer than the automatic layout thinks
+    width, height = LABEL_MM + CELL_MM * len(columns) + EDGE_MM, LABEL_MM + CELL_MM * len(rows) + EDGE_MM
+    figure = blank(width, height)
+    figure.set_layout_engine("none")
+    axes = figure.add_axes(
+        (LABEL_MM / width, LABEL_MM / height, CELL_MM * len(columns) / width, CELL_MM * len(rows) / height)
+    )
     shares = np.zeros((len(rows), len(columns)))
     for i, row in enumerate(rows):
         total = sum(table[row].values())
@@ -135,6 +141,6 @@ def confusion_figure(table: Mapping[str, Mapping[str, int]], order: Sequence[str
         range(len(columns)), [c.replace("_", " ") for c in columns], rotation=60, ha="right", rotation_mode="anchor"
     )
     axes.set_yticks(range(len(rows)), [r.replace("_", " ") for r in rows])
-    axes.set_title("said (columns) of what is hidden (lines)", loc="left")
+    figure.text(1 / width, 1 - 1 / height, "hidden (rows), said (columns)", va="top")
     axes.spines[:].set_visible(True)
     return figure

@@ -29,6 +29,7 @@ def with_likeness(
         if e.kind == "single" and e.covered and not e.right and e.first is not None and e.first.id in LISTED
     ]
     out = {e.name: e for e in entries}
+    told(0, len(owed))
     for done, (e, name) in enumerate(owed, start=1):
         key = f"{e.name} {name}"
         if key not in known:

@@ -263,7 +263,7 @@ def _calibration(entries: Sequence[Entry], folder: Path) -> str:
         return ""
     return _joined(
         "## Stated probabilities",
-        f"Of first names in all sessions, those without a listed effect included, where no name is right. "
+        f"Of all names in all sessions, those without a listed effect included, where no name is right. "
         f"Brier's score {brier:.3f}.",
         _table(("stated", "mean", "covered"), rows),
         _figure(folder, "reliability.svg", "Share of names that are right against the probability stated"),

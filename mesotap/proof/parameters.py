@@ -1,6 +1,7 @@
 """From what a truth file says of an effect to the parameters by which a diagnosis reports it.
 
-Only where both mean the same quantity; what a truth file holds besides is not scored.
+Only where both mean the same quantity; what a truth file holds besides is not scored. Rocking is not: its parameters
+depend on the inertia that is taken for granted.
 """
 
 from __future__ import annotations
@@ -57,9 +58,6 @@ _DERIVED: dict[str, dict[str, Callable[[Truth], float | None]]] = {
     },
     "quadratic_damping": {
         "quadratic_damping_per_c_c": lambda t: _ratio(t["effect"]["quadratic_damping_n_s2_per_m2"], t["cc"])
-    },
-    "rocking": {
-        "contact_offset_share": lambda t: t["effect"]["contact_offset_m"] / t["effect"]["accelerometer_arm_m"],
     },
     "squeeze_film": {"film_share_of_c_c": lambda t: _ratio(t["effect"]["film_damping_n_s_per_m"], t["cc"])},
     "tube_spring_damping": {

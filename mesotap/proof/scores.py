@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.stats import binomtest, chi2, kstest, ncx2
 
-from mesotap.proof.entries import CONSISTENT, LEVEL, MISSING, UNEXPLAINED, Entry
+from mesotap.proof.entries import CONSISTENT, LEVEL, MISSING, UNEXPLAINED, Entry, Named
 from mesotap.proof.parameters import true_parameters
 
 GRADES = (3.0, 10.0, 30.0, 100.0, 300.0)
@@ -132,9 +132,14 @@ def by_grade(entries: Sequence[Entry]) -> list[AtGrade]:
     return out
 
 
+def true_of(m: Named, e: Entry) -> bool:
+    """Return whether a name, or a look-alike that is declared beside it, is hidden in the session."""
+    return bool({m.id, *m.alike} & set(e.effects))
+
+
 def confidently_wrong(e: Entry) -> bool:
     """Return whether any name is stated with confidence that is neither true nor said to look like what is."""
-    return any(m.probability > CONFIDENT and not {m.id, *m.alike} & set(e.effects) for m in e.named)
+    return any(m.probability > CONFIDENT and not true_of(m, e) for m in e.named)
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,13 +249,11 @@ class Reliability:
 
 
 def calibration(entries: Sequence[Entry]) -> tuple[list[Reliability], float]:
-    """Score the stated probabilities of all first names, and return Brier's score of them (NaN without any).
+    """Score the stated probabilities of all names, and return Brier's score of them (NaN without any).
 
     A name is right where it, or one of its declared look-alikes, is hidden in the session and on the list.
     """
-    stated = [
-        (e.first.probability, e.covered and e.kind not in ("struck", "outside")) for e in entries if e.first is not None
-    ]
+    stated = [(m.probability, e.kind not in ("struck", "outside") and true_of(m, e)) for e in entries for m in e.named]
     out = []
     for low, high in pairwise(STATED):
         inside = [(p, right) for p, right in stated if low <= p < high or (high == STATED[-1] and p == high)]

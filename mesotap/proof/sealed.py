@@ -54,6 +54,7 @@ def seal(folder: Path, seed: int, sessions: int, only: str | None, jobs: int, to
         if text.splitlines()[0] != heading:
             raise ProofError(f"{folder}: holds another proof ({text.splitlines()[0][2:]}); name another folder")
         check(folder)
+        told(sessions, sessions)
         return text
     (folder / SESSIONS).mkdir(parents=True, exist_ok=True)
     (folder / PARTS).mkdir(exist_ok=True)
@@ -228,6 +229,9 @@ def practice_sessions(folder: Path) -> tuple[dict[str, Path], dict[str, dict[str
         isinstance(t, dict) and isinstance(t.get("kinds"), list) for t in truths.values()
     ):
         raise ProofError(f"{path}: expected an object with 'kinds' for each session")
+    for name, truth in truths.items():
+        if not isinstance(truth.get("d"), int | float):
+            raise ProofError(f"{path}: {name} has no number 'd'")
     files = {name: folder / f"{name}.h5" for name in truths}
     for file in files.values():
         if not file.is_file():

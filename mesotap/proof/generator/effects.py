@@ -24,7 +24,6 @@ Machined = Callable[[Machine, Plan, float, Character], Machine]
 Sensed = Callable[[Real, Plan, float, Character], Real]
 
 STEADY_RATE = 1e-8  # m/s below which dry friction is rounded off: a thousandth of the motion at the record's end
-SETTING_IN = 0.02  # of the typical rate: where menisci begin to pull
 FULL = 1.0  # strength of an effect that is there or not
 
 
@@ -185,7 +184,12 @@ def _draw_film(rng: np.random.Generator, plan: Plan) -> Character:
 def _meniscus(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
     force = s * plan.of_each_impact(plan.loads)
     reach = c["range_share"] * plan.of_each_impact(plan.static)
-    return _in_contact(machine, plan, Law.MENISCUS, force, reach, SETTING_IN * _rate(plan))
+    return _in_contact(machine, plan, Law.MENISCUS, force, reach, c["setting_in"] * _rate(plan))
+
+
+def _draw_menisci(rng: np.random.Generator, plan: Plan) -> Character:
+    setting_in = math.exp(rng.uniform(math.log(0.3), math.log(1.5)))
+    return {"range_share": float(rng.uniform(0.2, 1.0)), "setting_in": setting_in}
 
 
 def _creep(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
@@ -393,7 +397,7 @@ _LISTED = (
         lambda p, s, c: {
             "adhesion_force_n": (s * p.loads).tolist(), "adhesion_range_m": (c["range_share"] * p.static).tolist()
         },
-        draw=lambda rng, plan: {"range_share": float(rng.uniform(0.2, 1.0))}, machined=_meniscus,
+        draw=_draw_menisci, machined=_meniscus,
     ),
     Effect(
         "contact_creep", "contact", 0.003, 0.4,
@@ -442,7 +446,8 @@ _LISTED = (
         draw=_draw_sign, delay=lambda s, c: c["sign"] * s,
     ),
     Effect(
-        "clipping", "sensor chain", 0.1, 0.8, lambda p, s, c: {"clip_at_fraction_of_peak": 1 - s}, sensed=_clipped
+        "clipping", "sensor chain", 0.1, 0.8,
+        lambda p, s, c: {"clip_at_fraction_of_record_peak": 1 - s}, sensed=_clipped,
     ),
     Effect(
         "mains_hum", "sensor chain", 1e-3, 1.0,

@@ -19,6 +19,7 @@ from mesotap.proof.generator.recorder import innovations, whitened
 Real = NDArray[np.float64]
 
 SPRING_UNCERTAINTY = 0.01  # standard, as a laboratory declares it
+LARGEST_STEP = 0.3  # relative, of a constant in one step
 SMALL = 1e-6  # relative step of the differences
 ROUNDS = 12
 ENOUGH = 1e-4  # relative fall of the misfit that ends the refit
@@ -31,7 +32,8 @@ class Refit:
     Attributes
     ----------
     d
-        The root of the misfit, priors included: standard deviations of the noise over the whole session.
+        The root of the misfit, priors included: standard deviations of the noise over the whole session. Infinite where
+        the session holds what is no number.
     left
         For each load (impacts, 2, samples): what is left of sum and difference of the channels, whitened.
     constants
@@ -57,9 +59,11 @@ def refit(plan: Plan, y: Real) -> Refit:
     left, prior = _left(plan, data, theta), _prior(theta)
     cost = _cost(left, prior)
     damping = 0.0
+    if not math.isfinite(cost):
+        return Refit(math.inf, tuple(left), theta)
     for _ in range(ROUNDS):
         step = _step(plan, data, theta, left, prior, damping)
-        trial = theta + step
+        trial = theta + np.clip(step, -LARGEST_STEP, LARGEST_STEP)
         trial_left, trial_prior = _left(plan, data, trial), _prior(trial)
         trial_cost = _cost(trial_left, trial_prior)
         if not trial_cost <= cost:

@@ -83,6 +83,14 @@ def test_other_constants_are_refitted() -> None:
     np.testing.assert_allclose(found.constants[2:4], 0.97, rtol=1e-2)
 
 
+def test_what_is_no_number_survives_without_bound() -> None:
+    plan = small_plan()
+    y = signals(Concealed(plan))
+    y[0, 0, -1] = np.inf
+    with np.errstate(invalid="ignore"):
+        assert refit(plan, y).d == np.inf
+
+
 def test_traceless_faults_leave_no_trace() -> None:
     plan = small_plan()
     assert surviving(Concealed(plan, undeclared_hz=4000.0)).d < 0.3

@@ -140,9 +140,9 @@ def test_intervals_are_held_against_the_truth() -> None:
 
 def test_calibration_tells_stated_from_true() -> None:
     right = answered(["adhesion"], 99.0, 0.0, mechanism("adhesion", 0.85))
-    wrong = answered(["adhesion"], 99.0, 0.0, mechanism("micro_slip", 0.85))
     struck = answered(["adhesion"], 99.0, 0.0, mechanism("micro_slip", 0.85, ("adhesion",)), kind="struck")
-    lines, brier = scores.calibration([right] * 8 + [wrong] + [struck] + NULLS)
+    beside = answered(["adhesion"], 99.0, 0.0, mechanism("adhesion", 0.85), mechanism("micro_slip", 0.85))
+    lines, brier = scores.calibration([right] * 7 + [beside, struck] + NULLS)
     line = next(r for r in lines if r.right.of)
     assert (line.low, line.high) == (0.8, 0.9)
     assert line.mean == pytest.approx(0.85)

@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from daq.session_file import read_session
+from mesotap.__main__ import _sentence
 from mesotap.commands.prove import prove, prove_practice
 from mesotap.proof import sealed
 from mesotap.proof.errors import ProofError
@@ -132,7 +133,13 @@ def test_answers_are_kept_and_failures_tried_again(
 
 @pytest.mark.parametrize(
     ("content", "said"),
-    [(None, "cannot be read"), ("{", "is no JSON"), ('{"a": 1}', "expected"), ('{"a": {"kinds": []}}', "missing")],
+    [
+        (None, "cannot be read"),
+        ("{", "is no JSON"),
+        ('{"a": 1}', "expected"),
+        ('{"a": {"kinds": []}}', "no number 'd'"),
+        ('{"a": {"kinds": [], "d": 0.0}}', "missing"),
+    ],
 )
 def test_bad_practice_folder_gets_a_sentence(tmp_path: Path, content: str | None, said: str) -> None:
     if content is not None:
@@ -159,6 +166,10 @@ def test_sessions_are_chosen_evenly() -> None:
     names = [f"s{i}" for i in range(10)]
     assert list(sealed.chosen(names, 3)) == ["s0", "s3", "s6"]
     assert list(sealed.chosen(names, None)) == names
+
+
+def test_what_is_wrong_with_a_proof_is_told_in_a_sentence() -> None:
+    assert _sentence(ProofError("the folder holds another proof")) == "the folder holds another proof"
 
 
 def test_unknown_kind_gets_a_sentence(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from mesotap.config import Config, ConfigError, effective_text
 
 FORMAT, VERSION = "mesotap-diagnosis", 1
 CONSTANTS = ("m1", "m2", "k1", "k2")
+LOAD_CELL = "load cell"  # component whose mechanisms are no part of a ring-down
 LARGEST_FILE = 1 << 24  # bytes; a diagnosis has a few thousand
 
 
@@ -71,14 +72,18 @@ def read_diagnosis(path: Path) -> AdoptedModel:
             str(m["id"]): {k: _number(v["value"]) for k, v in m["parameters"].items()}
             | {k: _number(v) for k, v in m.get("fixed", {}).items()}
             for m in content["mechanisms"]
+            if m.get("where") != LOAD_CELL
         }
         augmented = content.get("adopted") or {"loads": [], "rig": {}}
         loads = [_load(entry) for entry in augmented["loads"]]
         rig = {name: _number(known["value"]) for name, known in augmented["rig"].items()}
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
+    except (LookupError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise RecordingError(f"{path}: is no complete {FORMAT} {VERSION} ({type(error).__name__}: {error})") from error
     if not found:
-        raise RecordingError(f"{path}: names no mechanism (verdict {content.get('verdict')!r}): nothing to adopt")
+        raise RecordingError(
+            f"{path}: names no mechanism that acts in a ring-down (verdict {content.get('verdict')!r}), so there is "
+            "nothing to adopt"
+        )
     return AdoptedModel(str(path), found, tuple(sorted(loads, key=lambda p: p.load_mn)), rig)
 
 
@@ -109,8 +114,10 @@ def with_model(config: Config, model: AdoptedModel) -> Config:
     content = config.model_dump(mode="json")
     simulated = content["sim_backend"]
     simulated["mechanisms"] = [{"id": k, "parameters": v} for k, v in model.mechanisms.items()]
-    simulated["contact"] |= {"law": "linear", "can_part": False}
-    simulated["parameter_errors"] = False
+    # the fitted model has no scatter from impact to impact, no dampers beside the springs, no other law
+    scatter = {"stiffness_scatter_percent": 0.0, "damping_scatter_percent": 0.0}
+    simulated["contact"] |= {"law": "linear", "can_part": False} | scatter
+    simulated |= {"parameter_errors": False, "tube_damping_ratio": 0.0}
     loads = _distinct(model.loads)
     if len(loads) > 1:
         simulated["contact"] |= {

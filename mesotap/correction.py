@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
@@ -58,7 +59,7 @@ def correct(session: Session, model: AdoptedModel) -> Correction:
         found = [adopted(name, values) for name, values in model.mechanisms.items()]
     except ValueError as error:
         raise ConfigError(f"{model.source}: {error}") from error
-    with threadpool_limits(limits=1, user_api="blas"):
+    with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
         before = fit(tester_problem(session))
         after = augmented(before, [Term(a.mechanism, a.values) for a in found])
     sets = {shot.number: shot.load_set for shot in session.shots}

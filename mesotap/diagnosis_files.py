@@ -11,6 +11,7 @@ from rich.table import Table
 from analysis.mismatch.corrected import contact_at_rest
 from analysis.mismatch.diagnosis import Diagnosis
 from analysis.mismatch.fit import Fit
+from mesotap.adoption import LOAD_CELL
 
 
 def diagnosis_answer(d: Diagnosis, seconds: float) -> dict[str, Any]:
@@ -91,7 +92,9 @@ def print_diagnosis(d: Diagnosis, console: Console) -> None:
         "unexplained": "Eq. 9 does not explain these recordings, and nothing listed does.",
         "missing_physics": "Eq. 9 leaves something out of these recordings.",
     }
-    console.print(f"[bold]{said[d.verdict]}[/bold] (p = {d.p_value:.2g})")
+    drifted = bool(d.mechanisms) and all(m.where == LOAD_CELL for m in d.mechanisms)
+    sentence = "Eq. 9 explains these recordings, but the load cell drifted." if drifted else said[d.verdict]
+    console.print(f"[bold]{sentence}[/bold] (p = {d.p_value:.2g})")
     for m in d.mechanisms:
         alike = (
             f"; these data cannot tell it from {', '.join(m.indistinguishable_from)}"

@@ -19,7 +19,9 @@ from analysis.mismatch.maps import by_impact, held_out, map_by_frequency, map_by
 from analysis.mismatch.reconstruction import law_along, reconstruct, stitched, telling_impacts
 from analysis.mismatch.varying import contact_by_amplitude, contact_in_time
 from analysis.results import SessionResults
+from calibration.estimate import Estimate
 from mesotap import figures
+from mesotap.adoption import LOAD_CELL
 from mesotap.report import Plate, environment, written
 from mesotap.results_files import json_text
 from sim_backend.mechanisms.mechanism import Mechanism
@@ -33,6 +35,7 @@ LABELS = {
     "held_out": "Residual of each held-out impact before and after",
     "amplitude": "Frequency change and damping ratio of the contact mode against its amplitude along the ring-down",
 }
+SURE = 1e-12  # p-values below are not worth their digits
 UNSEEN = "ring-downs do not show it"
 
 
@@ -53,12 +56,11 @@ class Contender:
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """A constant of the rig as declared and as fitted, with standard errors."""
+    """A constant of the rig as declared, and as fitted without and with what was left out."""
 
     name: str
     unit: str
-    declared: float
-    uncertainty: float
+    declared: Estimate
     before: float
     after: float | None
 
@@ -70,8 +72,10 @@ def write_diagnosis(
     known: Mapping[str, Mechanism],
     results: SessionResults | None = None,
     progress: Callable[[str], None] = lambda stage: None,
+    *,
+    pdf_figures: bool = True,
 ) -> Path:
-    """Write ``diagnosis.html``, ``diagnosis.json`` and the figures as PDF into a folder; return the page.
+    """Write ``diagnosis.html``, ``diagnosis.json`` and ``figures/diagnosis-*.pdf`` into a folder; return the page.
 
     Parameters
     ----------
@@ -81,14 +85,18 @@ def write_diagnosis(
         Mechanisms that took part.
     results
         Of the session's linear analysis, for frequency and damping against amplitude; None to leave that out.
+    pdf_figures
+        Whether to write the figures for print, which takes about as long as the page.
     """
     folder.mkdir(parents=True, exist_ok=True)
     contest = found.contest
     progress("reconstructing the contact force")
     drawn = _figures(found, results)
-    (folder / "figures").mkdir(exist_ok=True)
-    for name, figure in drawn.items():
-        figures.save(figure, folder / "figures" / f"diagnosis-{name}.pdf")
+    progress("drawing")
+    if pdf_figures:
+        (folder / "figures").mkdir(exist_ok=True)
+        for name, figure in drawn.items():
+            figures.save(figure, folder / "figures" / f"diagnosis-{name}.pdf")
     written(folder / "diagnosis.json", json_text(dict(answer)))
     after = contest.best if contest.best.terms else None
     html = environment().get_template("diagnosis.html").render(
@@ -107,6 +115,8 @@ def write_diagnosis(
         loads_mn=[1e3 * p for p in contest.problem.recordings.loads_n],
         level_percent=round(100 * LEVEL),
         best_name=law_name(after),
+        pdf_figures=pdf_figures,
+        surely=lambda p: p_words(p).removeprefix("p = ").removeprefix("p "),
     )  # fmt: skip
     return written(folder / "diagnosis.html", html)
 
@@ -121,7 +131,7 @@ def verdict(found: Diagnosis) -> str:
     """Say the answer in a sentence with the session's numbers."""
     records, loads = found.contest.problem.recordings.records, found.contest.problem.recordings.loads_n
     measured = f"{len(records)} impacts at {len(loads)} loads from {1e3 * min(loads):.0f} to {1e3 * max(loads):.0f} mN"
-    chance = f"p = {found.p_value:.2g}"
+    chance = p_words(found.p_value)
     if found.verdict == "consistent":
         return f"Eq. 9 with its constants refitted explains all of {measured}: nothing is left beyond noise ({chance})."
     if found.verdict == "unexplained" or not found.mechanisms:
@@ -129,9 +139,19 @@ def verdict(found: Diagnosis) -> str:
             f"Eq. 9 does not explain {measured} ({chance}), and nothing listed does: what is missing is not named, "
             "but located and drawn below."
         )
+    if all(m.where == LOAD_CELL for m in found.mechanisms):
+        return (
+            f"Eq. 9 with its constants refitted explains all of {measured}, but the load cell drifted between its "
+            f"calibrations ({chance}): the loads are in doubt."
+        )
     names = " and ".join(m.id.replace("_", " ") for m in found.mechanisms)
     sure = min(m.probability for m in found.mechanisms)
     return f"Eq. 9 does not explain {measured} ({chance}); it leaves out {names}, with a probability of {sure:.2f}."
+
+
+def p_words(p: float) -> str:
+    """Write a p-value; one that is certainty anyway without its digits."""
+    return f"p = {p:.2g}" if p > SURE else f"p < {SURE:g}"
 
 
 def law_name(fit: Fit | None) -> str:
@@ -146,13 +166,13 @@ def left_over(contest: Contest) -> str:
         return "Nothing beyond noise."
     if contest.left_p_value >= LEFT_LEVEL:
         return (
-            f"Nothing beyond noise: tested against forces and channels of any shape, what is left has p = "
-            f"{contest.left_p_value:.2g}."
+            "Nothing beyond noise: tested against forces and channels of any shape, what is left has "
+            f"{p_words(contest.left_p_value)}."
         )
     share = contest.left_over / max(explained + contest.left_over, 1e-300)
     return (
         f"Forces or channels of any shape would take away a further chi-squared of {contest.left_over:.0f}, "
-        f"{100 * share:.2g} % of all misfit (p = {contest.left_p_value:.2g})."
+        f"{100 * share:.2g} % of all misfit ({p_words(contest.left_p_value)})."
     )
 
 
@@ -161,7 +181,13 @@ def constants(contest: Contest) -> list[Constant]:
     before = dict(zip(contest.baseline.constants.names()[0], contest.baseline.constants.rig.tolist(), strict=True))
     after = dict(zip(contest.best.constants.names()[0], contest.best.constants.rig.tolist(), strict=True))
     return [
-        Constant(p.name, p.unit, p.value, p.uncertainty, before[p.name], after[p.name] if contest.best.terms else None)
+        Constant(
+            p.name,
+            p.unit,
+            Estimate(p.value, p.uncertainty),
+            before[p.name],
+            after[p.name] if contest.best.terms else None,
+        )
         for p in contest.problem.arrangement.parameters
         if p.name in before
     ]

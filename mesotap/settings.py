@@ -20,7 +20,7 @@ class SessionSettings(Section):
     impacts_per_load: Annotated[int, Field(ge=1, le=100)] = 8
     tries_per_load: Annotated[int, Field(ge=1, le=1000)] = 40
     dwell_s: Annotated[float, Field(ge=0, le=86400)] = 10.0
-    diagnose: bool = True
+    diagnose: bool = False
 
     @field_validator("load_plan_mn")
     @classmethod

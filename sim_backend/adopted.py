@@ -26,7 +26,7 @@ def adopted(mechanism_id: str, parameters: Mapping[str, float]) -> Adopted:
     ----------
     parameters
         Its parameters, and whatever else stays fixed in it; of the latter the usual value is taken where it is left
-        out.
+        out. Quantities that follow from a parameter may stand beside it.
 
     Raises
     ------
@@ -44,7 +44,8 @@ def adopted(mechanism_id: str, parameters: Mapping[str, float]) -> Adopted:
     trials = mechanism.trials(ANY_SCALE)
     quantities = {q.name: q for q in mechanism.parameters}
     fixed = {k: v for k, v in (trials[0] if trials else {}).items() if k not in quantities and k != WHOLE_SESSION}
-    if unknown := [k for k in parameters if k not in quantities and k not in fixed and k != WHOLE_SESSION]:
+    ignored = {WHOLE_SESSION, *(d.name for d in mechanism.derived)}
+    if unknown := [k for k in parameters if k not in quantities and k not in fixed and k not in ignored]:
         allowed = ", ".join((*quantities, *fixed)) or "none"
         raise ValueError(f"{mechanism_id} has no parameter {unknown[0]!r}; it has {allowed}")
     for name, q in quantities.items():
@@ -52,7 +53,7 @@ def adopted(mechanism_id: str, parameters: Mapping[str, float]) -> Adopted:
             raise ValueError(f"{mechanism_id} needs {name} ({q.meaning}, {q.unit})")
         if not q.low <= parameters[name] <= q.high:
             raise ValueError(f"{mechanism_id}: {name} is {parameters[name]:g}, allowed are {q.low:g} to {q.high:g}")
-    return Adopted(mechanism, fixed | {k: v for k, v in parameters.items() if k != WHOLE_SESSION})
+    return Adopted(mechanism, fixed | {k: v for k, v in parameters.items() if k not in ignored})
 
 
 def second_blow(found: Sequence[Adopted]) -> float | None:
@@ -61,7 +62,7 @@ def second_blow(found: Sequence[Adopted]) -> float | None:
 
 
 def tones(found: Sequence[Adopted]) -> list[tuple[float, float]]:
-    """Return frequency, Hz, and amplitude, m/s2, of the steady tones in the channels."""
+    """Return frequency, Hz, and amplitude, m/s2, of the steady tones in the channels: all as loud as the loudest."""
     return [
         (hz, a.values[a.mechanism.parameters[0].name])
         for a in found

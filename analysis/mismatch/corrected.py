@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mismatch.fit import Fit, fit
+from analysis.mismatch.lengthening import STRONG, lengthened, misfit
 from analysis.mismatch.problem import Term
 from analysis.mismatch.screen import screen
 from calibration.estimate import Estimate
@@ -78,7 +79,10 @@ def augmented(plain: Fit, terms: Sequence[Term]) -> Fit:
     """Fit Eq. 9 with given mechanisms to the impacts of a plain fit, their parameters free within their ranges."""
     blows = [t.mechanism for t in terms if t.mechanism.blow]
     delays = next((s.delays for s in screen(plain, blows).scores if s.delays), ()) if blows else ()
-    return fit(plain.problem, terms, begin=plain, delays=delays)
+    found = fit(plain.problem, terms, begin=plain, delays=delays)
+    if found.only_laws and misfit(found) > STRONG:
+        found = lengthened(plain.problem, found.terms, plain) or found
+    return found
 
 
 def _error(variance: float) -> float:

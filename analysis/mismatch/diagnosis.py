@@ -196,7 +196,7 @@ def _common_noise(usable: Sequence[_Usable]) -> tuple[Colour, ...] | None:
     Raises
     ------
     AnalysisError
-        The sessions are not of one rig, or their noise differs in size.
+        The sessions are not of one rig, one is there twice, or their noise differs in size.
     """
     first = usable[0].session
     for other in (one.session for one in usable[1:]):
@@ -207,6 +207,14 @@ def _common_noise(usable: Sequence[_Usable]) -> tuple[Colour, ...] | None:
             )
     if len(usable) == 1:
         return None
+    shown: dict[bytes, Session] = {}
+    for one in usable:
+        key = one.shots[0].acceleration.tobytes()
+        if key in shown:
+            raise AnalysisError(
+                f"{_name(one.session)}: holds the impacts of {_name(shown[key])} once more; name it once"
+            )
+        shown[key] = one.session
     rate = first.rig.sample_rate_hz
     try:
         own = [channel_noise(one.shots, rate) for one in usable]

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.mismatch.contest import Contest, blow_delays
+from analysis.mismatch.contest import Contest, held_out_fit
 from analysis.mismatch.excess import WINDOWS_S, excess_by_record, rotated
-from analysis.mismatch.fit import Fit, fit
+from analysis.mismatch.fit import Fit
 from analysis.mismatch.response import response
 
 Real = NDArray[np.float64]
@@ -141,12 +141,8 @@ def held_out(contest: Contest) -> HeldOut | None:
     """Fit what belongs to each impact on the held-out ones, before and after; None where none is held out."""
     if not contest.held_out:
         return None
-    kept = contest.problem.only(contest.held_out)
-    before = fit(kept, held=contest.baseline)
-    after = None
-    if contest.best.terms:
-        blows = any(t.mechanism.blow for t in contest.best.terms)
-        after = fit(kept, held=contest.best, delays=blow_delays(kept, contest.best) if blows else ())
+    before = held_out_fit(contest.problem, contest.held_out, contest.baseline)
+    after = held_out_fit(contest.problem, contest.held_out, contest.best) if contest.best.terms else None
     return HeldOut(before, after, rms_by_record(before), None if after is None else rms_by_record(after))
 
 

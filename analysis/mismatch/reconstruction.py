@@ -39,6 +39,7 @@ SLOW_S = 8e-4  # between the knots of the slow deflection
 SHIFT = 0.05  # of the largest deflection: how far it is believed to shift
 SMOOTH = 1e-4  # weight against bends of the curve that the swings do not show
 STITCHES = 20  # most iterations
+CHOOSING = 600  # samples by which the size of the extra force is chosen
 FORCE_STATES = 2  # of the extra force: itself and its rate
 
 
@@ -103,15 +104,12 @@ def reconstruct(fit: Fit, number: int) -> Reconstruction:
     y = record.raw.mean(axis=0)
     pole = complex(rig.poles[int(np.argmax(np.abs(seen * fit.amplitudes[number])))])
     visible = _visible_force(fit.arrangement, values, place, noise, abs(pole), rate) / (values["kc"] * deformation)
-    best: tuple[float, Real, Real, _System] | None = None
-    for size in SIZES:
-        system = _system(
-            fit.arrangement, values, place, fit.problem.analog, rate, deformation, pole, size * visible, noise
-        )
-        likelihood, means, spreads = _smoothed(system, y)
-        if best is None or likelihood > best[0]:
-            best = likelihood, means, spreads, system
-    _, means, spreads, system = best  # type: ignore[misc]
+    systems = [
+        _system(fit.arrangement, values, place, fit.problem.analog, rate, deformation, pole, size * visible, noise)
+        for size in SIZES
+    ]
+    system = max(systems, key=lambda one: _filtered(one, y[:CHOOSING])[0])
+    means, spreads = _smoothed(system, y)
     variance = np.einsum("i,nij,j->n", system.force, spreads, system.force)
     clear = slice(SETTLING, None)
     return Reconstruction(
@@ -269,8 +267,8 @@ def _sampled(a: Real, white: Real, h: float) -> tuple[Real, Real]:
     return step, (spread + spread.T) / 2
 
 
-def _smoothed(system: _System, y: Real) -> tuple[float, Real, Real]:
-    """Log likelihood, means (n, states) and covariances (n, states, states) given all samples."""
+def _filtered(system: _System, y: Real) -> tuple[float, Real, Real, Real, Real]:
+    """Log likelihood; means (n, states) and covariances (n, states, states) before each sample and with it."""
     count, states = y.size, len(system.row)
     ahead, ahead_spread = np.empty((count, states)), np.empty((count, states, states))
     mean, spread = np.empty_like(ahead), np.empty_like(ahead_spread)
@@ -290,11 +288,17 @@ def _smoothed(system: _System, y: Real) -> tuple[float, Real, Real]:
         mean[i], spread[i] = z, p
         z, p = system.step @ z, system.step @ p @ system.step.T + fresh
         fresh = fresh * system.fading
-    for i in range(count - 2, -1, -1):
+    return likelihood, ahead, ahead_spread, mean, spread
+
+
+def _smoothed(system: _System, y: Real) -> tuple[Real, Real]:
+    """Means (n, states) and covariances (n, states, states) given all samples."""
+    _, ahead, ahead_spread, mean, spread = _filtered(system, y)
+    for i in range(y.size - 2, -1, -1):
         back = np.linalg.lstsq(ahead_spread[i + 1], system.step @ spread[i], rcond=1e-14)[0].T
         mean[i] = mean[i] + back @ (mean[i + 1] - ahead[i + 1])
         spread[i] = spread[i] + back @ (spread[i + 1] - ahead_spread[i + 1]) @ back.T
-    return likelihood, mean, spread
+    return mean, spread
 
 
 def telling_impacts(before: Fit, after: Fit) -> tuple[int, ...]:

@@ -12,6 +12,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from analysis.mismatch.maps import ExcessMap, HeldOut, Impacts
 from analysis.mismatch.reconstruction import Reconstruction
@@ -39,6 +40,7 @@ LARGEST_SPAN = 1e3
 SHOWN_SWINGS = 16  # of the contact mode, from the pulse on
 SMALLEST_SWING = 0.2  # of the largest that is drawn
 SMOOTHING_BINS = 9
+FINER = 6  # points drawn for each sample of a curve
 DEFLECTION_BINS, FEWEST_IN_BIN = 15, 4
 NORMAL_95 = 1.959964
 CHANNELS = ("mean of A and B", "difference of A and B")
@@ -217,8 +219,10 @@ def force_figure(pictures: Sequence[ForcePicture], name: str = "") -> Figure:
         top.plot(reach, reach * 1e-9 * picture.stiffness * MILLI, color=BLUE, label="law of Eq. 9")
         bottom.axhline(0, color=BLUE)
         if picture.augmented is not None:
-            top.plot(x, MILLI * picture.augmented[shown], color=VERMILION, linewidth=0.7, label=f"with {name}")
-            bottom.plot(x, MILLI * (picture.augmented - picture.linear)[shown], color=VERMILION, linewidth=0.7)
+            extra = (picture.augmented - picture.linear)[shown]
+            fine_x, total, fine_extra = _fine(x, MILLI * picture.augmented[shown], MILLI * extra)
+            top.plot(fine_x, total, color=VERMILION, linewidth=0.7, label=f"with {name}")
+            bottom.plot(fine_x, fine_extra, color=VERMILION, linewidth=0.7)
         bottom.errorbar(
             *_binned(x, MILLI * (motion.force - picture.linear)[shown]),
             color=BLACK,
@@ -249,6 +253,13 @@ def force_figure(pictures: Sequence[ForcePicture], name: str = "") -> Figure:
     handles, labels = [*handles, means[-1]], [*labels, words[-1]]
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), markerscale=1.5)
     return figure
+
+
+def _fine(*rows: Real) -> list[Real]:
+    """Return smooth curves through samples in time: few samples of a swing would be drawn as chords."""
+    place = np.arange(rows[0].size)
+    between = np.linspace(0, place[-1], FINER * place[-1] + 1)
+    return [np.asarray(CubicSpline(place, row)(between), np.float64) for row in rows]
 
 
 def _binned(x: Real, y: Real) -> tuple[Real, Real, Real]:

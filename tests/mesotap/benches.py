@@ -13,7 +13,6 @@ from rig import Operator, Rig
 SMALL = (
     "mesotap.load_plan_mn=[300, 900]",
     "mesotap.impacts_per_load=2",
-    "mesotap.diagnose=false",
     "calibration.weights_mn=[0, 500, 1000]",
     "calibration.averaging_s=0.2",
     "daq.trigger.record_samples=2000",

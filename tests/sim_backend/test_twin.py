@@ -12,6 +12,7 @@ from rig.settings import RigSettings
 from sim_backend.adopted import adopted
 from sim_backend.contact_laws import ContactLaw
 from sim_backend.integrator import ring_down
+from sim_backend.mechanisms.mechanism import mechanisms
 from sim_backend.pulses import half_sine
 from sim_backend.rig import SimulatedRig
 from sim_backend.ring_down import ring_down_linear
@@ -108,12 +109,20 @@ def first_block(rig: SimulatedRig) -> np.ndarray:
 
 
 def test_the_mains_hums_in_both_channels_also_before_a_tap() -> None:
-    hum = {"id": "mains_hum", "parameters": {"amplitude_m_s2": 0.3, "line_hz": 60.0}}
+    hum = {"id": "mains_hum", "parameters": {"amplitude_m_s2": 0.3, "mains_hz": 60.0, "lines": 1.0}}
     tone = first_block(quiet_rig(hum)) - first_block(quiet_rig())
     step = 2 * np.pi * 60.0 / 25000.0
     # a sine: twice the middle value times the cosine of the step is the sum of its neighbours
     assert np.allclose(tone[:, 2:] + tone[:, :-2], 2 * np.cos(step) * tone[:, 1:-1], atol=5e-3)
     assert 0.25 < np.abs(tone).max() < 0.31
+
+
+def test_what_follows_from_a_parameter_may_stand_beside_it() -> None:
+    derived = [(m.id, d) for m in mechanisms().values() for d in m.derived]
+    for name, more in derived:
+        quantities = mechanisms()[name].parameters
+        values = {q.name: (q.low * q.high) ** 0.5 if q.log and q.low > 0 else q.high / 2 for q in quantities}
+        assert adopted(name, values | {more.name: more.value(values[more.of])}).values == adopted(name, values).values
 
 
 def test_every_tap_is_followed_by_the_second_blow() -> None:

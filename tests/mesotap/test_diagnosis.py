@@ -1,18 +1,22 @@
-"""A diagnosis taken up by the simulated rig, and found again in what that rig records."""
+"""A diagnosis: its page, taken up by the simulated rig, and found again in what that rig records."""
 
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
-from analysis.mismatch.diagnosis import diagnose_session
+from analysis.mismatch.diagnosis import Diagnosis, diagnose_session
 from daq.errors import RecordingError
 from mesotap.adoption import read_diagnosis, with_model
 from mesotap.config import Config, ConfigError, load_config
 from mesotap.diagnosis_files import diagnosis_answer
+from mesotap.diagnosis_report import contenders, write_diagnosis
 from sim_backend.adopted import adopted
 from sim_backend.mechanisms.mechanism import mechanisms
 from sim_backend.twin import twin_record
@@ -30,10 +34,17 @@ def damped(rig, load_n, pulse) -> np.ndarray:
     return twin_record(rig, load_n, found, pulse, ONSET_S, SAMPLES, RATE_HZ, ANALOG)[0]
 
 
+KNOWN = {name: mechanisms()[name] for name in CONTEST}
+
+
 @pytest.fixture(scope="module")
-def answer() -> dict:
-    known = [mechanisms()[name] for name in CONTEST]
-    return diagnosis_answer(diagnose_session(session_of(damped), known), 1.0)
+def found() -> Diagnosis:
+    return diagnose_session(session_of(damped), list(KNOWN.values()))
+
+
+@pytest.fixture(scope="module")
+def answer(found: Diagnosis) -> dict:
+    return diagnosis_answer(found, 1.0)
 
 
 @pytest.fixture
@@ -47,6 +58,24 @@ def test_what_the_rig_was_given_is_named_with_an_interval_that_holds_it(answer: 
     (named,) = answer["mechanisms"]
     assert named["id"] == HUNT_CROSSLEY
     assert named["parameters"][GROWTH]["low"] < TRUE_GROWTH < named["parameters"][GROWTH]["high"]
+
+
+def test_the_page_says_what_where_and_why_not_and_needs_nothing_else(found: Diagnosis, answer: dict, tmp_path) -> None:
+    page = write_diagnosis(tmp_path, found, answer, KNOWN, pdf_figures=False)
+    text = page.read_text()
+    assert json.loads((tmp_path / "diagnosis.json").read_text()) == answer
+    assert f"it leaves out {HUNT_CROSSLEY.replace('_', ' ')}" in text
+    assert all(f"{name}</" in text for name in CONTEST)  # a row in the contest's table
+    assert "Struck from the list" in text
+    assert text.count("<svg") == 6
+    outside = set(re.findall(r"""(?:src|href)=["']([^#"'][^"']*)""", text))
+    assert all(where.startswith("data:") for where in outside)
+
+
+def test_the_contests_table_tells_the_named_one_from_the_others(found: Diagnosis) -> None:
+    rows = {row.id: row for row in contenders(found.contest, KNOWN)}
+    assert rows[HUNT_CROSSLEY].outcome == "named"
+    assert all(not row.named and row.outcome for name, row in rows.items() if name != HUNT_CROSSLEY)
 
 
 def test_the_contact_is_corrected_for_it(answer: dict) -> None:
@@ -80,6 +109,7 @@ def test_adopt_writes_a_configuration_and_never_over_one(diagnosis: Path, tmp_pa
         ({"format": "mesotap-results"}, "is no mesotap-diagnosis 1"),
         ({"mechanisms": []}, "nothing to adopt"),
         ({"mechanisms": [{"id": "contact_loss"}]}, "is no complete mesotap-diagnosis 1"),
+        ({"mechanisms": [{"id": "load_drift", "where": "load cell", "parameters": {}}]}, "nothing to adopt"),
         ({"mechanisms": [{"id": "magnetism", "parameters": {}}]}, "'magnetism' is no mechanism"),
         ({"mechanisms": [{"id": HUNT_CROSSLEY, "parameters": {}}]}, f"needs {GROWTH}"),
     ],
@@ -94,3 +124,29 @@ def test_what_cannot_be_adopted_is_refused_in_a_sentence(diagnosis: Path, answer
 
 def test_a_file_that_is_no_diagnosis_ends_with_code_2(tmp_path: Path) -> None:
     assert "cannot be read" in refused("adopt", str(tmp_path / "nothing.json"))
+
+
+JSON = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.sampled_from(["contact_loss", "load cell", HUNT_CROSSLEY]),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.sampled_from(["id", "parameters", "fixed", "where", "value", "loads", "rig", "k1"]), inner)
+    ),
+    max_leaves=12,
+)
+
+
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(mechanisms=JSON, augmented=JSON)
+def test_any_json_is_adopted_or_refused_in_a_sentence(tmp_path: Path, mechanisms, augmented) -> None:
+    path = tmp_path / "any.json"
+    head = {"format": "mesotap-diagnosis", "version": 1}
+    path.write_text(json.dumps(head | {"mechanisms": mechanisms, "adopted": augmented}))
+    try:
+        with_model(Config(), read_diagnosis(path))
+    except (RecordingError, ConfigError) as refusal:
+        assert str(path) in str(refusal)

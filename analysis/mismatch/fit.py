@@ -309,7 +309,8 @@ def fit(
     begin
         A fit of the same records to start from (its constants and amplitudes).
     held
-        A fit whose constants and parameters are kept as they are: only what belongs to each impact is fitted.
+        A fit whose constants and parameters are kept as they are: only what belongs to each impact is fitted (its
+        constants too where they scatter).
     delays
         For a second blow: its sample after each record's first one.
     amplitudes
@@ -326,18 +327,23 @@ def fit(
         known = dict(zip(begin.constants.names()[0], begin.constants.rig, strict=True))
         rig = np.array([known.get(p.name, p.value) for p in model.rig_parameters])
         load = begin.constants.load.copy()
+    fixed = np.zeros(rig.size + load.size + len(model.free), bool)
     if held is not None:
-        rig, load = held.constants.rig.copy(), held.constants.load.copy()
+        rig, fixed[:] = held.constants.rig.copy(), True
+        if problem.scattered:
+            fixed[rig.size : rig.size + load.size] = False
+        else:
+            load = held.constants.load.copy()
     free = model.start_free()
     state = _State(rig, load, free, tuple(np.zeros(0) for _ in records))
-    return _Solver(model, frozen=held is not None).solve(state, most_iterations, amplitudes)
+    return _Solver(model, fixed).solve(state, most_iterations, amplitudes)
 
 
 class _Solver:
     """Gauss-Newton with damping; the columns of each record's own coefficients are projected out."""
 
-    def __init__(self, model: _Model, frozen: bool):
-        self.model, self.frozen = model, frozen
+    def __init__(self, model: _Model, fixed: NDArray[np.bool_]):
+        self.model, self.fixed, self.frozen = model, fixed, bool(fixed.all())
         self.common = len(model.rig_parameters)
         self.groups, self.each = model.problem.start.shape
         self.size = self.common + self.groups * self.each + len(model.free)
@@ -504,11 +510,13 @@ class _Solver:
             columns[:, :, j] += (extra - base) / step
 
     def _step(self, normal: Real, gradient: Real, damping: float) -> Real:
+        step = np.zeros(self.size)
         if self.frozen:
-            return np.zeros(self.size)
-        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        scaled = normal / np.outer(scale, scale) + damping * np.eye(self.size)
-        step: Real = np.linalg.lstsq(scaled, gradient / scale, rcond=1e-13)[0] / scale
+            return step
+        at = np.flatnonzero(~self.fixed)
+        scale = np.sqrt(np.maximum(np.diag(normal)[at], 1e-300))
+        scaled = normal[np.ix_(at, at)] / np.outer(scale, scale) + damping * np.eye(at.size)
+        step[at] = np.linalg.lstsq(scaled, gradient[at] / scale, rcond=1e-13)[0] / scale
         return step
 
     def _moved(self, state: _State, step: Real, own) -> _State:  # type: ignore[no-untyped-def]

@@ -29,6 +29,8 @@ class Problem:
         Poles that every channel may ring on by itself: an offset and the declared high-pass.
     start
         (groups, k) starting values of the constants that differ from load to load.
+    scattered
+        Whether these differ from impact to impact instead: every record is a group of its own.
     """
 
     recordings: Recordings
@@ -36,6 +38,15 @@ class Problem:
     analog: StateSpace
     slow: Complex
     start: Real
+    scattered: bool = False
+
+    def apart(self) -> Problem:
+        """Return the same problem with constants of its own for every impact in the place of every load."""
+        records = tuple(replace(r, group=i) for i, r in enumerate(self.recordings.records))
+        loads = tuple(r.preload_n for r in records)
+        start = self.start[[r.group for r in self.recordings.records]]
+        recordings = replace(self.recordings, records=records, loads_n=loads)
+        return replace(self, recordings=recordings, start=start, scattered=True)
 
     def only(self, kept: Sequence[int]) -> Problem:
         """Return the same problem with these records alone."""

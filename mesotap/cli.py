@@ -298,7 +298,13 @@ def info(
 
 @app.command()
 def diagnose(
-    file: Annotated[Path | None, typer.Argument(help="Session file.", show_default=False)] = None,
+    files: Annotated[
+        list[Path] | None, typer.Argument(help="Session file; with --rig recordings of that rig.", show_default=False)
+    ] = None,
+    rig: Annotated[
+        Path | None,
+        typer.Option("--rig", metavar="RIG.yaml", help="Another rig than the tester, described.", show_default=False),
+    ] = None,
     json: JsonPath = None,
     without: Annotated[
         list[str] | None,
@@ -310,17 +316,22 @@ def diagnose(
     ] = None,
     report: Report = None,
 ) -> None:
-    """Say which physics Eq. 9 leaves out of a session's recordings, where, and how sure."""
+    """Say which physics Eq. 9, or the rig described, leaves out of recordings, where, and how sure."""
     if published is not None:
         from mesotap.commands.theory import published_gap
 
         published_gap(published, json, report, _console(json))
         return
-    if file is None:
+    if not files:
         raise typer.BadParameter("name a session file")
-    from mesotap.commands.diagnose import diagnose as find_out
+    from mesotap.commands import diagnose as commands
 
-    find_out(file, json, without or (), _console(json))
+    if rig is not None:
+        commands.diagnose_described(files, rig, json, without or (), report, _console(json))
+        return
+    if len(files) > 1:
+        raise typer.BadParameter("name one session file, or say with --rig whose recordings these are")
+    commands.diagnose(files[0], json, without or (), _console(json))
 
 
 @app.command()

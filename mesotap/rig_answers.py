@@ -11,6 +11,12 @@ from rich.table import Table
 
 from analysis.mismatch.rigs.diagnosis import RigDiagnosis
 
+VERDICTS = {
+    "consistent": "The rig as described explains these recordings.",
+    "unexplained": "The rig as described does not explain these recordings, and nothing listed does.",
+    "missing_physics": "The rig as described leaves something out of these recordings.",
+}
+
 
 def rig_answer(d: RigDiagnosis, seconds: float) -> dict[str, Any]:
     """Return the answer for programs: the contract's keys, and beside them what only such rigs have."""
@@ -88,12 +94,7 @@ def candidates(d: RigDiagnosis) -> list[dict[str, Any]]:
 
 def print_rig_diagnosis(d: RigDiagnosis, console: Console) -> None:
     """Say the answer to a person."""
-    said = {
-        "consistent": "The rig as described explains these recordings.",
-        "unexplained": "The rig as described does not explain these recordings, and nothing listed does.",
-        "missing_physics": "The rig as described leaves something out of these recordings.",
-    }
-    console.print(f"[bold]{said[d.verdict]}[/bold] (p = {d.p_value:.2g})")
+    console.print(f"[bold]{VERDICTS[d.verdict]}[/bold] (p = {d.p_value:.2g})")
     for m in d.mechanisms:
         alike = (
             f"; these data cannot tell it from {', '.join(m.indistinguishable_from)}"
@@ -114,8 +115,8 @@ def print_rig_diagnosis(d: RigDiagnosis, console: Console) -> None:
     for name, (before, later) in d.stretches.items():
         console.print(f"    {name}: {before:.4g}" + ("" if later is None else f", then {later:.4g}") + f" {d.unit}")
     if d.steady_before is not None:
-        later = "" if d.steady_after is None else f", then {100 * d.steady_after:.3g} %"
-        console.print(f"  steady responses held out: force off by {100 * d.steady_before:.3g} %{later}")
+        then = "" if d.steady_after is None else f", then {100 * d.steady_after:.3g} %"
+        console.print(f"  steady responses held out: force off by {100 * d.steady_before:.3g} %{then}")
     for step in candidates(d):
         table = Table(title="The contest: error on the choosing blocks, over the recording's rms")
         table.add_column("with")

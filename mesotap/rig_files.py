@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from analysis.mismatch.rigs.described import DescribedRig, Drive, Hold, Seen, Stretch, SweepColumns
 from mesotap.config import ConfigError
@@ -218,10 +218,11 @@ def parse_rig(text: str, name: str = "rig.yaml") -> DescribedRig:
         raise ConfigError("\n".join(dict.fromkeys(lines))) from error
 
 
-def _deepest(error: ValidationError) -> list[dict[str, object]]:
+def _deepest(error: ValidationError) -> list[dict[str, Any]]:
     """Return one fault a key: of a value that may be a number, a section or 'unknown' only what fits it best."""
-    found: dict[tuple[object, ...], dict[str, object]] = {}
-    for fault in error.errors():
+    found: dict[tuple[Any, ...], dict[str, Any]] = {}
+    faults: list[dict[str, Any]] = [dict(f) for f in error.errors()]
+    for fault in faults:
         loc = list(fault["loc"])
         for i, part in enumerate(loc):
             if isinstance(part, str) and (part in BRANCHES or part.startswith(("constrained", "function", "dict["))):
@@ -237,9 +238,9 @@ def _deepest(error: ValidationError) -> list[dict[str, object]]:
             elif loc and loc[-1] == "of":
                 said = "names a body, or gives bodies with their shares"
             fault = {**fault, "loc": tuple(loc), "type": "branch", "msg": said}
-        found.setdefault(tuple(loc), fault)  # type: ignore[arg-type]
+        found.setdefault(tuple(loc), fault)
     emptied = {f["loc"] for f in found.values() if f["type"] == "too_short"}  # a list whose entries are at fault
-    deeper = {loc for loc in emptied if any(key[: len(loc)] == loc and len(key) > len(loc) for key in found)}  # type: ignore[arg-type]
+    deeper = {loc for loc in emptied if any(key[: len(loc)] == loc and len(key) > len(loc) for key in found)}
     return [f for key, f in found.items() if ("best", *key) not in found and f["loc"] not in deeper]
 
 
@@ -270,8 +271,8 @@ def described(file: RigFile) -> DescribedRig:
             while name in components:
                 name += "'"
             row: Row = tuple((body, sign) for body, sign in zip(e.between, (1.0, -1.0), strict=True) if body != GROUND)
-            k = e.stiffness if e.stiffness is not None else ("unknown" if stiff else None)
-            c = e.damping if e.damping is not None else ("unknown" if damped else None)
+            k: Constant | None = e.stiffness if e.stiffness is not None else ("unknown" if stiff else None)
+            c: Constant | None = e.damping if e.damping is not None else ("unknown" if damped else None)
             elements.append(
                 Element(
                     name,

@@ -25,7 +25,7 @@ _TABLE = types.Array(types.float64, 2, "C")
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One exact step of a linear rig: ``transition`` (2n, 2n), ``begin`` and ``end`` (2n, n) for forces on the bodies."""
+    """An exact step of a linear rig: ``transition`` (2n, 2n), ``begin`` and ``end`` (2n, n) for the bodies' forces."""
 
     transition: Real
     begin: Real

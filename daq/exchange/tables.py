@@ -58,7 +58,9 @@ def import_tables(path: Path, wanted: Sequence[str | int]) -> tuple[Table, ...]:
         if all(c is not None for c in picked):
             columns = {str(w): np.asarray(c, np.float64) for w, c in zip(wanted, picked, strict=True)}
             if not all(np.all(np.isfinite(c)) for c in columns.values()):
-                raise RecordingError(f"{path}: the table {table.name or 'of the file'} holds values that are no numbers")
+                raise RecordingError(
+                    f"{path}: the table {table.name or 'of the file'} holds values that are no numbers"
+                )
             found.append(Table(table.name, columns))
     if not found:
         raise NoTable(f"{path}: holds no table with the columns {', '.join(map(str, wanted))}")

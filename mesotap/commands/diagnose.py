@@ -36,7 +36,12 @@ def diagnose(file: Path, json: Path | None, without: Sequence[str], console: Con
 
 
 def diagnose_described(
-    files: Sequence[Path], rig_file: Path, json: Path | None, without: Sequence[str], report: Path | None, console: Console
+    files: Sequence[Path],
+    rig_file: Path,
+    json: Path | None,
+    without: Sequence[str],
+    report: Path | None,
+    console: Console,
 ) -> None:
     """Diagnose recordings of a rig described in YAML; a file that holds its sweeps is taken for them."""
     from analysis.mismatch.rigs.diagnosis import diagnose_rig
@@ -74,12 +79,13 @@ def diagnose_described(
             lambda stage: status.update(f"{stage} ..."),
             sweeps,
         )
-    write_json(json, rig_answer(found, time.monotonic() - began))
+    answer = rig_answer(found, time.monotonic() - began)
+    write_json(json, answer)
     print_rig_diagnosis(found, console)
     if report is not None:
         from mesotap.rig_report import write_rig_report
 
-        console.print(f"  report: {write_rig_report(found, report)}")
+        console.print(f"  report: {write_rig_report(found, answer, report)}")
 
 
 def list_mechanisms(console: Console) -> None:

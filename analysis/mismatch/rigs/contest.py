@@ -19,6 +19,7 @@ from scipy.stats import t as student
 from analysis.mismatch.rigs.described import DescribedRig
 from analysis.mismatch.rigs.estimate import Fitted, fit, residuals
 from analysis.mismatch.rigs.recorded import CHOOSE, FIT, HELD, Recorded, level
+from analysis.mismatch.rigs.regression import regressed
 from analysis.mismatch.rigs.screening import Score, Screening, free_terms, screen
 from analysis.mismatch.rigs.simulation import Placed, Simulation
 from analysis.mismatch.rigs.start import start_values
@@ -219,7 +220,7 @@ def _steps(
 
 
 def _time_wins(misfit: Real, current: Fitted, rival: Entry, steady: Steady) -> bool:
-    """Whether a change with time explains more than what goes with amplitude, by far where one decay is all there is."""
+    """Whether a change with time explains more than what goes with amplitude; by far, where one decay is all."""
     if not steady.sweeps:
         return float(np.mean(misfit)) > TIE * rival.mean
     size = misfit.size
@@ -321,6 +322,9 @@ def _joined(current: Fitted, score: Score) -> Fitted:
     tried = [fit(begun)]
     if any(r.free for r in current.simulation.recordings):
         tried.append(fit(begun, staged=True))
+    start = regressed(current.simulation, current.constants, (*current.terms, term))
+    if start is not None:
+        tried.append(fit(current.simulation.with_terms(start[1], start[0], current.states)))
     return min(tried, key=lambda f: f.scatter)
 
 

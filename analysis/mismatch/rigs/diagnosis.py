@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Callable, Sequence
@@ -14,7 +15,7 @@ from scipy import signal
 from threadpoolctl import threadpool_limits
 
 from analysis.mismatch.diagnosis import NORMAL_95, SOMETHING_ELSE, Interval, Location, Named, NextExperiment
-from analysis.mismatch.rigs.contest import LEFT_OVER, LEVEL, Entry, Outcome, Round, confounded, held_out_rms, run
+from analysis.mismatch.rigs.contest import LEFT_OVER, LEVEL, TIE, Entry, Outcome, Round, confounded, held_out_rms, run
 from analysis.mismatch.rigs.described import DescribedRig
 from analysis.mismatch.rigs.estimate import Fitted, residuals
 from analysis.mismatch.rigs.recorded import Recorded, level, prepare
@@ -26,6 +27,7 @@ from sim_backend.mechanisms.mechanism import Mechanism
 Real = NDArray[np.float64]
 
 ALIKE: Final = 2.0  # factor in misfit within which two explanations count as alike
+CLOSE: Final = 10.0  # factor in misfit within which an explanation is a rival that an experiment should rule out
 MOST_ENERGY: Final = 0.9  # of a residual, by which it is located
 AMPLITUDES: Final = 12  # at which frequency and damping of a decay are read
 FADED: Final = 0.02  # of the largest amplitude, below which they are not
@@ -111,13 +113,18 @@ def _answer(source: str, outcome: Outcome) -> RigDiagnosis:
     before, before_by, pieces = held_out_rms(outcome.baseline)
     found = outcome.p_value < LEVEL
     verdict = "consistent" if not found else "unexplained" if outcome.chosen is None else "missing_physics"
-    after, after_by = None, {}
+    after: float | None = None
+    after_by: dict[str, float] = {}
     named: tuple[Named, ...] = ()
     if outcome.chosen is not None:
         after, after_by, _ = held_out_rms(outcome.chosen)
         accepted = [r for r in outcome.rounds if r.accepted is not None]
         named = tuple(_named(outcome, outcome.chosen, i, r) for i, r in enumerate(accepted))
-    decay = _decay(outcome.recordings[0]) if confounded(outcome.recordings) and _one_body(outcome) else ()
+    decay = (
+        decay_of(outcome.recordings[0], outcome.recordings[0].outputs[0])
+        if confounded(outcome.recordings) and _one_body(outcome)
+        else ()
+    )
     steady = outcome.steady
     after_steady = None
     if steady.linear is not None and outcome.chosen is not None:
@@ -181,7 +188,7 @@ def _named(outcome: Outcome, fitted: Fitted, number: int, step: Round) -> Named:
     own = accepted.mean if accepted is not None else math.nan
     in_decay = confounded(outcome.recordings) and not _settled(outcome)
     rival = outcome.rival.id if outcome.rival is not None else ""
-    evidence = {}
+    evidence: dict[str, float] = {}
     for e in entries:
         if e.score.term.mechanism.with_time and confounded(outcome.recordings):
             continue  # weighed below
@@ -190,16 +197,21 @@ def _named(outcome: Outcome, fitted: Fitted, number: int, step: Round) -> Named:
         evidence[e.id] = max(-blocks * math.log(e.mean / own), evidence.get(e.id, -math.inf))
     if in_decay and outcome.rival is not None and mechanism.id != rival and number == 0:
         whole = float(np.mean(outcome.best_misfit))
-        evidence[rival] = min(-blocks * math.log(outcome.rival.mean / whole), 0.0) if outcome.rival.mean > 0 else 0.0
+        # one decay cannot say which of two that foretell it alike: they are as likely as each other
+        evidence[rival] = 0.0 if outcome.rival.mean < TIE * whole else -blocks * math.log(outcome.rival.mean / whole)
     if in_decay and mechanism.with_time:
-        others = [e for e in entries if not e.score.term.mechanism.with_time and e.mean < 0.5 * float(np.mean(step.before))]
+        others = [
+            e for e in entries if not e.score.term.mechanism.with_time and e.mean < 0.5 * float(np.mean(step.before))
+        ]
         evidence.update({e.id: evidence.get(e.id, -blocks * math.log(e.mean / own)) for e in others})
         evidence[mechanism.id] = 0.0
     evidence["something else"] = SOMETHING_ELSE * (1 - min(outcome.left_over / LEFT_OVER, 1.0))
     top = max(evidence.values())
     weights = {k: math.exp((v - top) / 2) for k, v in evidence.items()}
     alike = {
-        e.id for e in entries if e is not accepted and e.mean < ALIKE * own and e.id != mechanism.id and e.id in evidence
+        e.id
+        for e in entries
+        if e is not accepted and e.mean < ALIKE * own and e.id != mechanism.id and e.id in evidence
     }
     statement = mechanism.statement(term.values).replace("{element}", _place_name(outcome, mechanism, term.place))
     if in_decay and outcome.rival is not None and mechanism.id != rival and number == 0:
@@ -230,7 +242,9 @@ def _intervals(outcome: Outcome, fitted: Fitted, number: int) -> dict[str, Inter
     for q in fitted.terms[number].mechanism.parameters:
         knob, x, error = fitted.knob(number, q.name)
         ends = sorted(knob.outward(x + sign * NORMAL_95 * widened * error) for sign in (-1, 1))
-        found[q.name] = Interval(knob.outward(x), max(ends[0], q.low), min(ends[1], q.high), unit_of(outcome.rig, q.unit))
+        found[q.name] = Interval(
+            knob.outward(x), max(ends[0], q.low), min(ends[1], q.high), unit_of(outcome.rig, q.unit)
+        )
     return found
 
 
@@ -260,7 +274,7 @@ def _location(outcome: Outcome, named: Sequence[Named], decay: Sequence[AtAmplit
     t = recorded.start_s + np.arange(at.start, at.stop) / recorded.rate_hz
     time = _middle(taken, t)
     spectrum = np.sum(np.abs(np.fft.rfft(before * np.hanning(before.shape[1]), axis=1)) ** 2, axis=0)
-    frequency = _middle(spectrum, np.fft.rfftfreq(before.shape[1], 1 / recorded.rate_hz))
+    frequency = _middle(spectrum, np.asarray(np.fft.rfftfreq(before.shape[1], 1 / recorded.rate_hz), np.float64))
     shares = np.sum(before**2 - after**2, axis=1)
     channels = tuple(n for n, s in zip(("A", "B"), shares, strict=False) if s > 0.1 * shares.max())
     if named:
@@ -269,9 +283,7 @@ def _location(outcome: Outcome, named: Sequence[Named], decay: Sequence[AtAmplit
         place = int(next((s.term.place for s in outcome.screening.scores if s.term.mechanism.law is not None), 0))
         component = outcome.rig.components[outcome.rig.arrangement.elements[place].name]
         what = "nothing listed explains it"
-    why = (
-        f"The residual of the linear rig lies from {frequency[0]:.4g} to {frequency[1]:.4g} Hz, and {what}."
-    )
+    why = f"The residual of the linear rig lies from {frequency[0]:.4g} to {frequency[1]:.4g} Hz, and {what}."
     if decay:
         first, last = decay[0], decay[-1]
         why += (
@@ -295,9 +307,8 @@ def _middle(energy: Real, at: Real) -> tuple[float, float]:
     return float(at[low]), float(at[min(high, at.size - 1)])
 
 
-def _decay(recorded: Recorded) -> tuple[AtAmplitude, ...]:
-    """Read frequency and damping along a decay from its analytic signal."""
-    row = recorded.outputs[0]
+def decay_of(recorded: Recorded, row: Real) -> tuple[AtAmplitude, ...]:
+    """Read frequency and damping along a decay (n,) from its analytic signal."""
     z = signal.hilbert(row - row.mean())
     inside = slice(max(recorded.edge, 1), row.size - max(recorded.edge, 1))
     size, phase = np.abs(z)[inside], np.unwrap(np.angle(z))[inside]
@@ -308,7 +319,7 @@ def _decay(recorded: Recorded) -> tuple[AtAmplitude, ...]:
     logs = np.log(size[:last])
     marks = np.linspace(logs[: max(last // 50, 1)].max(), logs[-max(last // 50, 1) :].min(), AMPLITUDES + 1)
     edges = [int(np.argmax(logs <= m)) if np.any(logs <= m) else last for m in marks]
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in itertools.pairwise(edges):
         if b - a < 8 or (phase[b - 1] - phase[a]) < LEAST_PER_POINT * 2 * math.pi:
             continue
         w = float(np.polyfit(t[a:b], phase[a:b], 1)[0])
@@ -329,14 +340,21 @@ def _next_experiment(outcome: Outcome, named: Sequence[Named]) -> NextExperiment
             STRONGER,
             (amplitude, outcome.rival.id),
             "In one decay amplitude and time are confounded. Taps of different strength settle it (one "
-            f"{STRONGER:g} times stronger or weaker than this one): what goes with amplitude then comes earlier or later "
-            "in the decay, what goes with time does not move. So does a steady excitation at two or more levels.",
+            f"{STRONGER:g} times stronger or weaker than this one): what goes with amplitude then comes earlier or "
+            "later in the decay, what goes with time does not move. So does a steady excitation at two or more levels.",
         )
     first = outcome.rounds[0].entries if outcome.rounds else ()
     fitted: list[Entry] = [e for e in first if e.fitted is not None]
     if len(fitted) < 2 or not named:
         return None
-    rivals = [e.id for e in fitted if e.id != named[0].id]
+    own = next(e.mean for e in fitted if e.id == named[0].id)
+    rivals = [
+        e.id
+        for e in fitted
+        if e.id != named[0].id and e.mean < CLOSE * own and not (_settled(outcome) and e.score.term.mechanism.with_time)
+    ]
+    if not rivals:
+        return None
     return NextExperiment(
         0.0,
         STRONGER / 2,

@@ -74,8 +74,8 @@ def residuals(simulation: Simulation, x: Real, number: int, whole: bool = False)
 
 
 class _Objective:
-    def __init__(self, simulation: Simulation, parts: Sequence[int], share: float):
-        self.simulation, self.parts = simulation, tuple(parts)
+    def __init__(self, simulation: Simulation, parts: Sequence[int], share: float, bounds: tuple[Real, Real]):
+        self.simulation, self.parts, self.bounds = simulation, tuple(parts), bounds
         self.samples = [
             None if share >= 1.0 or not r.free else math.ceil(share * (r.fitted.stop - r.fitted.start))
             for r in simulation.recordings
@@ -94,7 +94,9 @@ class _Objective:
         rows.append(np.array([self.noise * (x[i] - mean) / error for i, mean, error in self.prior]))
         return np.concatenate(rows)
 
-    def slopes(self, x: Real, low: Real, high: Real) -> Real:
+    def slopes(self, x: Real) -> Real:
+        """Return (residuals, knobs) slopes by differences, away from the bounds."""
+        low, high = self.bounds
         base = self(x)
         out = np.empty((base.size, x.size))
         for i in range(x.size):
@@ -128,13 +130,13 @@ def fit(
     inside = 1e-9 * np.minimum(high - low, 1.0)  # the search must not begin on a bound
     x = np.minimum(np.maximum(x, low + inside), high - inside)
     for share in (*(STAGES if staged else ()), 1.0):
-        objective = _Objective(simulation, parts, share)
+        objective = _Objective(simulation, parts, share, (low, high))
         first = objective(x)
         objective.noise = float(np.sqrt(np.mean(first**2)))
         found = least_squares(
             objective,
             x,
-            jac=lambda at: objective.slopes(at, low, high),  # noqa: B023
+            jac=objective.slopes,
             bounds=(low, high),
             x_scale="jac",
             max_nfev=FINE_EVALUATIONS if fine else MOST_EVALUATIONS,
@@ -145,7 +147,8 @@ def fit(
         x = np.asarray(found.x, np.float64)
     count = found.fun.size - len(objective.prior)
     scatter = float(np.mean(found.fun[:count] ** 2))
-    scale = np.sqrt(np.maximum(np.sum(found.jac**2, axis=0), 1e-300))
-    scaled = found.jac / scale
+    jacobian = np.asarray(found.jac, np.float64)
+    scale = np.sqrt(np.maximum(np.sum(jacobian**2, axis=0), 1e-300))
+    scaled = jacobian / scale
     covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12) * scatter / np.outer(scale, scale)
     return Fitted(simulation, x, np.sqrt(np.maximum(np.diag(covariance), 0.0)), scatter)

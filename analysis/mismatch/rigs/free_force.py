@@ -28,7 +28,7 @@ FREE_FORCE = Mechanism(
     parameters=tuple(Quantity(name, "N", -1e25, 1e25, "share of this shape") for name in TERMS),
     strength=None,
     trials=lambda scale: [
-        {name: 1e-4 * scale.force for name in TERMS}
+        dict.fromkeys(TERMS, 0.0001 * scale.force)
         | {"deformation": scale.deformation, "rate": scale.rate, "duration": scale.duration_s}
     ],
     law=force_law,

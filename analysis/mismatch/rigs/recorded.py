@@ -119,7 +119,9 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
         inputs = inputs[:, : outputs.shape[1]]
         if outputs.shape[1] < FEWEST // 2 + 2 * edge:
             raise AnalysisError(f"{source}: too little is left of the recording after its largest deflection")
-    return _divided(source, rate, first / rate, np.ascontiguousarray(outputs), np.ascontiguousarray(inputs), band, edge, rig)
+    return _divided(
+        source, rate, first / rate, np.ascontiguousarray(outputs), np.ascontiguousarray(inputs), band, edge, rig
+    )
 
 
 def _column(recording: Recording, channel: str | int) -> int:
@@ -143,7 +145,7 @@ def _thinning(outputs: Real, rate: float, band: tuple[float, float] | None) -> i
 
 
 def _after_blow(outputs: Real, edge: int) -> int:
-    """Return the sample from which on a decay is free: behind the largest deflection and what the filter makes of it."""
+    """Return the sample from which on a decay is free: behind the largest deflection and the filter's edge."""
     level = np.abs(outputs / np.abs(outputs).max(axis=1, keepdims=True)).max(axis=0)
     return int(np.argmax(level)) + edge + 1
 

@@ -142,7 +142,8 @@ def screen(fitted: Fitted, known: Sequence[Mechanism]) -> Screening:
     chi = -count * np.log1p(-np.minimum(cosine**2, 1 - 1e-12))
     unit = made / np.sqrt(power)[:, None]
     cosines = unit @ unit.T
-    scores, tests = [], []
+    scores: list[Score] = []
+    tests: list[int] = []
     for i, term in enumerate(candidates):
         if not alive[i]:
             continue
@@ -173,7 +174,7 @@ def _together(unit: Real, rest: Real, total: float, count: int) -> float:
 
 
 def _whitened(fitted: Fitted, number: int, terms: Sequence[Placed]) -> tuple[Real, Real, Real]:
-    """Return slopes (k, m), signatures (terms, m) and residual (m,) of a recording, whitened, without held-out samples."""
+    """Return slopes (k, m), signatures (terms, m) and residual (m,), whitened, without held-out samples."""
     simulation = fitted.simulation
     recorded = simulation.recordings[number]
     off, at = residuals(simulation, fitted.x, number)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from sim_backend.modal_march import MEMORY, SLOTS, no_law
 Real = NDArray[np.float64]
 Values = Mapping[str, float]
 
-PER_PERIOD: Final = 36  # substeps in a period of the rig's highest mode, at least
+PER_PERIOD: Final = 56  # substeps in a period of the rig's highest mode, at least
 MOST_SUBSTEPS: Final = 8
 MIRRORED: Final = 64  # samples put before and after an input so that its interpolation does not ring
 LAW_PARAMETERS: Final = 20
@@ -120,18 +120,22 @@ class Simulation:
 
     def _knobs(self) -> tuple[Knob, ...]:
         found = []
+        offsets = self._offset_scale()
         for p in self.rig.arrangement.parameters:
             if p.uncertainty == 0.0:
                 continue
             value = self.constants[p.name]
             scale = abs(value) if value else (abs(p.value) if math.isfinite(p.value) and p.value else 1.0)
-            if not value and p.name in self._offset_scale():
-                scale = self._offset_scale()[p.name]
-            prior = None
-            if math.isfinite(p.uncertainty):
+            prior, low = None, -math.inf
+            if p.name in offsets:  # weakly held: a linear rig cannot tell an input's offset from its sensor's
+                scale = offsets[p.name]
+                prior = (0.0, 1.0)
+            elif math.isfinite(p.uncertainty):
                 inner = math.log(p.value / scale) if p.positive else p.value / scale
                 prior = (inner, p.uncertainty / (p.value if p.positive else scale))
-            found.append(Knob(p.name, p.unit, scale, p.positive, prior=prior))
+            elif p.unit == "N s/m":
+                low = 0.0
+            found.append(Knob(p.name, p.unit, scale, p.positive, low, prior=prior))
         for i, (r, state) in enumerate(zip(self.recordings, self.states, strict=True)):
             size = max(float(np.abs(state[: self.n]).max()), self._reach(r))
             speed = max(float(np.abs(state[self.n :]).max()), size * 2 * math.pi * self.highest_hz)
@@ -142,11 +146,12 @@ class Simulation:
         return tuple(found)
 
     def _offset_scale(self) -> dict[str, float]:
+        """Return how large offsets may well be: as large as what they are added to."""
         sizes = {}
         for i, drive in enumerate(self.rig.drives):
-            sizes[drive.offset] = max(float(np.std(self.recordings[0].inputs[i])), 1e-300)
+            sizes[drive.offset] = max(_rms(self.recordings[0].inputs[i]), 1e-300)
         for c, seen in enumerate(self.rig.seen):
-            sizes[seen.offset] = max(float(np.std(self.recordings[0].outputs[c])), 1e-300)
+            sizes[seen.offset] = max(_rms(self.recordings[0].outputs[c]), 1e-300)
         return sizes
 
     def _reach(self, recorded: Recorded) -> float:
@@ -161,7 +166,7 @@ class Simulation:
         """Return the starting point of a fit."""
         found = []
         names = {p.name for p in self.rig.arrangement.parameters}
-        states = np.concatenate([s for s in self.states]) if self.states else np.zeros(0)
+        states = np.concatenate(list(self.states)) if self.states else np.zeros(0)
         at = 0
         for knob in self.knobs:
             if knob.name in names:
@@ -229,6 +234,12 @@ class Simulation:
         states = marched[0]
         return rows @ states[:, : self.n].T, rows @ states[:, self.n :].T
 
+    def extra_force(self, x: Real, number: int) -> Real:
+        """Return (elements, n) what the mechanisms add to the elements' forces along what is fitted of a recording."""
+        recorded = self.recordings[number]
+        marched = self._march(x, number, recorded.fitted.start, recorded.fitted.stop, False)
+        return np.zeros((len(self.rig.arrangement.elements), 1)) if marched is None else marched[1].T
+
     def _range(self, recorded: Recorded, whole: bool, samples: int | None) -> tuple[int, int]:
         first = 0 if whole else recorded.fitted.start
         last = recorded.samples if whole else recorded.fitted.stop
@@ -238,9 +249,7 @@ class Simulation:
         arrangement = self.rig.arrangement
         return np.array([arrangement.vector(e.row, constants) for e in arrangement.elements]).reshape(-1, self.n)
 
-    def _march(
-        self, x: Real, number: int, first: int, last: int, whole: bool
-    ) -> tuple[Real, Real, Real, bool] | None:
+    def _march(self, x: Real, number: int, first: int, last: int, whole: bool) -> tuple[Real, Real, Real, bool] | None:
         """Return states and extra forces at the samples, the inputs' forces and whether they are held; None: no rig."""
         constants, states, terms = self.read(x)
         recorded, sub = self.recordings[number], self.substeps[number]
@@ -318,7 +327,8 @@ class Simulation:
         return force, held
 
     def _laws(self, terms: Sequence[Placed], constants: Values, h: float):  # type: ignore[no-untyped-def]
-        laws, element, p = [], np.full(SLOTS, -1, np.int64), np.zeros((SLOTS, LAW_PARAMETERS))
+        laws: list[Any] = []
+        element, p = np.full(SLOTS, -1, np.int64), np.zeros((SLOTS, LAW_PARAMETERS))
         for term in terms:
             if term.mechanism.law is None:
                 continue
@@ -345,7 +355,9 @@ class Simulation:
                 if acceleration is None:
                     at_samples = force if held else force[::sub]
                     with np.errstate(over="ignore", invalid="ignore"):
-                        acceleration = (at_samples - x @ stiffness.T - v @ damping.T - extra @ self._rows(constants)) / mass
+                        acceleration = (
+                            at_samples - x @ stiffness.T - v @ damping.T - extra @ self._rows(constants)
+                        ) / mass
                 moved = acceleration @ row
             else:
                 moved = (x if seen.sensor.quantity == "displacement" else v) @ row
@@ -356,6 +368,10 @@ class Simulation:
 def _term_knob(number: int, q: Quantity, value: float) -> Knob:
     scale = abs(value) or max(abs(q.low), abs(q.high)) if math.isfinite(q.high) and abs(q.high) < 1e20 else abs(value)
     return Knob(f"{number}:{q.name}", q.unit, scale or 1.0, q.log, q.low, q.high)
+
+
+def _rms(row: Real) -> float:
+    return float(np.sqrt(np.mean(row**2)))
 
 
 def _fast_length(size: int) -> int:

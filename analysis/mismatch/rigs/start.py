@@ -87,7 +87,7 @@ def _from_decay(
         return {**base, **{p.name: math.exp(v) for p, v in zip(free, q, strict=True)}}
 
     def off(q: Real) -> Real:
-        mass, damping, stiffness = rig.arrangement.matrices(values(q))
+        mass, _, stiffness = rig.arrangement.matrices(values(q))
         found = np.sqrt(np.abs(np.sort(np.linalg.eigvals(stiffness / mass[:, None]).real)))[-len(omega) :]
         middle = np.array([math.log(typical * float(np.mean(omega)) ** 2 if p in stiff else typical) for p in free])
         miss = np.log(np.maximum(found, 1e-9 * omega[-1]) / omega)
@@ -97,7 +97,9 @@ def _from_decay(
     if free:
         random = np.random.default_rng(SEED)
         middle = np.array([math.log(typical * float(np.mean(omega)) ** 2 if p in stiff else typical) for p in free])
-        tried = [least_squares(off, middle + (random.normal(0, 1.0, len(free)) if i else 0.0)) for i in range(DRAWS // 4)]
+        tried = [
+            least_squares(off, middle + (random.normal(0, 1.0, len(free)) if i else 0.0)) for i in range(DRAWS // 4)
+        ]
         chosen = min(tried, key=lambda f: float(f.cost)).x
     found = values(chosen)
     for p in unknown:
@@ -149,7 +151,10 @@ def _from_input(
         out = np.empty((len(rig.drives), len(rig.seen), omega.size), np.complex128)
         for i, drive in enumerate(rig.drives):
             vector = rig.arrangement.vector(drive.row, v)
-            moved = np.linalg.solve(dynamic, np.broadcast_to((-mass * vector if drive.base else vector)[:, None], (omega.size, len(mass), 1)))
+            moved = np.linalg.solve(
+                dynamic,
+                np.broadcast_to((-mass * vector if drive.base else vector)[:, None], (omega.size, len(mass), 1)),
+            )
             gain = 1.0 if drive.gain in gains else v[drive.gain]
             for c, seen in enumerate(rig.seen):
                 row = rig.arrangement.vector(seen.sensor.row, v)
@@ -182,7 +187,9 @@ def _from_input(
 
     random = np.random.default_rng(SEED)
     best, cost = np.zeros(len(free)), math.inf
-    tried = [random.normal(0.0, 1.0, len(free)) + np.array([-1.5 * (p.unit == "N s/m") for p in free]) for _ in range(DRAWS)]
+    tried = [
+        random.normal(0.0, 1.0, len(free)) + np.array([-1.5 * (p.unit == "N s/m") for p in free]) for _ in range(DRAWS)
+    ]
     tried.sort(key=lambda q: float(np.sum(objective(q) ** 2)))
     for q in tried[: DRAWS // 8] if free else [best]:
         found = least_squares(objective, q, max_nfev=60) if free else None

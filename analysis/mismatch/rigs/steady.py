@@ -46,7 +46,7 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True)
 class SteadyFit:
-    """Mechanisms fitted to sweeps: relative force error on those fitted and those held out, each sweep's mean square."""
+    """Mechanisms fitted to sweeps, and each sweep's mean square relative force error, fitted and held out."""
 
     terms: tuple[Placed, ...]
     fitted: Real

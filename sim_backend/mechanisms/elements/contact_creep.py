@@ -27,7 +27,11 @@ MECHANISM = Mechanism(
     ),
     strength=STIFFNESS,
     trials=lambda scale: [
-        {STIFFNESS: 1e-4 * scale.force / scale.deformation, DAMPING: 1e-4 * scale.force / scale.rate, TIME: share * scale.duration_s}
+        {
+            STIFFNESS: 1e-4 * scale.force / scale.deformation,
+            DAMPING: 1e-4 * scale.force / scale.rate,
+            TIME: share * scale.duration_s,
+        }
         for share in (0.1, 0.5, 2.0)
     ],
     law=force_law,

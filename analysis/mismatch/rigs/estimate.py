@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from analysis.mismatch.rigs.recorded import FIT, level
 from analysis.mismatch.rigs.simulation import Knob, Placed, Simulation
@@ -18,10 +17,13 @@ Real = NDArray[np.float64]
 
 STEP: Final = 1e-6  # of differences
 LOST: Final = 30.0  # residual, in levels of the channel, that stands for a simulation that ran away
-MOST_EVALUATIONS: Final = 30
+ROUGH_STEPS: Final = 30
 ROUGH: Final = 1e-4  # relative change of the sum of squares at which a fit that only ranks rivals stops
 FINE: Final = 1e-8  # likewise where the result is used
-FINE_EVALUATIONS: Final = 100
+FINE_STEPS: Final = 100
+FIRST_DAMPING: Final = 1e-3
+LEAST_DAMPING: Final = 1e-9
+MOST_TRIES: Final = 8  # of a step, each more damped
 STAGES: Final = (0.05, 0.15, 0.4)  # of a free decay: its phase is followed before all of it is fitted
 
 
@@ -109,6 +111,41 @@ class _Objective:
         return out
 
 
+def _minimise(objective: _Objective, x: Real, most: int, tolerance: float) -> tuple[Real, Real, Real]:
+    """Levenberg and Marquardt's method within bounds; return the point, its residuals and their slopes.
+
+    A number at a bound that the slope pushes against stays there for a step; others move freely up to theirs.
+    """
+    low, high = objective.bounds
+    off = objective(x)
+    cost, damping = float(off @ off), FIRST_DAMPING
+    jacobian = objective.slopes(x)
+    for _ in range(most):
+        slope = jacobian.T @ off
+        free = ~(((x <= low) & (slope > 0)) | ((x >= high) & (slope < 0)))
+        scale = np.maximum(np.linalg.norm(jacobian[:, free], axis=0), 1e-300)
+        scaled = jacobian[:, free] / scale
+        normal, towards = scaled.T @ scaled, scaled.T @ off
+        gained = 0.0
+        for _ in range(MOST_TRIES):
+            step = np.zeros(x.size)
+            step[free] = -np.linalg.solve(normal + damping * np.eye(towards.size), towards) / scale
+            trial = np.clip(x + step, low, high)
+            there = objective(trial)
+            lower = float(there @ there)
+            if lower < cost:
+                gained = (cost - lower) / cost
+                x, off, cost, damping = trial, there, lower, max(damping / 10, LEAST_DAMPING)
+                break
+            damping *= 10
+        if gained == 0.0:
+            break
+        jacobian = objective.slopes(x)
+        if gained < tolerance:
+            break
+    return x, off, jacobian
+
+
 def fit(
     simulation: Simulation,
     parts: Sequence[int] = (FIT,),
@@ -127,27 +164,13 @@ def fit(
     """
     low, high = (np.array(v) for v in zip(*(k.bounds for k in simulation.knobs), strict=True))
     x = np.clip(simulation.begin(), low, high)
-    inside = 1e-9 * np.minimum(high - low, 1.0)  # the search must not begin on a bound
-    x = np.minimum(np.maximum(x, low + inside), high - inside)
     for share in (*(STAGES if staged else ()), 1.0):
         objective = _Objective(simulation, parts, share, (low, high))
         first = objective(x)
         objective.noise = float(np.sqrt(np.mean(first**2)))
-        found = least_squares(
-            objective,
-            x,
-            jac=objective.slopes,
-            bounds=(low, high),
-            x_scale="jac",
-            max_nfev=FINE_EVALUATIONS if fine else MOST_EVALUATIONS,
-            ftol=FINE if fine else ROUGH,
-            xtol=1e-9,
-            gtol=1e-14,
-        )
-        x = np.asarray(found.x, np.float64)
-    count = found.fun.size - len(objective.prior)
-    scatter = float(np.mean(found.fun[:count] ** 2))
-    jacobian = np.asarray(found.jac, np.float64)
+        x, off, jacobian = _minimise(objective, x, FINE_STEPS if fine else ROUGH_STEPS, FINE if fine else ROUGH)
+    count = off.size - len(objective.prior)
+    scatter = float(np.mean(off[:count] ** 2))
     scale = np.sqrt(np.maximum(np.sum(jacobian**2, axis=0), 1e-300))
     scaled = jacobian / scale
     covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12) * scatter / np.outer(scale, scale)

@@ -21,6 +21,7 @@ Real = NDArray[np.float64]
 Values = Mapping[str, float]
 
 PER_PERIOD: Final = 56  # substeps in a period of the rig's highest mode, at least
+FEWEST_SUBSTEPS: Final = 3  # dry friction turns at once, however slow the rig
 MOST_SUBSTEPS: Final = 8
 MIRRORED: Final = 64  # samples put before and after an input so that its interpolation does not ring
 LAW_PARAMETERS: Final = 20
@@ -103,7 +104,8 @@ class Simulation:
         arrangement = rig.arrangement
         self.n = len(arrangement.bodies)
         self.substeps = [
-            min(max(math.ceil(PER_PERIOD * highest_hz / r.rate_hz), 1), MOST_SUBSTEPS) for r in self.recordings
+            min(max(math.ceil(PER_PERIOD * highest_hz / r.rate_hz), FEWEST_SUBSTEPS), MOST_SUBSTEPS)
+            for r in self.recordings
         ]
         self.knobs = self._knobs()
         self._inputs = [self._between(r, s) for r, s in zip(self.recordings, self.substeps, strict=True)]
@@ -299,13 +301,7 @@ class Simulation:
         at = np.arange((samples - 1) * sub + 1)
         if self.rig.hold == "first":
             return np.array([np.interp(at / sub, np.arange(samples), u) for u in recorded.inputs])
-        out = []
-        for u in recorded.inputs:
-            long = np.concatenate([2 * u[0] - u[MIRRORED:0:-1], u, 2 * u[-1] - u[-2 : -MIRRORED - 2 : -1]])
-            size = _fast_length(long.size)
-            long = np.concatenate([long, np.linspace(long[-1], long[0], size - long.size + 2)[1:-1]])
-            out.append(signal.resample(long, size * sub)[MIRRORED * sub :][: at.size])
-        return np.array(out)
+        return np.array([_band_limited(u, sub)[: at.size] for u in recorded.inputs])
 
     def _force(
         self, constants: Values, mass: Real, terms: Sequence[Placed], number: int, first: int, last: int
@@ -368,6 +364,15 @@ class Simulation:
 def _term_knob(number: int, q: Quantity, value: float) -> Knob:
     scale = abs(value) or max(abs(q.low), abs(q.high)) if math.isfinite(q.high) and abs(q.high) < 1e20 else abs(value)
     return Knob(f"{number}:{q.name}", q.unit, scale or 1.0, q.log, q.low, q.high)
+
+
+def _band_limited(u: Real, sub: int) -> Real:
+    """Return an input at the substeps, such that straight lines between them have its spectrum up to half the rate."""
+    long = np.concatenate([2 * u[0] - u[MIRRORED:0:-1], u, 2 * u[-1] - u[-2 : -MIRRORED - 2 : -1]])
+    size = _fast_length(long.size)
+    long = np.concatenate([long, np.linspace(long[-1], long[0], size - long.size + 2)[1:-1]])
+    spectrum = np.fft.rfft(long) / np.sinc(np.fft.rfftfreq(size) / sub) ** 2
+    return np.asarray(signal.resample(np.fft.irfft(spectrum, size), size * sub)[MIRRORED * sub :], np.float64)
 
 
 def _rms(row: Real) -> float:

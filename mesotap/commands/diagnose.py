@@ -43,7 +43,7 @@ def diagnose_described(
     report: Path | None,
     console: Console,
 ) -> None:
-    """Diagnose recordings of a rig described in YAML; a file that holds its sweeps is taken for them."""
+    """Diagnose recordings of a rig described in YAML; a further file that holds its sweeps is taken for them."""
     from analysis.mismatch.rigs.diagnosis import diagnose_rig
     from analysis.mismatch.rigs.steady import sweeps_of
     from daq.exchange import import_recording
@@ -59,9 +59,9 @@ def diagnose_described(
     began = time.monotonic()
     rig = load_rig(rig_file)
     recordings, sweeps = [], []
-    for file in files:
+    for place, file in enumerate(files):
         columns = rig.sweeps
-        if columns is not None and len(files) > 1:
+        if columns is not None and place > 0:
             try:
                 wanted = (columns.frequency, columns.force, columns.amplitude, columns.phase)
                 sweeps += sweeps_of(rig, import_tables(file, wanted), str(file))
@@ -69,8 +69,6 @@ def diagnose_described(
             except NoTable:
                 pass
         recordings.append(import_recording(file, rig.rate_hz))
-    if not recordings:
-        raise RecordingError(f"{files[0]}: holds steady responses; a recording in time is needed beside them")
     with console.status("reading") as status:
         found = diagnose_rig(
             rig,

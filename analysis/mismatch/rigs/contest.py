@@ -62,6 +62,11 @@ class Entry:
         """Mean square on the choosing blocks."""
         return float(np.mean(self.misfit)) if self.misfit.size else math.inf
 
+    @property
+    def rank(self) -> float:
+        """``mean``, worse by `TIE` where it takes a parameter at the end of what is believable."""
+        return self.mean * (TIE if self.fitted is not None and pinned(self.fitted) else 1.0)
+
 
 @dataclass(frozen=True, slots=True)
 class Round:
@@ -205,7 +210,7 @@ def _steps(
         allowed = [e for e in entries if e.fitted is not None and not (one_decay and e.score.term.mechanism.with_time)]
         if steady.sweeps:
             progress("holding the best against the steady responses")
-            allowed = sorted(allowed[:BOTH], key=lambda e: e.misfit.size * math.log(e.mean) + steady.evidence(e.fitted))
+            allowed = sorted(allowed[:BOTH], key=lambda e: e.misfit.size * math.log(e.rank) + steady.evidence(e.fitted))
         best = allowed[0] if allowed else None
         enough = best is not None and _better(base, misfit, best.misfit)
         rounds.append(Round(misfit, screening, entries, best if enough else None))
@@ -217,6 +222,16 @@ def _steps(
         progress("looking at what is left")
         screening = screen(current, [m for m in known if not (one_decay and m.with_time)])
     return current, misfit, rounds
+
+
+def pinned(fitted: Fitted) -> bool:
+    """Whether a parameter of a mechanism ends at a bound of its range."""
+    for number, term in enumerate(fitted.terms):
+        for q in term.mechanism.parameters:
+            knob, x, _ = fitted.knob(number, q.name)
+            if any(math.isfinite(bound) and abs(x - bound) < 1e-6 * max(abs(bound), 1.0) for bound in knob.bounds):
+                return True
+    return False
 
 
 def _time_wins(misfit: Real, current: Fitted, rival: Entry, steady: Steady) -> bool:
@@ -301,12 +316,12 @@ def _full_fits(current: Fitted, screening: Screening, progress: Callable[[str], 
         fitted = _joined(current, score)
         entries.append(Entry(score, fitted, block_misfit(fitted, CHOOSE)))
     done = {id(e.score) for e in entries}
-    entries.sort(key=lambda e: e.mean)
+    entries.sort(key=lambda e: e.rank)
     for place, entry in enumerate(entries[:POLISHED]):
         if entry.fitted is not None:
             polished = fit(_again(entry.fitted), fine=True)
             entries[place] = Entry(entry.score, polished, block_misfit(polished, CHOOSE))
-    entries.sort(key=lambda e: e.mean)
+    entries.sort(key=lambda e: e.rank)
     return (*entries, *(Entry(s, None, np.zeros(0)) for s in ranked if id(s) not in done))
 
 

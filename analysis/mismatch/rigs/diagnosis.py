@@ -185,16 +185,16 @@ def _named(outcome: Outcome, fitted: Fitted, number: int, step: Round) -> Named:
     mechanism = term.mechanism
     entries = [e for e in step.entries if e.fitted is not None]
     blocks = max(int(step.before.size), 2)
-    own = accepted.mean if accepted is not None else math.nan
+    own = accepted.rank if accepted is not None else math.nan
     in_decay = confounded(outcome.recordings) and not _settled(outcome)
     rival = outcome.rival.id if outcome.rival is not None else ""
     evidence: dict[str, float] = {}
     for e in entries:
         if e.score.term.mechanism.with_time and confounded(outcome.recordings):
             continue  # weighed below
-        if e.mean <= own and e is not accepted and _settled(outcome):
+        if e.rank <= own and e is not accepted and _settled(outcome):
             continue  # the steady responses spoke against it
-        evidence[e.id] = max(-blocks * math.log(e.mean / own), evidence.get(e.id, -math.inf))
+        evidence[e.id] = max(-blocks * math.log(e.rank / own), evidence.get(e.id, -math.inf))
     if in_decay and outcome.rival is not None and mechanism.id != rival and number == 0:
         whole = float(np.mean(outcome.best_misfit))
         # one decay cannot say which of two that foretell it alike: they are as likely as each other

@@ -68,10 +68,17 @@ def scale_of(fitted: Fitted, place: int) -> Scale:
     return Scale(reach, speed, 0.0, force, (frequency, max(simulation.highest_hz, frequency)), longest)
 
 
+def banded(fitted: Fitted) -> bool:
+    """Whether the recordings were cut down to a band."""
+    return any(r.band is not None for r in fitted.simulation.recordings)
+
+
 def places(fitted: Fitted, mechanism: Mechanism) -> list[int]:
     """Return where in the rig a mechanism may be at work: elements (one for each deformation), channels or inputs."""
     rig = fitted.simulation.rig
     if mechanism.distort is not None:
+        if banded(fitted):
+            return []  # what tells a bent scale from a bent spring are harmonics, and the band has none
         return list(range(len(rig.drives if mechanism.drives else rig.seen)))
     by_row: dict[object, list[int]] = {}
     for i, e in enumerate(rig.arrangement.elements):

@@ -326,7 +326,7 @@ def _full_fits(current: Fitted, screening: Screening, progress: Callable[[str], 
 
 
 def _joined(current: Fitted, score: Score) -> Fitted:
-    """Fit a mechanism together with what stands already; free decays also from their beginning on."""
+    """Fit a mechanism together with what stands already, from several starts."""
     m, values = score.term.mechanism, dict(score.term.values)
     if m.strength is not None:
         factor = math.copysign(min(max(abs(score.strength), 0.1), STRONGEST_START), score.strength)
@@ -335,8 +335,8 @@ def _joined(current: Fitted, score: Score) -> Fitted:
     term = Placed(m, values, score.term.place)
     begun = current.simulation.with_terms((*current.terms, term), current.constants, current.states)
     tried = [fit(begun)]
-    if any(r.free for r in current.simulation.recordings):
-        tried.append(fit(begun, staged=True))
+    if not current.terms and any(r.free for r in current.simulation.recordings):
+        tried.append(fit(begun, staged=True))  # the linear rig has lost the phase somewhere along the decay
     start = regressed(current.simulation, current.constants, (*current.terms, term))
     if start is not None:
         tried.append(fit(current.simulation.with_terms(start[1], start[0], current.states)))

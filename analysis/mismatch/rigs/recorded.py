@@ -174,15 +174,24 @@ def _divided(
         part[fitted] = np.where(inside % 3 == 2, CHOOSE, FIT)
         block[fitted] = inside
     else:
-        fitted = slice(0, n if not inputs.size else min(n, LONGEST_STRETCH))
-        inside = block if fitted.stop == n else np.arange(n) * BLOCKS // fitted.stop
-        block = np.asarray(inside, np.int64)
+        fitted = slice(0, n) if not inputs.size else _strongest(outputs)
+        block = (np.arange(n) - fitted.start) * BLOCKS // (fitted.stop - fitted.start)
         part[:] = np.where(block % 4 == 3, HELD, np.where(block % 4 == 1, CHOOSE, FIT))
-        part[fitted.stop :] = HELD
+        part[: fitted.start] = part[fitted.stop :] = HELD
     if edge:
         part[:edge] = UNUSED
         part[n - edge :] = UNUSED
     return Recorded(source, rate, start, outputs, inputs, band, edge, part, block, fitted, tuple(stretches))
+
+
+def _strongest(outputs: Real) -> slice:
+    """Return the stretch, no longer than what is simulated in fitting, in which most happens."""
+    n = outputs.shape[1]
+    size = min(n, LONGEST_STRETCH)
+    grown = np.concatenate([[0.0], np.cumsum(np.sum((outputs - outputs.mean(axis=1, keepdims=True)) ** 2, axis=0))])
+    starts = np.unique(np.append(np.arange(0, n - size + 1, max(size // 4, 1)), n - size))
+    first = int(starts[np.argmax(grown[starts + size] - grown[starts])])
+    return slice(first, first + size)
 
 
 def _longest(free: NDArray[np.bool_]) -> slice:

@@ -20,6 +20,7 @@ Real = NDArray[np.float64]
 
 WINDOWS = 160  # in which errors are drawn against time
 SEGMENTS = 8  # averaged in a spectrum
+MOST_LINES = 4096  # samples of a segment
 RECORDING, LINEAR, NAMED = "recording", "rig as described", "with what was left out"
 
 
@@ -57,7 +58,9 @@ def rig_figure(d: RigDiagnosis) -> Figure:
     if d.location is not None:
         low, high = d.location.frequency_hz
         middle, half = (low + high) / 2, max(4 * (high - low), 0.25 * (low + high) / 2)
-        spectrum.set_xlim(max(middle - half, 0), min(middle + half, recorded.rate_hz / 2))
+        first, last = max(middle - half, 0), min(middle + half, recorded.rate_hz / 2)
+        spectrum.set_xlim(first, last)
+        _fit_height(spectrum, first, last)
     panel_letter(time, "a")
     panel_letter(spectrum, "b")
     if d.decay:
@@ -82,8 +85,20 @@ def _rms_lines(axes: Axes, t: Real, y: Real, colour: str, label: str) -> None:
 def _spectrum(axes: Axes, y: Real, rate: float, colour: str) -> None:
     from scipy.signal import welch
 
-    f, p = welch(y, rate, nperseg=max(y.size // SEGMENTS, 256), scaling="spectrum")
+    f, p = welch(y, rate, nperseg=min(max(y.size // SEGMENTS, MOST_LINES // 2), MOST_LINES, y.size), scaling="spectrum")
     axes.plot(f[1:], np.sqrt(p[1:]), color=colour, linewidth=0.7)
+
+
+def _fit_height(axes: Axes, first: float, last: float) -> None:
+    """Set the ordinate to what is drawn between two abscissas, and drop the rest of the lines."""
+    low, high = math.inf, 0.0
+    for line in axes.lines:
+        x, y = np.asarray(line.get_xdata(), np.float64), np.asarray(line.get_ydata(), np.float64)
+        kept = (x >= first) & (x <= last) & (y > 0)
+        line.set_data(x[kept], y[kept])
+        low, high = min(low, float(y[kept].min(initial=math.inf))), max(high, float(y[kept].max(initial=0.0)))
+    if low < high:
+        axes.set_ylim(0.5 * low, 2 * high)
 
 
 def _shade(axes: Axes, t: Real, held: NDArray[np.bool_]) -> None:
@@ -108,8 +123,8 @@ def _decay(d: RigDiagnosis, frequency: Axes, damping: Axes, unit: str) -> None:
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     frequency.tick_params(labelbottom=False)
-    frequency.set_ylabel("Frequency [Hz]")
-    damping.set_ylabel("Damping ratio [%]")
+    frequency.set_ylabel("$f$ [Hz]")
+    damping.set_ylabel(r"$\zeta$ [%]")
     damping.set_xlabel(f"Amplitude [{unit}]" if unit else "Amplitude")
 
 

@@ -86,12 +86,10 @@ def test_one_decay_of_a_bolted_beam_leaves_amplitude_and_time_confounded(decay, 
 
 
 def test_steady_responses_settle_it(data, decay, tmp_path):
-    content = loadmat(data / "brake-reuss-beam" / "ForcedFrequencyResponses.mat", squeeze_me=True)["FRdata"]
-    rows = [
-        np.c_[s["frequency"].item(), s["force"].item(), s["amplitude"].item(), s["phase"].item()]
-        for kind in ("ForceControl", "ResponseControl")
-        for s in content[kind].item()
-    ]
+    file = data / "brake-reuss-beam" / "ForcedFrequencyResponses.mat"
+    content = loadmat(file, squeeze_me=True, struct_as_record=False)["FRdata"]
+    sweeps = (*content.ForceControl, *content.ResponseControl)
+    rows = [np.c_[s.frequency, s.force, s.amplitude, s.phase] for s in sweeps]
     np.savetxt(tmp_path / "s.csv", np.concatenate(rows), delimiter=",", fmt="%.8g")
     answer = diagnosed(tmp_path, DECAY, decay / "d.csv", tmp_path / "s.csv")
     first = answer["mechanisms"][0]

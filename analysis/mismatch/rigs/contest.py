@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -41,7 +41,7 @@ STRONGEST_START: Final = 30.0  # trial strengths that a fit begins with at most
 TIE: Final = 4.0  # factor in misfit within which time is not preferred to amplitude where one decay cannot part them
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Entry:
     """A mechanism in a round: fitted to the fitting blocks (``fitted``) with what was accepted before.
 
@@ -70,12 +70,17 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """A step: what stood before, all entries (best first), and what was accepted."""
+    """A step: what stood before, all entries (best first), and what was accepted.
+
+    ``steady`` holds, where there are steady responses, the misfit to them of those held against them
+    (`Steady.evidence`), by the entry's place among the entries.
+    """
 
     before: Real
     screening: Screening
     entries: tuple[Entry, ...]
     accepted: Entry | None
+    steady: dict[int, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,12 +213,15 @@ def _steps(
     while len(current.terms) < MOST_TERMS:
         entries = _full_fits(current, screening, progress)
         allowed = [e for e in entries if e.fitted is not None and not (one_decay and e.score.term.mechanism.with_time)]
-        if steady.sweeps:
+        held: dict[int, float] = {}
+        if steady.sweeps and allowed:
             progress("holding the best against the steady responses")
-            allowed = sorted(allowed[:BOTH], key=lambda e: e.misfit.size * math.log(e.rank) + steady.evidence(e.fitted))
+            held = {entries.index(e): steady.evidence(e.fitted) for e in allowed[:BOTH]}
+            place = min(held, key=lambda i: entries[i].misfit.size * math.log(entries[i].rank) + held[i])
+            allowed = [entries[place]]
         best = allowed[0] if allowed else None
         enough = best is not None and _better(base, misfit, best.misfit)
-        rounds.append(Round(misfit, screening, entries, best if enough else None))
+        rounds.append(Round(misfit, screening, entries, best if enough else None, held))
         if best is None or best.fitted is None or not enough:
             break
         current, misfit = best.fitted, best.misfit

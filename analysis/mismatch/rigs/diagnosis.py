@@ -26,8 +26,10 @@ from sim_backend.mechanisms.mechanism import Mechanism
 
 Real = NDArray[np.float64]
 
+CERTAIN: Final = -6.0  # evidence against an explanation, beside steady responses, from which on it is told apart
 ALIKE: Final = 2.0  # factor in misfit within which two explanations count as alike
 CLOSE: Final = 10.0  # factor in misfit within which an explanation is a rival that an experiment should rule out
+MOSTLY: Final = 0.1  # of what the linear rig misses, that a rival in time may leave to count as an equal
 MOST_ENERGY: Final = 0.9  # of a residual, by which it is located
 AMPLITUDES: Final = 12  # at which frequency and damping of a decay are read
 FADED: Final = 0.02  # of the largest amplitude, below which they are not
@@ -189,16 +191,20 @@ def _named(outcome: Outcome, fitted: Fitted, number: int, step: Round) -> Named:
     in_decay = confounded(outcome.recordings) and not _settled(outcome)
     rival = outcome.rival.id if outcome.rival is not None else ""
     evidence: dict[str, float] = {}
-    for e in entries:
+    misfits = {i: e for i, e in enumerate(step.entries) if e.fitted is not None}
+    own_steady = next((step.steady[i] for i, e in misfits.items() if e is accepted and i in step.steady), 0.0)
+    for i, e in misfits.items():
         if e.score.term.mechanism.with_time and confounded(outcome.recordings):
             continue  # weighed below
-        if e.rank <= own and e is not accepted and _settled(outcome):
-            continue  # the steady responses spoke against it
-        evidence[e.id] = max(-blocks * math.log(e.rank / own), evidence.get(e.id, -math.inf))
+        if step.steady and i not in step.steady:
+            continue  # too far behind to be held against the steady responses
+        against = step.steady[i] - own_steady if step.steady else 0.0
+        evidence[e.id] = max(-blocks * math.log(e.rank / own) - against, evidence.get(e.id, -math.inf))
     if in_decay and outcome.rival is not None and mechanism.id != rival and number == 0:
         whole = float(np.mean(outcome.best_misfit))
         # one decay cannot say which of two that foretell it alike: they are as likely as each other
-        evidence[rival] = 0.0 if outcome.rival.mean < TIE * whole else -blocks * math.log(outcome.rival.mean / whole)
+        level_with = max(TIE * whole, MOSTLY * float(np.mean(outcome.base_misfit)))
+        evidence[rival] = 0.0 if outcome.rival.mean < level_with else -blocks * math.log(outcome.rival.mean / whole)
     if in_decay and mechanism.with_time:
         others = [
             e for e in entries if not e.score.term.mechanism.with_time and e.mean < 0.5 * float(np.mean(step.before))
@@ -211,7 +217,10 @@ def _named(outcome: Outcome, fitted: Fitted, number: int, step: Round) -> Named:
     alike = {
         e.id
         for e in entries
-        if e is not accepted and e.mean < ALIKE * own and e.id != mechanism.id and e.id in evidence
+        if e is not accepted
+        and e.mean < ALIKE * own
+        and e.id != mechanism.id
+        and evidence.get(e.id, -math.inf) > (CERTAIN if step.steady else -math.inf)
     }
     statement = mechanism.statement(term.values).replace("{element}", _place_name(outcome, mechanism, term.place))
     if in_decay and outcome.rival is not None and mechanism.id != rival and number == 0:

@@ -31,7 +31,7 @@ MECHANISM = Mechanism(
     law=force_law,
     constants=lambda values, rest: (values[STIFFNESS], values[GAP]),
     one_signed=False,
-    fits=("contact", "joint", "spring", "guide"),
+    fits=("contact", "spring", "guide"),  # a joint is what does not part
     statement=lambda values: (
         f"The {{element}} is another beyond a deflection of {values[GAP]:.4g}: from there on its stiffness "
         f"changes by {values[STIFFNESS]:+.4g}."

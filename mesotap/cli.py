@@ -312,7 +312,14 @@ def info(
 def diagnose(
     files: Annotated[
         list[Path] | None,
-        typer.Argument(help="Session file; several of one rig are diagnosed together.", show_default=False),
+        typer.Argument(
+            help="Session file; several of one rig are diagnosed together; with --rig recordings of that rig.",
+            show_default=False,
+        ),
+    ] = None,
+    rig: Annotated[
+        Path | None,
+        typer.Option("--rig", metavar="RIG.yaml", help="Another rig than the tester, described.", show_default=False),
     ] = None,
     json: JsonPath = None,
     without: Annotated[
@@ -325,7 +332,7 @@ def diagnose(
     ] = None,
     report: Report = None,
 ) -> None:
-    """Say which physics Eq. 9 leaves out of a session's recordings, where, and how sure."""
+    """Say which physics Eq. 9, or the rig described, leaves out of recordings, where, and how sure."""
     if published is not None:
         from mesotap.commands.theory import published_gap
 
@@ -333,9 +340,12 @@ def diagnose(
         return
     if not files:
         raise typer.BadParameter("name a session file")
-    from mesotap.commands.diagnose import diagnose as find_out
+    from mesotap.commands import diagnose as commands
 
-    find_out(files, json, without or (), report, _console(json))
+    if rig is not None:
+        commands.diagnose_described(files, rig, json, without or (), report, _console(json))
+    else:
+        commands.diagnose(files, json, without or (), report, _console(json))
 
 
 @app.command()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 Real = NDArray[np.float64]
 Row = tuple[tuple[str, float | str], ...]
 """Bodies with their coefficients, a number or the name of a constant: a deformation, or what a sensor sees."""
-Role = Literal["contact", "spring", "guide", "joint", "body"]
+Role = Literal["contact", "spring", "guide", "joint", "body", "damper", "pendulum"]
 Quantity = Literal["acceleration", "velocity", "displacement"]
 LOAD: Final = "load"  # scope of a constant that has a value of its own at each load
 

@@ -56,6 +56,42 @@ def import_recording(
 
 def _read(path: Path) -> Columns:
     # The readers are imported where they are used: a CSV file should not wait for pyuff.
+    content = content_of(path)
+    if is_hdf5(content):
+        from daq.exchange.matlab73 import read_mat73
+
+        return read_mat73(path)
+    if is_mat5(path, content):
+        from daq.exchange.matlab5 import read_mat5
+
+        return read_mat5(path, content)
+    from daq.exchange.universal import BEGINS, read_universal
+
+    if BEGINS.match(content):
+        return read_universal(path, content)
+    from daq.exchange.text import read_text
+
+    return read_text(path, content)
+
+
+def is_hdf5(content: bytes) -> bool:
+    """Return whether this is an HDF5 file, of which MAT 7.3 is a kind."""
+    return content.startswith(_HDF5) or content[512:520] == _HDF5
+
+
+def is_mat5(path: Path, content: bytes) -> bool:
+    """Return whether this is a MAT file of version 5."""
+    return content.startswith(b"MATLAB") or path.suffix.lower() == ".mat"
+
+
+def content_of(path: Path) -> bytes:
+    """Return what a file holds, unless it is certainly no recording.
+
+    Raises
+    ------
+    RecordingError
+        It cannot be read, is empty or too large, or of a kind that is known to be something else.
+    """
     try:
         if path.is_dir():
             raise RecordingError(f"{path}: is a folder, not a file")
@@ -72,21 +108,7 @@ def _read(path: Path) -> Columns:
     for start, kind in _KNOWN_OTHERS.items():
         if content.startswith(start):
             raise RecordingError(f"{path}: is no recording but {kind}")
-    if content.startswith(_HDF5) or content[512:520] == _HDF5:
-        from daq.exchange.matlab73 import read_mat73
-
-        return read_mat73(path)
-    if content.startswith(b"MATLAB") or path.suffix.lower() == ".mat":
-        from daq.exchange.matlab5 import read_mat5
-
-        return read_mat5(path, content)
-    from daq.exchange.universal import BEGINS, read_universal
-
-    if BEGINS.match(content):
-        return read_universal(path, content)
-    from daq.exchange.text import read_text
-
-    return read_text(path, content)
+    return content
 
 
 def as_session(recording: Recording, channels: Sequence[str | int] | None = None) -> Session:

@@ -96,6 +96,17 @@ def read_mat5(path: Path, content: bytes) -> Columns:
     RecordingError
         The file is damaged, of another version, or holds no array that could be a channel.
     """
+    return sort_arrays(path, walk_mat5(path, content))
+
+
+def walk_mat5(path: Path, content: bytes) -> NamedArrays:
+    """Return all arrays in a MAT file of version 5, each under its dotted name.
+
+    Raises
+    ------
+    RecordingError
+        The file is damaged, or of another version.
+    """
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
     if len(content) < HEADER or order is None:
         raise RecordingError(f"{path}: is damaged, truncated, or no MAT file of version 5 or 7.3")
@@ -110,7 +121,7 @@ def read_mat5(path: Path, content: bytes) -> Columns:
                 _take(found, _Reader(inner, order), "", 0)
     except (_Damaged, zlib.error, ValueError, OverflowError) as error:
         raise RecordingError(f"{path}: is a damaged or truncated MAT file") from error
-    return sort_arrays(path, found)
+    return found
 
 
 def _unpack(content: memoryview) -> memoryview:

@@ -24,12 +24,23 @@ def read_mat73(path: Path) -> Columns:
     RecordingError
         The file is damaged, is a session file already, or holds no array that could be a channel.
     """
+    return sort_arrays(path, walk_mat73(path))
+
+
+def walk_mat73(path: Path) -> NamedArrays:
+    """Return all arrays in such a file, each under its dotted name.
+
+    Raises
+    ------
+    RecordingError
+        The file is damaged, or is a session file.
+    """
     found = NamedArrays()
     with open_hdf5(path) as root:
         if root.attribute("format") == "mesotap-session":
             raise RecordingError(f"{path}: is a session file already: there is nothing to import")
         _walk_group(path, found, "", root.item, 0)
-    return sort_arrays(path, found)
+    return found
 
 
 def _walk_group(path: Path, found: NamedArrays, name: str, group: h5py.Group, depth: int) -> None:

@@ -13,9 +13,10 @@ from rich.table import Table
 from analysis.mismatch.diagnosis import Diagnosis, diagnose_session
 from analysis.results import SessionResults
 from daq.errors import RecordingError
+from daq.exchange.tables import NoTable
 from daq.records import Session
 from mesotap.diagnosis_files import diagnosis_answer, print_diagnosis
-from sim_backend.mechanisms.mechanism import Mechanism, mechanisms
+from sim_backend.mechanisms.mechanism import Mechanism, element_mechanisms, mechanisms
 
 
 def diagnose(
@@ -110,11 +111,66 @@ def adopt(diagnosis: Path, config_path: Path | None, output: Path, console: Cons
     )
 
 
+def diagnose_described(
+    files: Sequence[Path],
+    rig_file: Path,
+    json: Path | None,
+    without: Sequence[str],
+    report: Path | None,
+    console: Console,
+) -> None:
+    """Diagnose recordings of a rig described in YAML; a further file that holds its sweeps is taken for them."""
+    from analysis.mismatch.rigs.diagnosis import diagnose_rig
+    from analysis.mismatch.rigs.steady import sweeps_of
+    from daq.exchange import import_recording
+    from daq.exchange.tables import import_tables
+    from mesotap.commands.answers import write_json
+    from mesotap.rig_answers import print_rig_diagnosis, rig_answer
+    from mesotap.rig_files import load_rig
+
+    known = element_mechanisms()
+    for name in without:
+        if name not in known:
+            raise RecordingError(f"{name!r} is no mechanism of a described rig; mesotap mechanisms lists them")
+    began = time.monotonic()
+    rig = load_rig(rig_file)
+    recordings, sweeps = [], []
+    for place, file in enumerate(files):
+        columns = rig.sweeps
+        if columns is not None and place > 0:
+            try:
+                wanted = (columns.frequency, columns.force, columns.amplitude, columns.phase)
+                sweeps += sweeps_of(rig, import_tables(file, wanted), str(file))
+                continue
+            except NoTable:
+                pass
+        recordings.append(import_recording(file, rig.rate_hz))
+    with console.status("reading") as status:
+        found = diagnose_rig(
+            rig,
+            recordings,
+            [m for m in known.values() if m.id not in without],
+            lambda stage: status.update(f"{stage} ..."),
+            sweeps,
+        )
+    answer = rig_answer(found, time.monotonic() - began)
+    write_json(json, answer)
+    print_rig_diagnosis(found, console)
+    if report is not None:
+        from mesotap.rig_report import write_rig_report
+
+        console.print(f"  report: {write_rig_report(found, answer, report)}")
+
+
 def list_mechanisms(console: Console) -> None:
     """Print what can be named."""
-    table = Table(title="Mechanisms")
-    for heading in ("id", "component", "what it is", "parameters"):
-        table.add_column(heading)
-    for m in mechanisms().values():
-        table.add_row(m.id, m.component, m.summary, ", ".join(q.name for q in m.parameters))
-    console.print(table)
+    for title, known in (
+        ("Mechanisms of the tester", mechanisms()),
+        ("Mechanisms of a described rig (--rig)", element_mechanisms()),
+    ):
+        table = Table(title=title)
+        for heading in ("id", "component", "what it is", "parameters"):
+            table.add_column(heading)
+        for m in known.values():
+            table.add_row(m.id, m.component, m.summary, ", ".join(q.name for q in m.parameters))
+        console.print(table)

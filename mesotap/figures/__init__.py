@@ -24,6 +24,7 @@ from mesotap.figures._files import inline_svg, save
 from mesotap.figures._impacts import impacts_figure
 from mesotap.figures._paper import paper_figure_3, paper_figure_7_8, paper_figure_9
 from mesotap.figures._recording import Recording, modes_figure
+from mesotap.figures._rig import rig_figure
 from mesotap.figures._stabilisation import stabilisation_figure
 from mesotap.figures._tap import record_figure, shown_spectra, spectra_figure
 from mesotap.figures._weighing import short_name, weighing_figure
@@ -51,6 +52,7 @@ __all__ = [
     "published_figure",
     "record_figure",
     "residual_spectra_figure",
+    "rig_figure",
     "save",
     "short_name",
     "shown_amplitudes",

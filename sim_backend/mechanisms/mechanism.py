@@ -7,6 +7,7 @@ import pkgutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,8 @@ class Scale:
         Typical amplitude of the element's force, N.
     frequency_hz
         Lowest and highest mode of the rig.
+    duration_s
+        Length of the recording.
     """
 
     deformation: float
@@ -73,6 +76,7 @@ class Scale:
     static: float
     force: float
     frequency_hz: tuple[float, float]
+    duration_s: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +126,13 @@ class Mechanism:
         A sentence about the fitted mechanism, from its values.
     stiffness_exponent
         What ``d ln k_c / d ln P`` has to be where this is the contact's law, and its tolerance.
+    fits
+        Roles of the elements it may be at work in on a rig other than the tester, likeliest first. There, ``{element}``
+        in the statement stands for the element's name.
+    drives
+        Whether ``distort`` is of the inputs, not of the channels.
+    with_time
+        Whether it makes the rig change with time, not with amplitude.
     """
 
     id: str
@@ -145,6 +156,9 @@ class Mechanism:
     last: bool = False
     stiffness_exponent: tuple[float, float] | None = None
     derived: tuple[Derived, ...] = ()
+    fits: tuple[Role, ...] = ()
+    drives: bool = False
+    with_time: bool = False
 
 
 @cache
@@ -152,6 +166,18 @@ def mechanisms() -> dict[str, Mechanism]:
     """Return all mechanisms by id, in the order of their files' names."""
     import sim_backend.mechanisms as package
 
+    return _within(package)
+
+
+@cache
+def element_mechanisms() -> dict[str, Mechanism]:
+    """Return by id what may be at work in an element or channel of any rig, with parameters in units of that rig."""
+    import sim_backend.mechanisms.elements as package
+
+    return _within(package)
+
+
+def _within(package: ModuleType) -> dict[str, Mechanism]:
     found = {}
     for module in sorted(m.name for m in pkgutil.iter_modules(package.__path__)):
         mechanism = getattr(importlib.import_module(f"{package.__name__}.{module}"), "MECHANISM", None)

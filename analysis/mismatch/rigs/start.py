@@ -1,0 +1,198 @@
+"""Where fitting begins: constants nobody knows, from the spectra of the recordings."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+from scipy.optimize import least_squares
+
+from analysis.mismatch.rigs.described import DescribedRig
+from analysis.mismatch.rigs.recorded import Recorded, level
+from analysis.mismatch.rigs.simulation import ORDER
+from analysis.session import AnalysisError
+from sim_backend.arrangement import Parameter
+
+Real = NDArray[np.float64]
+
+DRAWS: Final = 48  # random starting points
+BINS: Final = 400  # lines of the spectra that are looked at
+TYPICAL_RATIO: Final = 0.01  # damping ratio where nothing tells of one
+SEED: Final = 7
+
+
+def start_values(rig: DescribedRig, recordings: list[Recorded]) -> tuple[dict[str, float], float]:
+    """Return a value for every constant of the rig, and the highest frequency of it, Hz."""
+    known = {p.name: p.value for p in rig.arrangement.parameters}
+    unknown = [p for p in rig.arrangement.parameters if not math.isfinite(p.value)]
+    if recordings[0].free:
+        values = _from_decay(rig, recordings[0], known, unknown)
+    else:
+        values = _from_input(rig, recordings[0], known, unknown)
+    mass, damping, stiffness = rig.arrangement.matrices(values)
+    poles = _poles(mass, damping, stiffness)
+    highest = float(np.abs(poles).max()) / (2 * math.pi)
+    return values, min(highest, 0.5 * recordings[0].rate_hz)
+
+
+def _poles(mass: Real, damping: Real, stiffness: Real) -> NDArray[np.complex128]:
+    n = len(mass)
+    a = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness / mass[:, None], -damping / mass[:, None]]])
+    return np.asarray(np.linalg.eigvals(a), np.complex128)
+
+
+def _peaks(recorded: Recorded, count: int) -> list[float]:
+    """Return the frequencies of the highest separate peaks in the outputs' spectra, rising, Hz."""
+    y = recorded.outputs / level(recorded)[:, None]
+    y = y - y.mean(axis=1, keepdims=True)
+    size = 4 * recorded.samples
+    power = np.sum(np.abs(np.fft.rfft(y * np.hanning(recorded.samples), size, axis=1)) ** 2, axis=0)
+    frequency = np.fft.rfftfreq(size, 1 / recorded.rate_hz)
+    apart = max(int(0.02 * np.argmax(power)), 16)
+    at, _ = signal.find_peaks(power, distance=apart)
+    best = at[np.argsort(power[at])[::-1][:count]]
+    return sorted(float(frequency[i]) for i in best)
+
+
+def _decay_rate(recorded: Recorded) -> float:
+    """Return how fast the outputs' envelope falls, 1/s."""
+    envelope = np.abs(signal.hilbert(recorded.outputs - recorded.outputs.mean(axis=1, keepdims=True), axis=1))
+    total = np.sqrt(np.sum((envelope / level(recorded)[:, None]) ** 2, axis=0))
+    kept = slice(max(recorded.edge, recorded.samples // 50), recorded.samples - max(recorded.edge, 1))
+    row = total[kept]
+    row = row[: max(int(np.searchsorted(-row, -0.05 * row[: len(row) // 10 + 1].max())), len(row) // 10 + 2)]
+    t = np.arange(row.size) / recorded.rate_hz
+    return max(-float(np.polyfit(t, np.log(np.maximum(row, 1e-300)), 1)[0]), 0.0)
+
+
+def _from_decay(
+    rig: DescribedRig, recorded: Recorded, known: dict[str, float], unknown: list[Parameter]
+) -> dict[str, float]:
+    n = len(rig.arrangement.bodies)
+    peaks = _peaks(recorded, n)
+    if not peaks:
+        raise AnalysisError(f"{recorded.source}: its spectrum has no peak: there is no ring-down to begin with")
+    omega = 2 * math.pi * np.array(peaks)
+    sigma = _decay_rate(recorded)
+    masses = [known[m] for m in rig.arrangement.masses]
+    typical = float(np.nanmean(masses)) if np.any(np.isfinite(masses)) else 1.0
+    stiff = [p for p in unknown if p.unit == "N/m"]
+    free = [p for p in unknown if p.unit in ("N/m", "kg")]
+    base = {**known, **{p.name: 0.0 for p in unknown if p.unit == "N s/m"}, **_plain(unknown)}
+
+    def values(q: Real) -> dict[str, float]:
+        return {**base, **{p.name: math.exp(v) for p, v in zip(free, q, strict=True)}}
+
+    def off(q: Real) -> Real:
+        mass, _, stiffness = rig.arrangement.matrices(values(q))
+        found = np.sqrt(np.abs(np.sort(np.linalg.eigvals(stiffness / mass[:, None]).real)))[-len(omega) :]
+        middle = np.array([math.log(typical * float(np.mean(omega)) ** 2 if p in stiff else typical) for p in free])
+        miss = np.log(np.maximum(found, 1e-9 * omega[-1]) / omega)
+        return np.concatenate([miss, 1e-3 * (q - middle)])
+
+    chosen = np.zeros(0)
+    if free:
+        random = np.random.default_rng(SEED)
+        middle = np.array([math.log(typical * float(np.mean(omega)) ** 2 if p in stiff else typical) for p in free])
+        tried = [
+            least_squares(off, middle + (random.normal(0, 1.0, len(free)) if i else 0.0)) for i in range(DRAWS // 4)
+        ]
+        chosen = min(tried, key=lambda f: float(f.cost)).x
+    found = values(chosen)
+    for p in unknown:
+        if p.unit == "N s/m":
+            beside = next((e.stiffness for e in rig.arrangement.elements if e.damping == p.name and e.stiffness), None)
+            rate = sigma or TYPICAL_RATIO * float(omega[0])
+            found[p.name] = 2 * rate * (found[beside] / float(omega[0]) ** 2 if beside else typical)
+    return found
+
+
+def _plain(unknown: list[Parameter]) -> dict[str, float]:
+    """Starting values of gains (one) and offsets (none)."""
+    return {p.name: 1.0 if p.name.startswith("gain") else 0.0 for p in unknown if p.unit not in ("N/m", "N s/m", "kg")}
+
+
+def _from_input(
+    rig: DescribedRig, recorded: Recorded, known: dict[str, float], unknown: list[Parameter]
+) -> dict[str, float]:
+    """Fit the linear rig's frequency response to the spectra of inputs and outputs, from many random starts."""
+    kept = recorded.fitted
+    y, u = recorded.outputs[:, kept], recorded.inputs[:, kept]
+    window = np.hanning(y.shape[1])
+    spectra = np.fft.rfft((y - y.mean(axis=1, keepdims=True)) * window, axis=1) / level(recorded)[:, None]
+    driven = np.fft.rfft((u - u.mean(axis=1, keepdims=True)) * window, axis=1)
+    frequency = np.fft.rfftfreq(y.shape[1], 1 / recorded.rate_hz)
+    power = np.sum(np.abs(spectra) ** 2, axis=0)
+    strongest = np.argsort(power[3:])[::-1][: 4 * BINS] + 3
+    used = np.sort(strongest[:: max(len(strongest) // BINS, 1)])
+    spectra, driven, omega = spectra[:, used], driven[:, used], 2 * math.pi * frequency[used]
+    total = float(np.sum(np.abs(spectra) ** 2))
+    centre = float(np.sum(omega * power[used]) / np.sum(power[used]))
+    masses = [known[m] for m in rig.arrangement.masses]
+    typical = float(np.nanmean(masses)) if np.any(np.isfinite(masses)) else 1.0
+    size = {"N/m": typical * centre**2, "N s/m": 0.2 * typical * centre, "kg": typical}
+    free = [p for p in unknown if p.unit in size]
+    gains = [d.gain for d in rig.drives if not math.isfinite(known[d.gain])]
+    base = {**known, **_plain(unknown)}
+
+    def values(q: Real) -> dict[str, float]:
+        bent = {p.name: size[p.unit] * math.exp(min(max(v, -40.0), 40.0)) for p, v in zip(free, q, strict=False)}
+        return {**base, **bent}
+
+    def parts(q: Real) -> tuple[NDArray[np.complex128], dict[str, float]]:
+        """Responses (drives, channels, lines) of unit gain."""
+        v = values(q)
+        mass, damping, stiffness = rig.arrangement.matrices(v)
+        s = 1j * omega
+        dynamic = stiffness + s[:, None, None] * damping + (s**2)[:, None, None] * np.diag(mass)
+        out = np.empty((len(rig.drives), len(rig.seen), omega.size), np.complex128)
+        for i, drive in enumerate(rig.drives):
+            vector = rig.arrangement.vector(drive.row, v)
+            moved = np.linalg.solve(
+                dynamic,
+                np.broadcast_to((-mass * vector if drive.base else vector)[:, None], (omega.size, len(mass), 1)),
+            )
+            gain = 1.0 if drive.gain in gains else v[drive.gain]
+            for c, seen in enumerate(rig.seen):
+                row = rig.arrangement.vector(seen.sensor.row, v)
+                order = s ** ORDER[seen.sensor.quantity]
+                out[i, c] = v[seen.gain] * gain * (moved[:, :, 0] @ row) * order * driven[i] / level(recorded)[c]
+        return out, v
+
+    def solved(q: Real) -> tuple[Real, dict[str, float]]:
+        made, v = parts(q)
+        rest = spectra.copy()
+        columns = []
+        for i, drive in enumerate(rig.drives):
+            if drive.gain in gains:
+                columns.append(made[i].ravel())
+            else:
+                rest = rest - made[i]
+        off = rest.ravel()
+        if columns:
+            a = np.stack(columns, axis=1)
+            stacked = np.concatenate([a.real, a.imag])
+            found = np.linalg.lstsq(stacked, np.concatenate([off.real, off.imag]), rcond=1e-10)[0]
+            off = off - a @ found
+            v = {**v, **dict(zip(gains, found.tolist(), strict=True))}
+        return np.concatenate([off.real, off.imag]) / math.sqrt(total), v
+
+    def objective(q: Real) -> Real:
+        with np.errstate(all="ignore"):
+            off = solved(q)[0]
+        return np.concatenate([np.where(np.isfinite(off), off, 10.0), 1e-3 * q])
+
+    random = np.random.default_rng(SEED)
+    best, cost = np.zeros(len(free)), math.inf
+    tried = [
+        random.normal(0.0, 1.0, len(free)) + np.array([-1.5 * (p.unit == "N s/m") for p in free]) for _ in range(DRAWS)
+    ]
+    tried.sort(key=lambda q: float(np.sum(objective(q) ** 2)))
+    for q in tried[: DRAWS // 8] if free else [best]:
+        found = least_squares(objective, q, max_nfev=60) if free else None
+        if found is not None and float(found.cost) < cost:
+            best, cost = np.asarray(found.x, np.float64), float(found.cost)
+    return solved(best)[1]

@@ -1,0 +1,129 @@
+"""The diagnosis of a described rig as programs read it (``mesotap-diagnosis`` 1 and a little more) and as people do."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from analysis.mismatch.rigs.diagnosis import RigDiagnosis
+
+VERDICTS = {
+    "consistent": "The rig as described explains these recordings.",
+    "unexplained": "The rig as described does not explain these recordings, and nothing listed does.",
+    "missing_physics": "The rig as described leaves something out of these recordings.",
+}
+
+
+def rig_answer(d: RigDiagnosis, seconds: float) -> dict[str, Any]:
+    """Return the answer for programs: the contract's keys, and beside them what only such rigs have."""
+    location = None if d.location is None else {
+        "component": d.location.component,
+        "channels": list(d.location.channels),
+        "time_ms": list(d.location.time_ms),
+        "frequency_hz": list(d.location.frequency_hz),
+        "loads_mn": list(d.location.loads_mn),
+        "why": d.location.why,
+    }  # fmt: skip
+    following = None if d.next_experiment is None else {
+        "load_mn": d.next_experiment.load_mn,
+        "peak_force_ratio": d.next_experiment.peak_force_ratio,
+        "separates": list(d.next_experiment.separates),
+        "why": d.next_experiment.why,
+    }  # fmt: skip
+    return {
+        "format": "mesotap-diagnosis",
+        "version": 1,
+        "session": d.source,
+        "verdict": d.verdict,
+        "p_value": d.p_value,
+        "mechanisms": [
+            {
+                "id": m.id,
+                "probability": m.probability,
+                "where": m.where,
+                "statement": m.statement,
+                "parameters": {
+                    k: {"value": v.value, "low": v.low, "high": v.high, "unit": v.unit} for k, v in m.parameters.items()
+                },
+                "indistinguishable_from": list(m.indistinguishable_from),
+            }
+            for m in d.mechanisms
+        ],
+        "location": location,
+        "fit": {
+            "noise_rms_m_s2": d.noise_rms,
+            "heldout_rms_before_m_s2": d.rms_before if math.isfinite(d.rms_before) else 0.0,
+            "heldout_rms_after_m_s2": d.rms_after,
+            "heldout_impacts": d.held_out,
+            "unit": d.unit,
+            "stretches": {k: {"before": b, "after": a} for k, (b, a) in d.stretches.items()},
+            "steady_relative_error_before": d.steady_before,
+            "steady_relative_error_after": d.steady_after,
+        },
+        "rig": {"name": d.outcome.rig.name, "constants": dict(d.outcome.best.constants)},
+        "decay": [
+            {
+                "time_s": p.time_s,
+                "amplitude": p.amplitude,
+                "frequency_hz": p.frequency_hz,
+                "damping_ratio": p.damping_ratio,
+            }
+            for p in d.decay
+        ],
+        "candidates": candidates(d),
+        "next_experiment": following,
+        "seconds": seconds,
+    }
+
+
+def candidates(d: RigDiagnosis) -> list[dict[str, Any]]:
+    """Return each step of the contest: error on the choosing blocks, over the recording's rms, with every mechanism."""
+    return [
+        {
+            "linear_or_before": math.sqrt(float(np.mean(step.before))),
+            "accepted": None if step.accepted is None else step.accepted.id,
+            "with": {e.id: math.sqrt(e.mean) for e in reversed(step.entries) if e.fitted is not None},
+        }
+        for step in d.outcome.rounds
+    ]
+
+
+def print_rig_diagnosis(d: RigDiagnosis, console: Console) -> None:
+    """Say the answer to a person."""
+    console.print(f"[bold]{VERDICTS[d.verdict]}[/bold] (p = {d.p_value:.2g})")
+    for m in d.mechanisms:
+        alike = (
+            f"; these data cannot tell it from {', '.join(m.indistinguishable_from)}"
+            if m.indistinguishable_from
+            else ""
+        )
+        console.print(f"  {m.id} ({m.where}, probability {m.probability:.2f}{alike})")
+        console.print(f"    {m.statement}")
+        for name, v in m.parameters.items():
+            console.print(f"    {name} = {v.value:.5g} ({v.low:.5g} to {v.high:.5g}) {v.unit}")
+    if d.location is not None:
+        console.print(f"  where: {d.location.component}; {d.location.why}")
+    after = "" if d.rms_after is None else f", with what was left out {d.rms_after:.4g}"
+    console.print(
+        f"  held out, {d.held_out} pieces: rms {d.rms_before:.4g} {d.unit} by the rig as described{after}; "
+        f"unforeseeable {d.noise_rms:.3g}"
+    )
+    for name, (before, later) in d.stretches.items():
+        console.print(f"    {name}: {before:.4g}" + ("" if later is None else f", then {later:.4g}") + f" {d.unit}")
+    if d.steady_before is not None:
+        then = "" if d.steady_after is None else f", then {100 * d.steady_after:.3g} %"
+        console.print(f"  steady responses held out: force off by {100 * d.steady_before:.3g} %{then}")
+    for step in candidates(d):
+        table = Table(title="The contest: error on the choosing blocks, over the recording's rms")
+        table.add_column("with")
+        table.add_column("error", justify="right")
+        table.add_row("nothing more", f"{step['linear_or_before']:.5f}")
+        for name, value in sorted(step["with"].items(), key=lambda item: item[1]):
+            table.add_row(name, f"{value:.5f}", style="bold" if name == step["accepted"] else "")
+        console.print(table)
+    if d.next_experiment is not None:
+        console.print(f"  next: to part {' and '.join(d.next_experiment.separates)}. {d.next_experiment.why}")

@@ -1,0 +1,120 @@
+"""YAML that people write: read with the lines of its keys, and its faults told in sentences."""
+
+from __future__ import annotations
+
+import difflib
+import reprlib
+from collections.abc import Iterator
+from typing import Any
+
+import yaml
+from pydantic import BaseModel
+
+from daq.errors import one_line
+from rig.settings import Section
+
+DRIVERS = ("conex-cc", "smc100", "modbus-rtu", "modbus-tcp", "usb-1608fs-plus", "ni-9234", "solenoid")
+TAGS = ("sphere", "flat", "literal", "name", *DRIVERS)
+"""What validation adds to the path of a key to say which alternative of a choice was meant."""
+
+NOT_YAML = (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError)
+"""What PyYAML raises on text that it cannot make anything of."""
+
+LONGEST_SHOWN = 60
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxother = 3, LONGEST_SHOWN  # aliases in YAML can stand for more than memory holds
+
+
+def not_yaml(name: str, error: Exception) -> str:
+    """Return the sentence for one of `NOT_YAML`."""
+    mark = getattr(error, "problem_mark", None)
+    where = f", line {mark.line + 1}" if mark is not None else ""
+    problem = getattr(error, "problem", None) or str(error) or type(error).__name__
+    return f"{name}{where}: is not YAML: {shown(problem.splitlines()[0])}"
+
+
+def parsed(text: str) -> tuple[Any, Any]:
+    """Return YAML as nodes, which know their lines, and as values."""
+    loader = yaml.SafeLoader(text)
+    try:
+        node = loader.get_single_node()
+        return node, None if node is None else loader.construct_document(node)
+    finally:
+        loader.dispose()
+
+
+def shown(text: object) -> str:
+    """Return what somebody wrote, fit for a sentence: on one line and not long."""
+    line = one_line(str(text))
+    return line if len(line) <= LONGEST_SHOWN else line[: LONGEST_SHOWN - 3] + "..."
+
+
+def sentence(fault: Any, whole: type[BaseModel]) -> str:
+    """Return a fault that validation found in a ``whole`` as a sentence: key, value, what is allowed."""
+    key = ".".join(shown(part) for part in fault["loc"] if part not in TAGS) or "the file"
+    message = one_line(str(fault["msg"]))
+    if fault["type"] == "extra_forbidden":
+        allowed = list(_allowed_keys(fault["loc"][:-1], whole))
+        close = difflib.get_close_matches(str(fault["loc"][-1]), allowed, 1)
+        meant = f"did you mean {close[0]}? " if close else ""
+        return f"{key} is no known key; {meant}allowed here: {', '.join(sorted(allowed))}"
+    if fault["type"] == "missing":
+        return f"{key} is missing"
+    if fault["type"] == "value_error":
+        text = message.removeprefix("Value error, ")
+        return f"{key}: {text}" if fault["loc"] else text
+    return f"{key} is {_value(fault['input'])}: {message[0].lower()}{message[1:]}"
+
+
+def _value(value: object) -> str:
+    """Return a value of the file as it is shown; only the beginning of one that would fill pages, or memory."""
+    try:
+        return shown(repr(value) if isinstance(value, str) else _SHORT.repr(value))
+    except ValueError:
+        return "a number of thousands of digits"
+
+
+def _allowed_keys(path: tuple[Any, ...], whole: type[BaseModel]) -> Iterator[str]:
+    """Keys of the section at ``path``."""
+    model: Any = whole
+    for part in path:
+        field = model.model_fields.get(part) if isinstance(model, type) and issubclass(model, BaseModel) else None
+        if field is None:
+            model = _variant(model, part)
+            continue
+        # an optional section is meant, where there is one, by a key inside of it
+        inner = [a for a in getattr(field.annotation, "__args__", ()) if isinstance(a, type) and issubclass(a, Section)]
+        model = inner[0] if len(inner) == 1 else field.annotation
+    if isinstance(model, type) and issubclass(model, BaseModel):
+        yield from model.model_fields
+
+
+def _variant(model: Any, tag: Any) -> Any:
+    """Return the alternative of a union that the tag, its ``geometry`` or its ``driver``, names."""
+    pending = [model]
+    while pending:
+        candidate = pending.pop()
+        if isinstance(candidate, type) and issubclass(candidate, BaseModel):
+            field = candidate.model_fields.get("geometry")
+            if field is not None and field.default == tag:
+                return candidate
+            driver = candidate.model_fields.get("driver")
+            if driver is not None and tag in getattr(driver.annotation, "__args__", ()):
+                return candidate
+        pending += list(getattr(candidate, "__args__", ()))
+    return model
+
+
+def line_of(node: Any, path: tuple[Any, ...]) -> int | None:
+    """Line of the file where the key at ``path`` stands, or the deepest part of it that is there."""
+    line = None
+    for part in path:
+        if isinstance(node, yaml.MappingNode):
+            for key, value in node.value:
+                if key.value == str(part):
+                    line, node = key.start_mark.line + 1, value
+                    break
+        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
+            node = node.value[part]
+            line = node.start_mark.line + 1
+    return line

@@ -1,0 +1,49 @@
+"""A spring in series with a damper beside an element: it relaxes."""
+
+from __future__ import annotations
+
+import math
+
+from sim_backend.mechanisms.mechanism import Mechanism, Quantity, geometric, law
+from sim_backend.modal_march import STEP
+
+STIFFNESS, TIME = "relaxing_stiffness_n_per_m", "relaxation_time_s"
+FORCE, RATE, BEGUN = range(3)  # memory
+
+
+@law
+def force_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
+    """f' + f / tau = k v with p[4] = k, p[5] = tau; exact for a rate that is a straight line over a step."""
+    z = p[STEP] / p[5]
+    grown = math.exp(-z)
+    mean = (1.0 - grown) / z
+    second = (1.0 - mean) / z
+    own = before[FORCE] * grown
+    if before[BEGUN] > 0.0:
+        own += p[4] * p[STEP] * (before[RATE] * (mean - second) + v * second)
+    after[FORCE], after[RATE], after[BEGUN] = own, v, 1.0
+    return force + own
+
+
+MECHANISM = Mechanism(
+    id="relaxation",
+    component="tube springs",
+    summary="a spring in series with a damper beside the element",
+    source="Maxwell; standard linear solid",
+    parameters=(
+        Quantity(STIFFNESS, "N/m", 0.0, 1e25, "stiffness that relaxes"),
+        Quantity(TIME, "s", 1e-9, 1e9, "relaxation time", log=True),
+    ),
+    strength=STIFFNESS,
+    trials=lambda scale: [
+        {STIFFNESS: 1e-3 * scale.force / scale.deformation, TIME: tau}
+        for tau in geometric(0.03 / scale.frequency_hz[1], 3.0 / scale.frequency_hz[0], 3)
+    ],
+    law=force_law,
+    constants=lambda values, rest: (values[STIFFNESS], values[TIME]),
+    fits=("spring", "joint", "contact", "damper"),
+    statement=lambda values: (
+        f"The {{element}} relaxes: {values[STIFFNESS]:.4g} of its stiffness does so with a time constant of "
+        f"{values[TIME]:.3g} s."
+    ),
+)

@@ -1,0 +1,46 @@
+"""Recordings of small rigs by scipy's own integrators: another code path than the one that diagnoses them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+
+from daq.exchange import Recording
+
+Real = NDArray[np.float64]
+
+
+def noise_input(samples: int, rate: float, low: float, high: float, seed: int) -> Real:
+    """Band-limited noise of unit variance."""
+    random = np.random.default_rng(seed)
+    spectrum = np.fft.rfft(random.normal(size=samples))
+    f = np.fft.rfftfreq(samples, 1 / rate)
+    spectrum[(f < low) | (f > high)] = 0
+    u = np.fft.irfft(spectrum, samples)
+    return u / u.std()
+
+
+def motion(
+    rest: Callable[[float, Real, Real], Real], start: list[float], samples: int, rate: float, u: Real | None = None
+) -> Real:
+    """Return states (2n, samples) of ``x'' = rest(u, x, v)``."""
+    n = len(start) // 2
+    t = np.arange(samples) / rate
+    drive = CubicSpline(t, u) if u is not None else lambda s: 0.0
+
+    def slope(s: float, z: Real) -> Real:
+        return np.concatenate([z[n:], np.atleast_1d(rest(float(drive(s)), z[:n], z[n:]))])
+
+    return solve_ivp(slope, (0, t[-1]), start, t_eval=t, method="DOP853", rtol=1e-9, atol=1e-12, max_step=1 / rate).y
+
+
+def recorded(columns: list[Real], rate: float, noise: float, seed: int = 1) -> Recording:
+    """Return a recording whose last columns have noise, in shares of their rms, that the first (an input) has not."""
+    random = np.random.default_rng(seed)
+    data = np.array(columns)
+    data[-1] += noise * data[-1].std() * random.normal(size=data.shape[1])
+    return Recording(data, rate, tuple(f"column{i + 1}" for i in range(len(data))), "", "simulated")

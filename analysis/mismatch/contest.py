@@ -112,17 +112,39 @@ def split(problem: Problem) -> tuple[tuple[int, ...], tuple[int, ...]]:
     return tuple(training), tuple(held)
 
 
-def run_contest(
+@dataclass(frozen=True, slots=True)
+class Begun:
+    """The linear rig fitted to the impacts that are not held out, and all scores against what it leaves."""
+
+    problem: Problem
+    training: tuple[int, ...]
+    held_out: tuple[int, ...]
+    baseline: Fit
+    screening: Screening
+
+    @property
+    def p_value(self) -> float:
+        """That the linear rig made the recordings."""
+        return self.screening.p_value
+
+
+def begin_contest(
     problem: Problem, known: Sequence[Mechanism], progress: Callable[[str], None] = lambda stage: None
+) -> Begun:
+    """Fit the linear rig and screen all mechanisms."""
+    training, held = split(problem)
+    progress("fitting the linear rig")
+    baseline = fit(problem.only(training))
+    progress("screening")
+    return Begun(problem, training, held, baseline, screen(baseline, known))
+
+
+def run_contest(
+    begun: Begun, known: Sequence[Mechanism], progress: Callable[[str], None] = lambda stage: None
 ) -> Contest:
     """Find the mechanisms that the recordings hold beyond the linear rig."""
-    training, held = split(problem)
-    inner = problem.only(training)
-    progress("fitting the linear rig")
-    baseline = fit(inner)
-    progress("screening")
-    screening = screen(baseline, known)
-    p_value = screening.p_value
+    problem, training, held = begun.problem, begun.training, begun.held_out
+    baseline, screening, p_value = begun.baseline, begun.screening, begun.p_value
     current = baseline
     rounds: list[Round] = []
     explained = 0.0

@@ -21,6 +21,7 @@ from analysis.mismatch.contest import (
     Contest,
     Entry,
     Round,
+    begin_contest,
     evidence,
     held_out_rms,
     may_be_left,
@@ -283,15 +284,26 @@ def diagnose_session(
     with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
         progress("identifying the modes of each impact")
         problem = tester_problem(*sessions)
-        contest = run_contest(problem, known, progress)
-        if contest.p_value < LEVEL and contest.chosen is None and scattered(contest.baseline):
-            progress("again, with constants of its own for every impact")
-            again = run_contest(problem.apart(), known, progress)
-            if again.p_value >= LEVEL or again.chosen is not None:
-                contest = again
+        contest = _contest(problem, known, progress)
         progress("comparing with the held-out impacts")
         answer = _answer(" + ".join(s.source for s in sessions), contest)
         return with_load_drift(answer, sessions) if any(m.id == LOAD_DRIFT for m in known) else answer
+
+
+def _contest(problem: Problem, known: Sequence[Mechanism], progress: Callable[[str], None]) -> Contest:
+    """Run the contest; with constants of its own for every impact where scatter between impacts explains more."""
+    begun = begin_contest(problem, known, progress)
+    if begun.p_value >= LEVEL or not scattered(begun.baseline):
+        return run_contest(begun, known, progress)
+    progress("again, with constants of its own for every impact")
+    apart = begin_contest(problem.apart(), known, progress)
+    if apart.p_value >= LEVEL:
+        return run_contest(apart, known, progress)
+    plain = run_contest(begun, known, progress)
+    if plain.chosen is not None:
+        return plain
+    again = run_contest(apart, known, progress)
+    return plain if again.chosen is None else again
 
 
 def scattered(baseline: Fit) -> bool:

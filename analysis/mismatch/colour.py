@@ -25,6 +25,7 @@ LOWEST_HZ = 15.0
 SETTLING = 60  # samples in which the whitening forgets its start
 LEVEL_BIAS = 0.005  # relative error of the level that no number of samples takes away
 LEVEL_TRUST = 0.1  # difference of the two levels beyond which the difference holds more than noise
+LEAST_DITHER = 0.3  # deviation of the noise over the recorder's step from which on rounding acts as white noise
 MEDIAN = math.log(2.0)  # of a periodogram's value over its mean
 
 
@@ -51,7 +52,9 @@ class Colour:
         return math.log(self.zero) * sample_rate_hz if self.zero > 0 else math.nan
 
 
-def noise_colour(quiet: Sequence[Real], whole: Sequence[Real], sample_rate_hz: float) -> tuple[Colour, ...]:
+def noise_colour(
+    quiet: Sequence[Real], whole: Sequence[Real], sample_rate_hz: float, rounding: float = 0.0
+) -> tuple[Colour, ...]:
     """Return the noise of each channel.
 
     Parameters
@@ -61,9 +64,14 @@ def noise_colour(quiet: Sequence[Real], whole: Sequence[Real], sample_rate_hz: f
     whole
         (n,) stretches of noise as long as the records, such as the difference of two channels; only the shape of
         their spectrum is used. Without any, the noise counts as white.
+    rounding
+        Step of the recorder, m/s2.
+
+    Raises
+    ------
+    ValueError
+        The noise is so small beside the step that rounding is no noise of its own.
     """
-    if not np.all(np.mean([np.var(q, axis=1) for q in quiet], axis=0) > 0):
-        raise ValueError("a channel shows no noise before the trigger")
     share, corner = _slow_part(whole, sample_rate_hz) if len(whole) else (0.0, 1.0)
     pole = math.exp(-2 * math.pi * corner / sample_rate_hz)
     # slow part's variance over the white one's; `share` is its spectral density at zero over the white one's
@@ -72,6 +80,11 @@ def noise_colour(quiet: Sequence[Real], whole: Sequence[Real], sample_rate_hz: f
     zero = 2 * pole / (total + math.sqrt(max(total**2 - 4 * pole**2, 0.0)))
     shape = Colour(pole, zero, 1.0)
     variance = np.mean([np.mean(_settled(shape, q) ** 2, axis=1) for q in quiet], axis=0)
+    if not np.all(variance > (LEAST_DITHER * rounding) ** 2):
+        raise ValueError(
+            f"the noise of a channel is smaller than the recorder's step of {rounding:.3g} m/s2: rounding cannot be "
+            "told from physics; a smaller range or a higher gain is needed"
+        )
     if len(whole):
         of_difference = float(np.median(np.concatenate([_power(shape, w) for w in whole]))) / MEDIAN
         if abs(of_difference / variance.sum() - 1) < LEVEL_TRUST:

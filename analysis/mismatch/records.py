@@ -114,7 +114,8 @@ def channel_noise(shots: Sequence[Shot], sample_rate_hz: float) -> tuple[Colour,
     """Return the noise of each channel: its level before the triggers, its colour from the channels' difference."""
     quiet = [s.acceleration[:, : max(2, s.pretrigger - GUARD_SAMPLES)] for s in shots]
     whole = [s.acceleration[0] - s.acceleration[1] for s in shots if s.acceleration.shape[0] == 2]
-    return noise_colour(quiet, whole, sample_rate_hz)
+    steps = np.concatenate([np.diff(np.unique(s.acceleration)) for s in shots])
+    return noise_colour(quiet, whole, sample_rate_hz, float(steps.min(initial=math.inf)) if steps.size else 0.0)
 
 
 def tester_recordings(

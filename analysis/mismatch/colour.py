@@ -72,7 +72,8 @@ def noise_colour(
     ValueError
         The noise is so small beside the step that rounding is no noise of its own.
     """
-    share, corner = _slow_part(whole, sample_rate_hz) if len(whole) else (0.0, 1.0)
+    audible = [w for w in whole if np.ptp(w) > 0]
+    share, corner = _slow_part(audible, sample_rate_hz) if audible else (0.0, 1.0)
     pole = math.exp(-2 * math.pi * corner / sample_rate_hz)
     # slow part's variance over the white one's; `share` is its spectral density at zero over the white one's
     slow = share * (1 - pole) ** 2 / (1 - pole**2)

@@ -15,6 +15,7 @@ from analysis.mismatch.lengthening import earlier, lengthened, misfit
 from analysis.mismatch.problem import Problem, Term
 from daq.session_file import read_session
 from sim_backend.mechanisms.mechanism import mechanisms
+from tests.analysis.ring_downs import LOADS_N, session_of, two_mass, with_law
 
 DATA = Path(os.environ.get("MESOTAP_DATA", Path(__file__).parents[3] / "shared" / "data")) / "concealed-practice"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"no practice sessions at {DATA}")
@@ -47,3 +48,16 @@ def test_running_backward_leads_to_where_the_record_began() -> None:
     later = fit(problem.later(skipped), whole.terms, begin=whole)
     for i, began in enumerate(whole.amplitudes):
         assert np.abs(earlier(later, i, skipped) - began).max() < 0.02 * np.abs(began).max()
+
+
+def test_surfaces_that_part_are_fitted_without_any_recording() -> None:
+    session = session_of(with_law("linear", can_part=True), noise=0.02, ratios=(1.2, 1.5, 1.8))
+    problem = diagnosis.tester_problem(session)
+    linear = fit(problem)
+    found = lengthened(problem, (Term(mechanisms()["contact_loss"], {}),), linear)
+    assert found is not None
+    before, after = misfit(linear), misfit(found)
+    assert before > 500
+    assert after < 1.1
+    true = [two_mass(load).kc for load in LOADS_N]
+    assert found.constants.load[:, 0] == pytest.approx(true, rel=1e-3)

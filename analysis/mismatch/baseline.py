@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mismatch.linear import LinearRig, linear_rig
-from analysis.mismatch.records import Record, Recordings
+from analysis.mismatch.records import PULSE_MIDDLE_S, Record, Recordings
 from sim_backend.arrangement import LOAD, Arrangement
 from sim_backend.state_space import StateSpace
 
@@ -21,6 +21,7 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 SMALL = 1e-9  # |Im s| over |s| below which a pole counts as real
+TAP_WITHIN_S = 0.4e-3
 KEPT = 64  # sets of columns
 STEP = 1e-5  # relative step of the differences of poles and gains
 
@@ -59,6 +60,19 @@ class Sensitivity:
         """The lowest mode that is not tied."""
         return next(j for j in range(len(self.rig.poles)) if j not in self.tied)
 
+    def since_tap(self, amplitudes: Complex, record: Record) -> float:
+        """Return how long before the record's first sample a tap struck that gave the reference mode its phase, s.
+
+        Of the times that do so the one nearest to `PULSE_MIDDLE_S` after the trigger, at most `TAP_WITHIN_S` from it.
+        """
+        s, drive = self.rig.poles[self.reference], self.rig.drive[self.reference]
+        usual = record.start_s - PULSE_MIDDLE_S
+        if abs(s.imag) <= SMALL * abs(s):
+            return usual
+        turned = amplitudes[self.reference] / drive * np.exp(-s * usual)
+        moved = float(np.angle(turned**2)) / 2 / s.imag
+        return usual + float(np.clip(moved, -TAP_WITHIN_S, TAP_WITHIN_S))
+
     def ties(self, since_tap_s: float) -> Complex:
         """Return (tied,) amplitudes of the tied modes over that of the reference, so long after the tap.
 
@@ -72,8 +86,13 @@ class Sensitivity:
     def tie_slopes(self, since_tap_s: float) -> Complex:
         """Return (constants, tied) the relative change of `ties` with each constant."""
         at, first = list(self.tied), [self.reference]
-        relative = self.drive_slopes[:, at] / self.rig.drive[at] - self.drive_slopes[:, first] / self.rig.drive[first]
-        grown: Complex = relative + (self.pole_slopes[:, at] - self.pole_slopes[:, first]) * since_tap_s
+        given = self.drive_slopes[:, first] / self.rig.drive[first]
+        own = self.drive_slopes[:, at] / self.rig.drive[at] - given
+        # the tap's time follows from the reference's phase
+        moved = -(given.imag + self.pole_slopes[:, first].imag * since_tap_s) / self.rig.poles[first].imag
+        apart = self.rig.poles[at] - self.rig.poles[first]
+        changed = self.pole_slopes[:, at] - self.pole_slopes[:, first]
+        grown: Complex = own + changed * since_tap_s + apart * moved
         return grown
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +30,9 @@ HELD_OUT_EVERY = 4  # every fourth impact is held out
 MOST_TERMS = 3
 FINALISTS = 5  # mechanisms that are fitted in full
 CLOSE = 0.25  # share of the best score's gain that earns a full fit
+STARTS = 4  # of the fit of an added body
+OTHER_START = 0.2  # share of the best screened evidence that a further start must have
+STANDING_IN = 20.0  # chi-squared that departures from the declared constants cost when they stand in for something
 FIRST_GAIN = 6.0  # evidence that the first mechanism must have, where the joint test says that there is one
 LEAST_GAIN = 16.0  # evidence that a further mechanism must have
 LEAST_SHARE = 0.03  # of what is explained already, likewise
@@ -185,14 +189,11 @@ def _full_fits(
 ) -> tuple[Entry, ...]:
     """Fit the best screened mechanisms in full, each with those already accepted."""
     present = {t.mechanism.id for t in current.terms}
-    best: dict[str, Score] = {}
-    for score in screening.scores:
-        name = score.term.mechanism.id
-        if name in present or not screened_gain(score) > 0:
-            continue
-        if name not in best or screened_gain(score) > screened_gain(best[name]):
-            best[name] = score
-    ranked = sorted(best.values(), key=lambda s: -screened_gain(s))
+    tried: dict[str, list[Score]] = {}
+    for score in sorted(screening.scores, key=lambda s: -screened_gain(s)):
+        if score.term.mechanism.id not in present and screened_gain(score) > 0:
+            tried.setdefault(score.term.mechanism.id, []).append(score)
+    ranked = [scores[0] for scores in tried.values()]
     entries, explained = [], False
     for place, score in enumerate(ranked):
         close = screened_gain(score) > CLOSE * screened_gain(ranked[0])
@@ -201,13 +202,12 @@ def _full_fits(
             entries.append(Entry(score, None, screened_gain(score)))
             continue
         progress(f"fitting {name_of(score)}")
-        try:
-            fitted = fit(current.problem, (*current.terms, started(score)), begin=current, delays=score.delays)
-            if fitted.only_laws and not explained and misfit(fitted) > STRONG:
-                fitted = lengthened(current.problem, fitted.terms, current) or fitted
-        except (ValueError, np.linalg.LinAlgError):
+        fitted = _fitted(current, tried[score.term.mechanism.id])
+        if fitted is None:
             entries.append(Entry(score, None, 0.0))  # it cannot be joined with what is there already
             continue
+        if fitted.only_laws and not explained and misfit(fitted) > STRONG:
+            fitted = lengthened(current.problem, fitted.terms, current) or fitted
         explained = explained or misfit(fitted) < STRONG
         gain = current.objective - fitted.objective - score.choice
         own, parameters = own_numbers(score), len(score.term.mechanism.parameters)
@@ -217,6 +217,24 @@ def _full_fits(
         entries.append(found)
     entries.sort(key=lambda e: (e.fit is None, -(e.evidence + stiffness_evidence(e))))
     return tuple(entries)
+
+
+def _fitted(current: Fit, scores: Sequence[Score]) -> Fit | None:
+    """Fit a mechanism beside those of a fit, from its best screened values; None where it cannot be joined with them.
+
+    An added body has more than one minimum: it is fitted from its next best values too, and from the rig as declared
+    where that went far to stand in for it.
+    """
+    begun: list[tuple[Score, Fit | None]] = [(scores[0], current)]
+    if scores[0].term.mechanism.extend is not None:
+        least = OTHER_START * screened_gain(scores[0])
+        begun += [(s, current) for s in scores[1:STARTS] if screened_gain(s) > least]
+        begun += [(scores[0], None)] if current.penalty > STANDING_IN else []
+    found = []
+    for score, begin in begun:
+        with suppress(ValueError, np.linalg.LinAlgError):
+            found.append(fit(current.problem, (*current.terms, started(score)), begin=begin, delays=score.delays))
+    return min(found, key=lambda f: f.objective, default=None)
 
 
 def _untied(current: Fit, tied: Fit, score: Score) -> Entry:
@@ -322,7 +340,7 @@ def stiffness_exponent(fitted: Fit) -> tuple[float, float] | None:
 def held_out_fit(problem: Problem, held: Sequence[int], fitted: Fit) -> Fit:
     """Return the fit to held-out impacts: only what belongs to each impact is fitted on them."""
     kept = problem.only(held)
-    delays: Sequence[int] = blow_delays(kept, fitted) if any(t.mechanism.blow for t in fitted.terms) else ()
+    delays: Sequence[float] = blow_delays(kept, fitted) if any(t.mechanism.blow for t in fitted.terms) else ()
     found = fit(kept, held=fitted, delays=delays)
     if found.only_laws and misfit(fitted) < STRONG and misfit(found) > WORSE * misfit(fitted):
         again = lengthened(kept, fitted.terms, fitted, held=fitted)
@@ -338,7 +356,7 @@ def held_out_rms(problem: Problem, held: Sequence[int], fitted: Fit) -> float:
     return math.sqrt(total / sum(r.size for r in outer.residuals))
 
 
-def blow_delays(problem: Problem, fitted: Fit) -> tuple[int, ...]:
+def blow_delays(problem: Problem, fitted: Fit) -> tuple[float, ...]:
     """Return when the second blow fell in records that took no part in the fit."""
     others = tuple(t for t in fitted.terms if not t.mechanism.blow)
     blows = [t.mechanism for t in fitted.terms if t.mechanism.blow]

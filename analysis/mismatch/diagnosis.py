@@ -30,6 +30,7 @@ from analysis.mismatch.contest import (
 )
 from analysis.mismatch.excess import excess_by_frequency, excess_by_time
 from analysis.mismatch.fit import Fit, fit
+from analysis.mismatch.intervals import NORMAL_95, Interval, intervals
 from analysis.mismatch.load_drift import load_drift
 from analysis.mismatch.problem import Problem, Term
 from analysis.mismatch.records import channel_noise, joined, tester_recordings
@@ -49,23 +50,12 @@ Real = NDArray[np.float64]
 MASS_UNCERTAINTY = 5e-4  # relative, as weighed
 SPRING_UNCERTAINTY = 0.01  # relative, as identified
 NOISE_DIFFERENCE = 0.1  # of sessions that are diagnosed together
-NORMAL_95 = 1.959964
 SCATTER_EVIDENCE = 30.0  # that constants of its own for every impact must have
 MOST_SCATTER = 0.01  # relative standard deviation of k_c between impacts of a load that counts as scatter
 SOMETHING_ELSE = -12.0  # evidence of what is not listed where nothing is left over
 LOAD_DRIFT = "load_drift"  # the one mechanism that ring-downs do not show
 STRONGER_TAP = 1.5  # over the strongest so far, for the next experiment
 MOST_FORCE_RATIO = 0.9  # of the preload: beyond, the surfaces would part
-
-
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """An estimate with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-    unit: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -410,16 +400,19 @@ def _named(fit: Fit, number: int, step: Round, contest: Contest) -> Named:
         k for k in weights if k not in (mechanism.id, "something else") and weights[k] > 0.02 * weights[mechanism.id]
     )
     alike = _looking_alike(step, mechanism.id, rivals)
-    errors = fit.parameter_errors[number]
     if mechanism.lines is not None and mechanism.strength is not None:
         amplitude, error = tone_amplitude(fit)
-        term, errors = replace(term, values={**term.values, mechanism.strength: amplitude}), {mechanism.strength: error}
+        term = replace(term, values={**term.values, mechanism.strength: amplitude})
+        known = Interval(amplitude, amplitude - NORMAL_95 * error, amplitude + NORMAL_95 * error, "m/s2")
+        parameters = {mechanism.strength: known}
+    else:
+        parameters = intervals(fit, number)
     return Named(
         mechanism.id,
         min(weights[mechanism.id] / total, 1.0),
         mechanism.component,
         mechanism.statement(term.values),
-        _intervals(term, errors),
+        parameters,
         alike if accepted is not None else (),
         _fixed(term),
     )
@@ -440,25 +433,6 @@ def _looking_alike(step: Round, chosen: str, rivals: Sequence[str]) -> tuple[str
         if not mine or not theirs or cosines[np.ix_(mine, theirs)].max() > LOOK_ALIKE:
             found.append(rival)
     return tuple(found)
-
-
-def _intervals(term: Term, errors: dict[str, float]) -> dict[str, Interval]:
-    out = {}
-    for q in term.mechanism.parameters:
-        if q.name not in errors:
-            continue
-        value, error = float(term.values[q.name]), NORMAL_95 * errors[q.name]
-        if q.log:
-            spread = math.exp(min(error, 50.0))
-            low, high = value / spread, value * spread
-        else:
-            low, high = value - error, value + error
-        out[q.name] = Interval(value, max(low, q.low), min(high, q.high), q.unit)
-    for more in term.mechanism.derived:
-        known = out.get(more.of)
-        if known is not None:
-            out[more.name] = Interval(more.value(known.value), more.value(known.low), more.value(known.high), more.unit)
-    return out
 
 
 def _location(contest: Contest, named: Sequence[Named]) -> Location:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
 
 from analysis.mismatch.baseline import Constants, Nuisance, Sensitivity, sensitivity, slope_columns
 from analysis.mismatch.linear import linear_rig
@@ -29,7 +30,9 @@ Complex = NDArray[np.complex128]
 MOST_ITERATIONS = 25
 CONVERGED = 0.02  # change of chi-squared below which a fit is done
 SUBSTEPS = 4
-ONSET_SAMPLES = 5  # of a blow
+SECOND_STEP = 0.05  # of differences, samples
+MOST_SAMPLES = 0.5  # that a second blow may move in one step
+SPLINE = 5  # degree in which a tap's pulse is shifted by parts of a sample
 LOAD_STEP = 1e-5  # of differences, relative
 PARAMETER_STEP = 1e-4  # of differences, relative to the parameter (or its range where it is small)
 AMPLITUDE_STEP = 1e-3  # of differences, relative to the record's largest amplitude
@@ -50,12 +53,14 @@ class Fit:
         Sum of squares of the whitened residuals; ``penalty`` is what the declared constants add to it.
     covariance
         Of the session's constants, those of each load, and the terms' parameters, in this order.
-    parameter_errors
-        For each term: standard errors of its parameters, by name (of the logarithm where it is fitted as such).
+    term_covariances
+        For each term: covariance (k, k) of its parameters (of the logarithm where one is fitted as such).
     amplitudes, coefficients
         Of each record: modal amplitudes, and all free coefficients.
     residuals
         Of each record (c, n), whitened.
+    records
+        What was fitted, with the time of the tap and of a second blow as they were found.
     """
 
     problem: Problem
@@ -70,8 +75,8 @@ class Fit:
     chi_squared: float
     penalty: float
     covariance: Real
-    parameter_errors: tuple[dict[str, float], ...]
-    delays: tuple[int, ...]
+    term_covariances: tuple[Real, ...]
+    records: tuple[Record, ...]
 
     @property
     def objective(self) -> float:
@@ -94,12 +99,13 @@ class _State:
     load: Real
     free: Real
     coefficients: tuple[Real, ...]
+    records: tuple[Record, ...]
 
 
 class _Model:
     """A problem with terms: predicts, differences and steps."""
 
-    def __init__(self, problem: Problem, terms: Sequence[Term], delays: Sequence[int] = ()):
+    def __init__(self, problem: Problem, terms: Sequence[Term]):
         self.problem, self.terms = problem, tuple(terms)
         arrangement = problem.arrangement
         for term in terms:
@@ -110,7 +116,6 @@ class _Model:
         slow = np.append(problem.slow, 2j * np.pi * np.array(lines)) if lines else problem.slow
         self.nuisance = Nuisance(problem.recordings, slow)
         self.rate = problem.recordings.sample_rate_hz
-        self.delays = tuple(delays)
         self.rig_parameters = [p for p in arrangement.parameters if p.scope != LOAD]
         self.declared = np.array([p.value for p in self.rig_parameters])
         self.precision = np.array(
@@ -122,6 +127,7 @@ class _Model:
         ]
         self.marched = [t for t in terms if t.mechanism.law is not None]
         self.nonlinear = any(t.nonlinear for t in terms)
+        self.strikes_twice = any(t.mechanism.blow for t in terms)
         self.substeps = SUBSTEPS
 
     def start_free(self) -> Real:
@@ -160,10 +166,9 @@ class _Model:
         return tuple(int(j) for j in np.argsort(-share)[:added])
 
     def extra(
-        self, terms: Sequence[Term], number: int, amplitudes: Complex, values: dict[str, float], to: Response
+        self, terms: Sequence[Term], record: Record, amplitudes: Complex, values: dict[str, float], to: Response
     ) -> Real:
         """Return (c, n) what the terms add to the whitened record of the linear rig."""
-        record = self.problem.recordings.records[number]
         samples = record.y.shape[1]
         added = np.zeros_like(record.y)
         h = 1 / self.rate / self.substeps
@@ -175,7 +180,7 @@ class _Model:
                 added += to.to(element, row, h, self.substeps)[:, record.run_up :]
         for term in terms:
             if term.mechanism.blow:
-                added += self._blow(term, number, amplitudes, to)
+                added += next(iter(term.values.values())) * struck_again(to, amplitudes, record, self.rate)
         distorted = [t for t in terms if t.mechanism.distort is not None]
         if distorted:
             t = np.arange(samples) / self.rate
@@ -223,15 +228,6 @@ class _Model:
         whole = max(float(np.abs(r.raw).max()) for r in self.problem.recordings.records)
         return dict(term.values) | {"peak": whole if term.values.get("of_session") else own}
 
-    def _blow(self, term: Term, number: int, amplitudes: Complex, to: Response) -> Real:
-        """Response of the channels to a second blow, before whitening."""
-        record = self.problem.recordings.records[number]
-        delay = self.delays[number]
-        waves = waves_of_blow(to, amplitudes, record, record.y.shape[1] - delay, self.rate)
-        out = np.zeros((len(to.rig.filtered), record.y.shape[1]))
-        out[:, delay:] = next(iter(term.values.values())) * onset((to.rig.filtered @ waves.T).real)
-        return out
-
     def residual(
         self,
         number: int,
@@ -242,11 +238,11 @@ class _Model:
         values: dict[str, float],
     ) -> tuple[Real, Real]:
         """Return residual and what the terms added, (c, n) each."""
-        record = self.problem.recordings.records[number]
+        record = state.records[number]
         columns = self.nuisance.columns(modes, record)
         coefficients = state.coefficients[number]
         added = (
-            self.extra(terms, number, Nuisance.amplitudes(modes, coefficients, record), values, to)
+            self.extra(terms, record, Nuisance.amplitudes(modes, coefficients, record), values, to)
             if self.nonlinear
             else np.zeros_like(record.y)
         )
@@ -258,8 +254,8 @@ def extra_forces(fitted: Fit, number: int, samples: int) -> tuple[Real, list[int
 
     ``samples`` from where the record's run-up begins; a negative number goes back in time.
     """
-    model = _Model(fitted.problem, fitted.terms, fitted.delays)
-    record = fitted.problem.recordings.records[number]
+    model = _Model(fitted.problem, fitted.terms)
+    record = fitted.records[number]
     to = fitted.responses[record.group]
     h = math.copysign(1 / model.rate / model.substeps, samples)
     start = fitted.amplitudes[number] * np.exp(-to.rig.poles * record.run_up / model.rate)
@@ -268,17 +264,24 @@ def extra_forces(fitted: Fit, number: int, samples: int) -> tuple[Real, list[int
     return forces, used, h
 
 
-def waves_of_blow(to: Response, amplitudes: Complex, record: Record, samples: int, sample_rate_hz: float) -> Complex:
-    """Return (samples, p) the modes as the tap set them going, from the tap on: a second blow does the same later."""
-    t = np.arange(samples) / sample_rate_hz - record.since_tap_s
-    return np.asarray(np.exp(np.outer(t, to.rig.poles)) * (to.rig.weight * amplitudes), np.complex128)
+def struck_again(to: Response, amplitudes: Complex, record: Record, sample_rate_hz: float) -> Real:
+    """Return (c, n) what the whole of the tap's response, as recorded and then as fitted, shows at a record's second blow.
 
-
-def onset(y: Real) -> Real:
-    """Let a response begin as slowly as a tap does."""
-    out: Real = y.copy()
-    rise = np.sin(np.linspace(0, np.pi / 2, ONSET_SAMPLES + 2)[1:-1]) ** 2
-    out[:, :ONSET_SAMPLES] *= rise[: y.shape[1]]
+    Before whitening. While the pulse acts it is what the channels showed of it, afterwards the modes ring.
+    """
+    n, k = record.y.shape[1], record.pulse.shape[1]
+    late = record.second + record.since_tap_s * sample_rate_hz  # of the second blow after the first, samples
+    at = np.arange(n) - late
+    rings = at >= 0
+    waves = np.exp(np.outer(at[rings] / sample_rate_hz, to.rig.poles)) * (to.rig.weight * amplitudes)
+    out = np.zeros((len(to.rig.filtered), n))
+    out[:, rings] = (to.rig.filtered @ waves.T).real
+    acts = ~rings & (at > -k)
+    if np.any(acts):
+        more = np.exp(np.outer(np.arange(SPLINE) / sample_rate_hz, to.rig.poles)) * (to.rig.weight * amplitudes)
+        shown = np.concatenate([record.pulse, (to.rig.filtered @ more.T).real], axis=1)
+        spline = make_interp_spline(np.arange(-k, SPLINE), shown, k=SPLINE, axis=1)
+        out[:, acts] = spline(at[acts])
     return out
 
 
@@ -296,9 +299,10 @@ def fit(
     terms: Sequence[Term] = (),
     begin: Fit | None = None,
     held: Fit | None = None,
-    delays: Sequence[int] = (),
+    delays: Sequence[float] = (),
     most_iterations: int = MOST_ITERATIONS,
     amplitudes: Sequence[Complex] = (),
+    kept: Sequence[str] = (),
 ) -> Fit:
     """Fit a model.
 
@@ -312,16 +316,20 @@ def fit(
         A fit whose constants and parameters are kept as they are: only what belongs to each impact is fitted (its
         constants too where they scatter).
     delays
-        For a second blow: its sample after each record's first one.
+        For a second blow: where it falls in each record, in samples, to begin with.
     amplitudes
         (p,) of each record to start from; otherwise those that the linear rig would have.
+    kept
+        Names of constants of the rig that stay where they begin.
     """
     if held is not None:
         terms = held.terms
-    if not delays and begin is not None:
-        delays = begin.delays
-    model = _Model(problem, terms, delays)
+    model = _Model(problem, terms)
     records = problem.recordings.records
+    if delays:
+        records = tuple(replace(r, second=float(d)) for r, d in zip(records, delays, strict=True))
+    elif begin is not None and model.strikes_twice:
+        records = tuple(replace(r, second=b.second) for r, b in zip(records, begin.records, strict=True))
     rig, load = model.declared.copy(), np.array(problem.start, np.float64)
     if begin is not None:
         known = dict(zip(begin.constants.names()[0], begin.constants.rig, strict=True))
@@ -334,8 +342,9 @@ def fit(
             fixed[rig.size : rig.size + load.size] = False
         else:
             load = held.constants.load.copy()
+    fixed[: rig.size] |= [p.name in kept for p in model.rig_parameters]
     free = model.start_free()
-    state = _State(rig, load, free, tuple(np.zeros(0) for _ in records))
+    state = _State(rig, load, free, tuple(np.zeros(0) for _ in records), records)
     return _Solver(model, fixed).solve(state, most_iterations, amplitudes)
 
 
@@ -366,6 +375,7 @@ class _Solver:
                 candidate: tuple[float, float, list[Real], list[Real]] = (np.inf, 0.0, [], [])
                 if self._sensible(trial):
                     trial_modes, trial_to = (modes, to) if self.frozen else model.modes(model.constants(trial))
+                    trial = self._timed(trial, trial_modes)
                     candidate = self._evaluate(trial, trial_modes, trial_to)
                 if candidate[0] <= found[0] + 1e-6:
                     accepted = True
@@ -389,6 +399,15 @@ class _Solver:
                 self.exact = True
         return self._finished(state, modes, to, found)
 
+    @staticmethod
+    def _timed(state: _State, modes: list[Sensitivity]) -> _State:
+        """Let the phase of the lowest mode say when each tap struck."""
+        records = tuple(
+            replace(r, tap_s=r.start_s - modes[r.group].since_tap(Nuisance.amplitudes(modes[r.group], c, r), r))
+            for r, c in zip(state.records, state.coefficients, strict=True)
+        )
+        return replace(state, records=records)
+
     def _sensible(self, state: _State) -> bool:
         """Whether masses and stiffnesses are such that the rig can be solved."""
         values = np.concatenate([state.rig, state.load.ravel(), state.free])
@@ -403,14 +422,14 @@ class _Solver:
         model = self.model
         terms = model.with_free(state.free)
         coefficients: list[Real] = []
-        for i, record in enumerate(model.problem.recordings.records):
+        for i, record in enumerate(state.records):
             g = record.group
             q_, r_ = model.nuisance.basis(modes[g], record)
             y = record.y
             if amplitudes and model.nonlinear:
-                y = y - model.extra(terms, i, amplitudes[i], model.constants(state).at(g), to[g])
+                y = y - model.extra(terms, record, amplitudes[i], model.constants(state).at(g), to[g])
             coefficients.append(np.asarray(np.linalg.lstsq(r_, q_.T @ y.ravel(), rcond=1e-12)[0], np.float64))
-        return replace_coefficients(state, coefficients)
+        return self._timed(replace(state, coefficients=tuple(coefficients)), modes)
 
     def _evaluate(
         self, state: _State, modes: list[Sensitivity], to: list[Response]
@@ -420,7 +439,7 @@ class _Solver:
         constants = model.constants(state)
         values = [constants.at(g) for g in range(self.groups)]
         residuals, added, total = [], [], 0.0
-        for i, record in enumerate(model.problem.recordings.records):
+        for i, record in enumerate(state.records):
             g = record.group
             r, a = model.residual(i, state, terms, modes[g], to[g], values[g])
             residuals.append(r)
@@ -439,7 +458,7 @@ class _Solver:
         at_free = self.common + self.groups * self.each
         values = [constants.at(g) for g in range(self.groups)]
         nearby = self._nearby(state, modes) if self.exact else []
-        for i, record in enumerate(model.problem.recordings.records):
+        for i, record in enumerate(state.records):
             g = record.group
             s, residual, base = modes[g], found[2][i], found[3][i]
             columns = model.nuisance.columns(s, record)
@@ -448,9 +467,9 @@ class _Solver:
             slopes = slope_columns(s, amplitudes, record, model.rate)
             if self.exact:
                 columns, slopes = columns.copy(), slopes.copy()
-                self._differences(i, c, terms, s, to[g], values[g], base, columns)
+                self._differences(record, c, terms, s, to[g], values[g], base, columns)
                 for k, (step, there, modes_there, to_there) in enumerate(nearby[g]):
-                    moved = model.extra(terms, i, Nuisance.amplitudes(modes_there, c, record), there, to_there)
+                    moved = model.extra(terms, record, Nuisance.amplitudes(modes_there, c, record), there, to_there)
                     slopes[:, :, self.common + k] += (moved - base) / step
             parts = [slopes.reshape(residual.size, -1)]
             for k, (_, q) in enumerate(model.free):
@@ -459,10 +478,15 @@ class _Solver:
                 if abs(_outward(x[k] + step, q) - _outward(x[k], q)) < 1e-300:
                     step = -step
                 x[k] += step
-                moved = model.extra(model.with_free(x), i, amplitudes, values[g], to[g])
+                moved = model.extra(model.with_free(x), record, amplitudes, values[g], to[g])
                 parts.append(((moved - base) / step).reshape(residual.size, 1))
             tangent = np.concatenate(parts, axis=1)
-            q_, r_ = np.linalg.qr(columns.reshape(residual.size, -1)) if self.exact else model.nuisance.basis(s, record)
+            if model.strikes_twice:
+                later = replace(record, second=record.second + SECOND_STEP)
+                moved = model.extra(terms, later, amplitudes, values[g], to[g])
+                columns = np.concatenate([columns, ((moved - base) / SECOND_STEP)[:, :, None]], axis=2)
+            kept = not self.exact and not model.strikes_twice
+            q_, r_ = model.nuisance.basis(s, record) if kept else np.linalg.qr(columns.reshape(residual.size, -1))
             cross = q_.T @ tangent
             tangent = tangent - q_ @ cross
             where = np.r_[
@@ -497,16 +521,15 @@ class _Solver:
                 found[g].append((float(steps[g]), values, replace(s, rig=rig), to))
         return found
 
-    def _differences(self, i, c, terms, s, to, values, base, columns):  # type: ignore[no-untyped-def]
+    def _differences(self, record, c, terms, s, to, values, base, columns):  # type: ignore[no-untyped-def]
         """Add what a change of the record's amplitudes does to the terms' part."""
         model = self.model
         modal = int(sum(w for j, w in enumerate(s.rig.weight) if j not in s.tied))
-        record = model.problem.recordings.records[i]
         step = AMPLITUDE_STEP * float(np.abs(c[:modal]).max())
         for j in range(modal):
             moved = c.copy()
             moved[j] += step
-            extra = model.extra(terms, i, Nuisance.amplitudes(s, moved, record), values, to)
+            extra = model.extra(terms, record, Nuisance.amplitudes(s, moved, record), values, to)
             columns[:, :, j] += (extra - base) / step
 
     def _step(self, normal: Real, gradient: Real, damping: float) -> Real:
@@ -530,10 +553,15 @@ class _Solver:
             if q.log:
                 free[k] = min(max(free[k], state.free[k] - 1.0), state.free[k] + 1.0)
             free[k] = _inward(_outward(free[k], q), q)
-        coefficients = []
-        for c, (r_, target, cross, where) in zip(state.coefficients, own, strict=True):
-            coefficients.append(c + np.linalg.lstsq(r_, target - cross @ step[where], rcond=1e-12)[0])
-        return _State(rig, load, free, tuple(coefficients))
+        coefficients, records = [], []
+        for record, c, (r_, target, cross, where) in zip(state.records, state.coefficients, own, strict=True):
+            change = np.linalg.lstsq(r_, target - cross @ step[where], rcond=1e-12)[0]
+            if model.strikes_twice:
+                later = float(np.clip(change[-1], -MOST_SAMPLES, MOST_SAMPLES))
+                record, change = replace(record, second=record.second + later), change[:-1]
+            coefficients.append(c + change)
+            records.append(record)
+        return _State(rig, load, free, tuple(coefficients), tuple(records))
 
     def _finished(self, state: _State, modes: list[Sensitivity], to: list[Response], found) -> Fit:  # type: ignore[no-untyped-def]
         model = self.model
@@ -542,35 +570,30 @@ class _Solver:
             normal, _, _ = self._linearise(state, modes, to, found)
             scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
             covariance = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
-        terms = model.with_free(state.free)
-        errors: list[dict[str, float]] = [{} for _ in terms]
-        at_free = self.common + self.groups * self.each
-        for k, (i, q) in enumerate(model.free):
-            errors[i][q.name] = float(np.sqrt(max(covariance[at_free + k, at_free + k], 0.0)))
+        terms, covariances = [], []
         names = [p.name for p in model.rig_parameters]
-        final = []
-        for i, term in enumerate(terms):
-            if term.mechanism.extend is None:
-                final.append(term)
-                continue
-            values = dict(term.values)
-            for q in term.mechanism.parameters:
-                at = names.index(q.name)
-                values[q.name] = float(state.rig[at])
-                error = float(np.sqrt(max(covariance[at, at], 0.0)))
-                errors[i][q.name] = error / abs(values[q.name]) if q.log and values[q.name] else error
-            final.append(replace(term, values=values))
+        at_free = self.common + self.groups * self.each
+        for i, term in enumerate(model.with_free(state.free)):
+            own = [q for q in term.mechanism.parameters if q.name in term.values]
+            if term.mechanism.extend is not None:
+                at = [names.index(q.name) for q in own]
+                values = state.rig[at]
+                scale = np.array([1 / abs(v) if q.log and v else 1.0 for q, v in zip(own, values, strict=True)])
+                terms.append(
+                    replace(
+                        term, values={**term.values, **{q.name: float(v) for q, v in zip(own, values, strict=True)}}
+                    )
+                )
+            else:
+                at = [at_free + k for k, (j, _) in enumerate(model.free) if j == i]
+                scale = np.ones(len(at))
+                terms.append(term)
+            covariances.append(covariance[np.ix_(at, at)] * np.outer(scale, scale))
         amplitudes = tuple(
-            Nuisance.amplitudes(modes[r.group], c, r)
-            for r, c in zip(model.problem.recordings.records, state.coefficients, strict=True)
+            Nuisance.amplitudes(modes[r.group], c, r) for r, c in zip(state.records, state.coefficients, strict=True)
         )
         return Fit(
-            model.problem, tuple(final), model.arrangement, model.constants(state), tuple(modes), tuple(to),
-            state.coefficients, amplitudes, tuple(found[2]), found[0] - found[1], found[1], covariance, tuple(errors),
-            model.delays,
+            model.problem, tuple(terms), model.arrangement, model.constants(state), tuple(modes), tuple(to),
+            state.coefficients, amplitudes, tuple(found[2]), found[0] - found[1], found[1], covariance, tuple(covariances),
+            state.records,
         )  # fmt: skip
-
-
-def replace_coefficients(state: _State, coefficients: Sequence[Real]) -> _State:
-    """The same constants with other coefficients of the records."""
-    return _State(state.rig, state.load, state.free, tuple(coefficients))

@@ -57,7 +57,14 @@ class Problem:
         """Return the same problem with every record beginning so many samples later."""
         rate = self.recordings.sample_rate_hz
         records = tuple(
-            replace(r, y=r.y[:, skipped:], raw=r.raw[:, skipped:], start_s=r.start_s + skipped / rate)
+            replace(
+                r,
+                y=r.y[:, skipped:],
+                raw=r.raw[:, skipped:],
+                start_s=r.start_s + skipped / rate,
+                pulse=np.concatenate([r.pulse, r.raw[:, :skipped]], axis=1) if r.pulse.size else r.pulse,
+                second=r.second - skipped,
+            )
             for r in self.recordings.records
         )
         return replace(self, recordings=replace(self.recordings, records=records))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,12 @@ class Record:
         Place in the session, from 0.
     run_up
         Samples before the first one from which on extra forces are computed: the filter remembers them.
+    pulse
+        (c, k) what the channels showed from before the tap up to the first sample, m/s2.
+    tap_s
+        When the tap counts as having struck, s after the trigger; a fit finds it from the lowest mode.
+    second
+        Where in the record a second blow falls in the way the first did at ``tap_s``, in samples; NaN without one.
     """
 
     name: str
@@ -52,11 +58,14 @@ class Record:
     preload_n: float
     order: int
     run_up: int = 0
+    pulse: Real = field(default_factory=lambda: np.zeros((0, 0)))
+    tap_s: float = PULSE_MIDDLE_S
+    second: float = math.nan
 
     @property
     def since_tap_s(self) -> float:
         """Time of the first sample after the middle of the tap, s."""
-        return self.start_s - PULSE_MIDDLE_S
+        return self.start_s - self.tap_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +168,7 @@ def tester_recordings(
                 loads_n[shot.load_set],
                 shot.number,
                 RUN_UP,
+                clean[:, max(0, shot.pretrigger - GUARD_SAMPLES) : start],
             )
         )
     loads = tuple(loads_n[k] for k in sorted(groups, key=lambda k: groups[k]))

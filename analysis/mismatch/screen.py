@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from scipy.stats import chi2
 
 from analysis.mismatch.baseline import Nuisance, Sensitivity, slope_columns
 from analysis.mismatch.excess import Excess, excess_by_frequency, excess_by_time
-from analysis.mismatch.fit import Fit, onset, waves_of_blow
+from analysis.mismatch.fit import Fit, struck_again
 from analysis.mismatch.free_form import free_terms
 from analysis.mismatch.linear import LinearRig, linear_rig
 from analysis.mismatch.problem import Term, acted_on, law_parameters
@@ -59,7 +59,7 @@ class Score:
     dof: int
     strength: float
     p_value: float
-    delays: tuple[int, ...] = ()
+    delays: tuple[float, ...] = ()
     choice: float = 0.0
 
 
@@ -148,7 +148,7 @@ class _Columns:
     def begin(self, number: int) -> None:
         """Go on to another record."""
         self.number = number
-        self.record = self.problem.recordings.records[number]
+        self.record = self.fit.records[number]
         self.amplitudes = self.fit.amplitudes[number]
         self.motion = {}
         self.samples = self.record.y.shape[1]
@@ -442,13 +442,13 @@ def _second_blow(fit: Fit, mechanism: Mechanism, nuisance: Nuisance, columns: _C
     rate = recordings.sample_rate_hz
     evidence = np.zeros(SHARES.size)
     delays, per_record = [], []
-    for number, record in enumerate(recordings.records):
+    for number, record in enumerate(fit.records):
         to = columns.to[record.group]
         samples = record.y.shape[1]
-        waves = waves_of_blow(to, fit.amplitudes[number], record, samples, rate)
-        h = onset((to.rig.gains @ waves.T).real)
-        first = max(1, int(BLOW_FROM_S * rate) - round(record.start_s * rate))
-        last = min(int(BLOW_TO_S * rate), samples - 200)
+        soonest = record.pulse.shape[1] - record.since_tap_s * rate  # so that all of the pulse is in the record
+        h = whiten(struck_again(to, fit.amplitudes[number], replace(record, second=soonest), rate), recordings.noise)
+        first = max(0, int(BLOW_FROM_S * rate - record.start_s * rate - soonest))
+        last = min(int(BLOW_TO_S * rate - soonest), samples - 200)
         q, _ = nuisance.basis(fit.modes[record.group], record)
         q = q.reshape(*record.y.shape, -1)
         both = np.concatenate([fit.residuals[number][:, :, None], q], axis=2)
@@ -461,13 +461,13 @@ def _second_blow(fit: Fit, mechanism: Mechanism, nuisance: Nuisance, columns: _C
         log_ratio = SHARES[:, None] * s - SHARES[:, None] ** 2 * g / 2
         top = log_ratio.max(axis=1)
         evidence += top + np.log(np.mean(np.exp(log_ratio - top[:, None]), axis=1))
-        per_record.append((s, g, first))
+        per_record.append((s, g, first + soonest))
     best = int(np.argmax(evidence))
     share = float(SHARES[best])
     highest = 0.0
     for s, g, first in per_record:
         log_ratio = share * s - share**2 * g / 2
-        delays.append(first + int(np.argmax(log_ratio)))
+        delays.append(first + float(np.argmax(log_ratio)))
         highest += float(log_ratio.max())
     found = float(evidence[best])
     term = Term(mechanism, {mechanism.parameters[0].name: share})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from sim_backend.arrangement import LOWER, Arrangement, Element, Parameter
-from sim_backend.mechanisms.mechanism import Mechanism, Quantity, Values, geometric
+from sim_backend.mechanisms.mechanism import Derived, Mechanism, Quantity, Values, geometric
 
 MASS, STIFFNESS, DAMPING = "attached_mass_kg", "mount_stiffness_n_per_m", "mount_damping_n_s_per_m"
 PART = "attached part"
@@ -26,6 +26,16 @@ def extend(rig: Arrangement, values: Values) -> Arrangement:
             for name, unit in ((MASS, "kg"), (STIFFNESS, "N/m"), (DAMPING, "N s/m"))
         ),
     )
+
+
+def frequency_hz(values: Values) -> float:
+    """Resonance of the part on its mount, Hz."""
+    return math.sqrt(values[STIFFNESS] / values[MASS]) / (2 * math.pi)
+
+
+def damping_ratio(values: Values) -> float:
+    """Damping of that resonance over critical."""
+    return values[DAMPING] / 2 / math.sqrt(values[STIFFNESS] * values[MASS])
 
 
 def _trial(frequency_hz: float) -> dict[str, float]:
@@ -54,8 +64,11 @@ MECHANISM = Mechanism(
         for f in geometric(max(LEAST_HZ, 3 * scale.frequency_hz[0]), max(9000.0, 2 * scale.frequency_hz[1]), 24)
     ],
     extend=extend,
+    derived=(
+        Derived("mount_frequency_hz", "Hz", frequency_hz, positive=True),
+        Derived("mount_damping_ratio", "1", damping_ratio, positive=True),
+    ),
     statement=lambda values: (
-        f"A part of {1e3 * values[MASS]:.2g} g rides on the lower mass on a mount that resonates at "
-        f"{math.sqrt(values[STIFFNESS] / values[MASS]) / (2 * math.pi):.0f} Hz."
+        f"A part rides on the lower mass on a mount that resonates at {frequency_hz(values):.0f} Hz."
     ),
 )

@@ -81,12 +81,12 @@ class Scale:
 
 @dataclass(frozen=True, slots=True)
 class Derived:
-    """A quantity that follows from one parameter (``of``), rising with it."""
+    """A quantity that follows from the parameters' values; ``positive`` where it is known to a factor."""
 
     name: str
     unit: str
-    of: str
-    value: Callable[[float], float]
+    value: Callable[[Values], float]
+    positive: bool = False
 
 
 @dataclass(frozen=True, slots=True)

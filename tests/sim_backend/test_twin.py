@@ -122,7 +122,7 @@ def test_what_follows_from_a_parameter_may_stand_beside_it() -> None:
     for name, more in derived:
         quantities = mechanisms()[name].parameters
         values = {q.name: (q.low * q.high) ** 0.5 if q.log and q.low > 0 else q.high / 2 for q in quantities}
-        assert adopted(name, values | {more.name: more.value(values[more.of])}).values == adopted(name, values).values
+        assert adopted(name, values | {more.name: more.value(values)}).values == adopted(name, values).values
 
 
 def test_every_tap_is_followed_by_the_second_blow() -> None:

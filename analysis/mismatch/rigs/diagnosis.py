@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy import signal
 from threadpoolctl import threadpool_limits
 
-from analysis.mismatch.diagnosis import NORMAL_95, SOMETHING_ELSE, Interval, Location, Named, NextExperiment
+from analysis.mismatch.diagnosis import SOMETHING_ELSE, Location, Named, NextExperiment
+from analysis.mismatch.intervals import NORMAL_95, Interval
 from analysis.mismatch.rigs.contest import LEFT_OVER, LEVEL, TIE, Entry, Outcome, Round, confounded, held_out_rms, run
 from analysis.mismatch.rigs.described import DescribedRig
 from analysis.mismatch.rigs.estimate import Fitted, residuals

@@ -1,0 +1,128 @@
+"""95 % intervals of a mechanism's parameters: from the curvature, and from the profile where the curvature misleads."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.mismatch.fit import Fit, fit
+from sim_backend.mechanisms.mechanism import Derived, Quantity
+
+Real = NDArray[np.float64]
+
+NORMAL_95 = 1.959964
+STEP = 1e-4  # of differences, in the coordinates of the fit
+UNSURE = 0.25  # standard error of a logarithm from which on the curvature misleads
+FURTHEST = math.log(1e3)  # to which a profile is followed from the estimate, in the logarithm
+ENOUGH = 0.15  # accuracy of the root of chi-squared at an end of an interval
+MOST_TRIES = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """An estimate with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
+    """Return the intervals of the parameters of a fit's term, and of what follows from them.
+
+    Parameters of added bodies that the data hold only loosely get theirs from the profile of the objective.
+    """
+    term = fitted.terms[number]
+    quantities = [q for q in term.mechanism.parameters if q.name in term.values]
+    covariance = fitted.term_covariances[number]
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    found = {}
+    for q, error in zip(quantities, errors, strict=True):
+        value, reach = float(term.values[q.name]), NORMAL_95 * float(error)
+        spread = math.exp(min(reach, 50.0))
+        low, high = (value / spread, value * spread) if q.log else (value - reach, value + reach)
+        found[q.name] = Interval(value, max(low, q.low), min(high, q.high), q.unit)
+    strength = next(
+        (i for i, q in enumerate(quantities) if q.name == (term.mechanism.strength or quantities[0].name)), 0
+    )
+    if term.mechanism.extend is not None and quantities and quantities[strength].log and errors[strength] > UNSURE:
+        found |= _profiled(fitted, number, quantities, quantities[strength])
+    for more in term.mechanism.derived:
+        found[more.name] = _derived(more, dict(term.values), quantities, covariance)
+    return found
+
+
+def _derived(more: Derived, values: dict[str, float], quantities: list[Quantity], covariance: Real) -> Interval:
+    """Return the interval of what follows from parameters, by its slopes."""
+    middle = more.value(values)
+    slopes = []
+    for q in quantities:
+        moved = values[q.name] * math.exp(STEP) if q.log else values[q.name] + STEP * (abs(values[q.name]) or 1.0)
+        step = STEP if q.log else moved - values[q.name]
+        slopes.append((more.value(values | {q.name: moved}) - middle) / step)
+    reach = NORMAL_95 * math.sqrt(max(float(np.array(slopes) @ covariance @ np.array(slopes)), 0.0))
+    if not more.positive:
+        return Interval(middle, middle - reach, middle + reach, more.unit)
+    spread = math.exp(min(reach / middle, 50.0))
+    return Interval(middle, middle / spread, middle * spread, more.unit)
+
+
+def _profiled(fitted: Fit, number: int, quantities: list[Quantity], along: Quantity) -> dict[str, Interval]:
+    """Return intervals from the fits at whose value of one parameter chi-squared has risen to its 95 % point.
+
+    The parameters of an added body go together: the others' ends are those of the same fits.
+    """
+    middle = {q.name: float(fitted.terms[number].values[q.name]) for q in quantities}
+    ends = [_end(fitted, number, along, direction) for direction in (-1.0, 1.0)]
+    found = {}
+    for q in quantities:
+        reached = sorted([end[q.name] if end else limit for end, limit in zip(ends, (q.low, q.high), strict=True)])
+        value = middle[q.name]
+        found[q.name] = Interval(value, max(min(reached[0], value), q.low), min(max(reached[1], value), q.high), q.unit)
+    return found
+
+
+def _end(fitted: Fit, number: int, along: Quantity, direction: float) -> dict[str, float] | None:
+    """Return the parameters where the profile has risen enough in a direction, None where it does not within reach."""
+    near, rose, reach = 0.0, 0.0, math.log(2.0)
+    far, end = math.inf, None
+    for _ in range(MOST_TRIES):
+        if reach > FURTHEST:
+            return end if math.isfinite(far) else None
+        moved = _fixed_at(fitted, number, along, math.exp(direction * reach))
+        root = math.sqrt(max(moved.objective - fitted.objective, 0.0)) if moved is not None else math.inf
+        if moved is not None:
+            end = {k: float(v) for k, v in moved.terms[number].values.items()}
+        if abs(root - NORMAL_95) < ENOUGH:
+            return end
+        if root > NORMAL_95:
+            far = reach
+        else:
+            near, rose = reach, root
+        if math.isfinite(far):
+            share = (NORMAL_95 - rose) / (root - rose) if math.isfinite(root) and root > NORMAL_95 else 0.5
+            reach = near + min(max(share, 0.2), 0.8) * (far - near)
+        else:
+            reach *= 2.5
+    return end if math.isfinite(far) else None
+
+
+def _fixed_at(fitted: Fit, number: int, along: Quantity, factor: float) -> Fit | None:
+    """Return the fit with one parameter of an added body held at a multiple of its estimate, begun with all scaled."""
+    term = fitted.terms[number]
+    scaled = {q.name: term.values[q.name] * factor for q in term.mechanism.parameters if q.log}
+    inside = min(max(scaled[along.name], along.low), along.high)
+    if inside != scaled[along.name]:
+        return None
+    names = fitted.constants.names()[0]
+    rig = np.array([scaled.get(n, v) for n, v in zip(names, fitted.constants.rig, strict=True)])
+    begin = replace(fitted, constants=replace(fitted.constants, rig=rig))
+    terms = [replace(t, values={**t.values, **scaled}) if i == number else t for i, t in enumerate(fitted.terms)]
+    try:
+        return fit(fitted.problem, terms, begin=begin, kept=(along.name,))
+    except (ValueError, np.linalg.LinAlgError):
+        return None

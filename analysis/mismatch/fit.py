@@ -265,9 +265,9 @@ def extra_forces(fitted: Fit, number: int, samples: int) -> tuple[Real, list[int
 
 
 def struck_again(to: Response, amplitudes: Complex, record: Record, sample_rate_hz: float) -> Real:
-    """Return (c, n) what the whole of the tap's response, as recorded and then as fitted, shows at a record's second blow.
+    """Return (c, n) the response to a second blow as large as the first, m/s2 before whitening.
 
-    Before whitening. While the pulse acts it is what the channels showed of it, afterwards the modes ring.
+    While its pulse acts it is what the channels showed while the first one did; afterwards the modes ring as fitted.
     """
     n, k = record.y.shape[1], record.pulse.shape[1]
     late = record.second + record.since_tap_s * sample_rate_hz  # of the second blow after the first, samples
@@ -579,11 +579,8 @@ class _Solver:
                 at = [names.index(q.name) for q in own]
                 values = state.rig[at]
                 scale = np.array([1 / abs(v) if q.log and v else 1.0 for q, v in zip(own, values, strict=True)])
-                terms.append(
-                    replace(
-                        term, values={**term.values, **{q.name: float(v) for q, v in zip(own, values, strict=True)}}
-                    )
-                )
+                fitted = {q.name: float(v) for q, v in zip(own, values, strict=True)}
+                terms.append(replace(term, values={**term.values, **fitted}))
             else:
                 at = [at_free + k for k, (j, _) in enumerate(model.free) if j == i]
                 scale = np.ones(len(at))
@@ -594,6 +591,6 @@ class _Solver:
         )
         return Fit(
             model.problem, tuple(terms), model.arrangement, model.constants(state), tuple(modes), tuple(to),
-            state.coefficients, amplitudes, tuple(found[2]), found[0] - found[1], found[1], covariance, tuple(covariances),
-            state.records,
+            state.coefficients, amplitudes, tuple(found[2]), found[0] - found[1], found[1], covariance,
+            tuple(covariances), state.records,
         )  # fmt: skip

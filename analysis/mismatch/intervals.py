@@ -46,11 +46,9 @@ def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
         spread = math.exp(min(reach, 50.0))
         low, high = (value / spread, value * spread) if q.log else (value - reach, value + reach)
         found[q.name] = Interval(value, max(low, q.low), min(high, q.high), q.unit)
-    strength = next(
-        (i for i, q in enumerate(quantities) if q.name == (term.mechanism.strength or quantities[0].name)), 0
-    )
-    if term.mechanism.extend is not None and quantities and quantities[strength].log and errors[strength] > UNSURE:
-        found |= _profiled(fitted, number, quantities, quantities[strength])
+    for q, error in zip(quantities[:1], errors[:1], strict=True):
+        if term.mechanism.extend is not None and q.log and error > UNSURE:
+            found |= _profiled(fitted, number, quantities, q)
     for more in term.mechanism.derived:
         found[more.name] = _derived(more, dict(term.values), quantities, covariance)
     return found

@@ -26,6 +26,10 @@ KEPT = 64  # sets of columns
 STEP = 1e-5  # relative step of the differences of poles and gains
 
 
+class Overdamped(ValueError):
+    """The rig has a mode that is about to stop oscillating: it cannot be differenced."""
+
+
 @dataclass(frozen=True, slots=True)
 class Constants:
     """Values of a rig's constants: ``rig`` those with one value, ``load`` (groups, k) those with one at each load."""
@@ -215,6 +219,8 @@ def sensitivity(
     for i, name in enumerate(names):
         step = STEP * max(abs(values[name]), _natural(constants, name))
         up, down = solve(values | {name: values[name] + step}), solve(values | {name: values[name] - step})
+        if not np.array_equal(up.weight, down.weight):
+            raise Overdamped(f"a mode stops oscillating where {name} is {values[name]:g}")
         poles[i] = (up.poles - down.poles) / (2 * step)
         gains[i] = (up.gains - down.gains) / (2 * step)
         drive[i] = (up.drive - down.drive) / (2 * step)

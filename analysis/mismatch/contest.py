@@ -30,7 +30,8 @@ HELD_OUT_EVERY = 4  # every fourth impact is held out
 MOST_TERMS = 3
 FINALISTS = 5  # mechanisms that are fitted in full
 CLOSE = 0.25  # share of the best score's gain that earns a full fit
-STARTS = 4  # of the fit of an added body
+STARTS = 5  # of the fit of an added body
+EXPLAINED = 1.01  # misfit below which no further start is tried
 OTHER_START = 0.2  # share of the best screened evidence that a further start must have
 STANDING_IN = 20.0  # chi-squared that departures from the declared constants cost when they stand in for something
 FIRST_GAIN = 6.0  # evidence that the first mechanism must have, where the joint test says that there is one
@@ -228,13 +229,16 @@ def _fitted(current: Fit, scores: Sequence[Score]) -> Fit | None:
     begun: list[tuple[Score, Fit | None]] = [(scores[0], current)]
     if scores[0].term.mechanism.extend is not None:
         least = OTHER_START * screened_gain(scores[0])
-        begun += [(s, current) for s in scores[1:STARTS] if screened_gain(s) > least]
-        begun += [(scores[0], None)] if current.penalty > STANDING_IN else []
-    found = []
+        rigs = (current, None) if current.penalty > STANDING_IN else (current,)
+        begun = [(s, rig) for s in scores[:STARTS] if screened_gain(s) > least for rig in rigs]
+    best: Fit | None = None
     for score, begin in begun:
         with suppress(ValueError, np.linalg.LinAlgError):
-            found.append(fit(current.problem, (*current.terms, started(score)), begin=begin, delays=score.delays))
-    return min(found, key=lambda f: f.objective, default=None)
+            found = fit(current.problem, (*current.terms, started(score)), begin=begin, delays=score.delays)
+            best = found if best is None or found.objective < best.objective else best
+        if best is not None and misfit(best) < EXPLAINED:
+            break
+    return best
 
 
 def _untied(current: Fit, tied: Fit, score: Score) -> Entry:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from analysis.mismatch.baseline import Constants, Nuisance, Sensitivity, sensitivity, slope_columns
+from analysis.mismatch.baseline import Constants, Nuisance, Overdamped, Sensitivity, sensitivity, slope_columns
 from analysis.mismatch.linear import linear_rig
 from analysis.mismatch.problem import Problem, Term, acted_on, law_parameters
 from analysis.mismatch.records import Record
@@ -52,7 +52,8 @@ class Fit:
     chi_squared
         Sum of squares of the whitened residuals; ``penalty`` is what the declared constants add to it.
     covariance
-        Of the session's constants, those of each load, and the terms' parameters, in this order.
+        Of the session's constants, those of each load, and the terms' parameters, in this order; of the logarithm
+        where one is fitted as such.
     term_covariances
         For each term: covariance (k, k) of its parameters (of the logarithm where one is fitted as such).
     amplitudes, coefficients
@@ -122,6 +123,12 @@ class _Model:
             [1 / p.uncertainty**2 if np.isfinite(p.uncertainty) else 0.0 for p in self.rig_parameters]
         )
         self.positive = np.array([p.positive for p in self.rig_parameters])
+        believable = {q.name: (q.low, q.high) for t in terms if t.mechanism.extend for q in t.mechanism.parameters}
+        # what vanishes where its parameters are infinite is fitted by their logarithms; what vanishes at zero is not
+        grow = [t.mechanism for t in terms if t.mechanism.extend is not None and t.mechanism.strength is None]
+        logs = {q.name for m in grow for q in m.parameters if q.log}
+        self.logarithmic = np.array([p.name in logs for p in self.rig_parameters])
+        self.limits = np.array([believable.get(p.name, (-np.inf, np.inf)) for p in self.rig_parameters]).T
         self.free: list[tuple[int, Quantity]] = [
             (i, q) for i, t in enumerate(terms) if t.nonlinear for q in t.mechanism.parameters
         ]
@@ -285,6 +292,11 @@ def struck_again(to: Response, amplitudes: Complex, record: Record, sample_rate_
     return out
 
 
+def alike(a: Sensitivity, b: Sensitivity) -> bool:
+    """Whether as many modes oscillate in both, so that the same coefficients belong to them."""
+    return np.array_equal(a.rig.weight, b.rig.weight) and a.tied == b.tied
+
+
 def _inward(value: float, q: Quantity) -> float:
     return float(np.log(value)) if q.log else float(value)
 
@@ -374,9 +386,10 @@ class _Solver:
                 trial = self._moved(state, step, solve_own)
                 candidate: tuple[float, float, list[Real], list[Real]] = (np.inf, 0.0, [], [])
                 if self._sensible(trial):
-                    trial_modes, trial_to = (modes, to) if self.frozen else model.modes(model.constants(trial))
-                    trial = self._timed(trial, trial_modes)
-                    candidate = self._evaluate(trial, trial_modes, trial_to)
+                    trial_modes, trial_to = self._modes(trial, modes, to)
+                    if trial_modes and all(map(alike, modes, trial_modes)):
+                        trial = self._timed(trial, trial_modes)
+                        candidate = self._evaluate(trial, trial_modes, trial_to)
                 if candidate[0] <= found[0] + 1e-6:
                     accepted = True
                     break
@@ -398,6 +411,17 @@ class _Solver:
             elif model.nonlinear and not self.exact and gain > 0 and _ > 3:
                 self.exact = True
         return self._finished(state, modes, to, found)
+
+    def _modes(
+        self, state: _State, modes: list[Sensitivity], to: list[Response]
+    ) -> tuple[list[Sensitivity], list[Response]]:
+        """Modes and responses of a trial state, none where there are none; ``modes`` and ``to`` are the last ones."""
+        if self.frozen:
+            return modes, to
+        try:
+            return self.model.modes(self.model.constants(state))
+        except Overdamped:
+            return [], []
 
     @staticmethod
     def _timed(state: _State, modes: list[Sensitivity]) -> _State:
@@ -471,6 +495,7 @@ class _Solver:
                 for k, (step, there, modes_there, to_there) in enumerate(nearby[g]):
                     moved = model.extra(terms, record, Nuisance.amplitudes(modes_there, c, record), there, to_there)
                     slopes[:, :, self.common + k] += (moved - base) / step
+            slopes[:, :, : self.common] *= np.where(model.logarithmic, state.rig, 1.0)
             parts = [slopes.reshape(residual.size, -1)]
             for k, (_, q) in enumerate(model.free):
                 x = state.free.copy()
@@ -544,9 +569,10 @@ class _Solver:
 
     def _moved(self, state: _State, step: Real, own) -> _State:  # type: ignore[no-untyped-def]
         model = self.model
-        rig = state.rig + step[: self.common]
+        grown = state.rig * np.exp(np.clip(step[: self.common], -1.0, 1.0))
+        rig = np.where(model.logarithmic, grown, state.rig + step[: self.common])
         limited = np.clip(rig, state.rig / MOST_GROWTH, state.rig * MOST_GROWTH)
-        rig = np.where(model.positive, limited, rig)
+        rig = np.clip(np.where(model.positive, limited, rig), *model.limits)
         load = state.load + step[self.common : self.common + self.groups * self.each].reshape(self.groups, self.each)
         free = state.free + step[self.common + self.groups * self.each :]
         for k, (_, q) in enumerate(model.free):
@@ -577,9 +603,9 @@ class _Solver:
             own = [q for q in term.mechanism.parameters if q.name in term.values]
             if term.mechanism.extend is not None:
                 at = [names.index(q.name) for q in own]
-                values = state.rig[at]
-                scale = np.array([1 / abs(v) if q.log and v else 1.0 for q, v in zip(own, values, strict=True)])
-                fitted = {q.name: float(v) for q, v in zip(own, values, strict=True)}
+                fitted = {q.name: float(v) for q, v in zip(own, state.rig[at], strict=True)}
+                linear = [q.log and not model.logarithmic[j] for q, j in zip(own, at, strict=True)]
+                scale = np.where(linear, 1 / np.maximum(np.abs(state.rig[at]), 1e-300), 1.0)
                 terms.append(replace(term, values={**term.values, **fitted}))
             else:
                 at = [at_free + k for k, (j, _) in enumerate(model.free) if j == i]

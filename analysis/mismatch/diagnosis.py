@@ -395,7 +395,7 @@ def _named(fit: Fit, number: int, step: Round, contest: Contest) -> Named:
     strength["something else"] = strength[mechanism.id] + SOMETHING_ELSE * (1 - min(share, 1.0))
     top = max(strength.values())
     weights = {k: math.exp((v - top) / 2 / TEMPERATURE) for k, v in strength.items()}
-    total = sum(weights.values())
+    total = sum(weights.values()) * (1 + _odds_of_nothing(contest.p_value))
     rivals = tuple(
         k for k in weights if k not in (mechanism.id, "something else") and weights[k] > 0.02 * weights[mechanism.id]
     )
@@ -416,6 +416,14 @@ def _named(fit: Fit, number: int, step: Round, contest: Contest) -> Named:
         alike if accepted is not None else (),
         _fixed(term),
     )
+
+
+def _odds_of_nothing(p_value: float) -> float:
+    """Return at least how likely it is that nothing is missing, over that something is, after a test gave this p-value.
+
+    Sellke, Bayarri and Berger's bound, both being as likely before.
+    """
+    return -math.e * p_value * math.log(p_value) if 0 < p_value < 1 / math.e else float(p_value > 0)
 
 
 def _fixed(term: Term) -> dict[str, float]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from analysis.mismatch.baseline import Constants, Nuisance, Overdamped, Sensitivity, sensitivity, slope_columns
+from analysis.mismatch.coordinates import Coordinates
 from analysis.mismatch.linear import linear_rig
 from analysis.mismatch.problem import Problem, Term, acted_on, law_parameters
 from analysis.mismatch.records import Record
@@ -28,6 +29,7 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 MOST_ITERATIONS = 25
+TOGETHER = 8  # iterations in which constants and amplitudes are stepped together; then the amplitudes follow
 CONVERGED = 0.02  # change of chi-squared below which a fit is done
 SUBSTEPS = 4
 SECOND_STEP = 0.05  # of differences, samples
@@ -36,7 +38,6 @@ SPLINE = 5  # degree in which a tap's pulse is shifted by parts of a sample
 LOAD_STEP = 1e-5  # of differences, relative
 PARAMETER_STEP = 1e-4  # of differences, relative to the parameter (or its range where it is small)
 AMPLITUDE_STEP = 1e-3  # of differences, relative to the record's largest amplitude
-MOST_GROWTH = 2.5  # factor by which a positive constant may change in one step
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +53,7 @@ class Fit:
     chi_squared
         Sum of squares of the whitened residuals; ``penalty`` is what the declared constants add to it.
     covariance
-        Of the session's constants, those of each load, and the terms' parameters, in this order; of the logarithm
-        where one is fitted as such.
+        Of the session's constants, those of each load, and the terms' parameters, in this order.
     term_covariances
         For each term: covariance (k, k) of its parameters (of the logarithm where one is fitted as such).
     amplitudes, coefficients
@@ -122,13 +122,8 @@ class _Model:
         self.precision = np.array(
             [1 / p.uncertainty**2 if np.isfinite(p.uncertainty) else 0.0 for p in self.rig_parameters]
         )
-        self.positive = np.array([p.positive for p in self.rig_parameters])
-        believable = {q.name: (q.low, q.high) for t in terms if t.mechanism.extend for q in t.mechanism.parameters}
-        # what vanishes where its parameters are infinite is fitted by their logarithms; what vanishes at zero is not
-        grow = [t.mechanism for t in terms if t.mechanism.extend is not None and t.mechanism.strength is None]
-        logs = {q.name for m in grow for q in m.parameters if q.log}
-        self.logarithmic = np.array([p.name in logs for p in self.rig_parameters])
-        self.limits = np.array([believable.get(p.name, (-np.inf, np.inf)) for p in self.rig_parameters]).T
+        names = [p.name for p in self.rig_parameters]
+        self.coordinates = Coordinates(names, np.array([p.positive for p in self.rig_parameters], bool), terms)
         self.free: list[tuple[int, Quantity]] = [
             (i, q) for i, t in enumerate(terms) if t.nonlinear for q in t.mechanism.parameters
         ]
@@ -378,7 +373,7 @@ class _Solver:
         state = self._first_amplitudes(state, modes, to, amplitudes)
         found = self._evaluate(state, modes, to)
         damping, stalled = 0.0, 0
-        for _ in range(most_iterations):
+        for iteration in range(most_iterations):
             normal, gradient, solve_own = self._linearise(state, modes, to, found)
             accepted = False
             for _ in range(6):
@@ -388,7 +383,11 @@ class _Solver:
                 if self._sensible(trial):
                     trial_modes, trial_to = self._modes(trial, modes, to)
                     if trial_modes and all(map(alike, modes, trial_modes)):
-                        trial = self._timed(trial, trial_modes)
+                        if iteration >= TOGETHER and model.coordinates.bodies and not model.nonlinear:
+                            # modes that turn into each other make a step of the amplitudes a bad guess
+                            trial = self._first_amplitudes(trial, trial_modes, trial_to, ())
+                        else:
+                            trial = self._timed(trial, trial_modes)
                         candidate = self._evaluate(trial, trial_modes, trial_to)
                 if candidate[0] <= found[0] + 1e-6:
                     accepted = True
@@ -408,7 +407,7 @@ class _Solver:
                 stalled += 1
                 if stalled >= (2 if model.nonlinear and not self.exact else 1):
                     break
-            elif model.nonlinear and not self.exact and gain > 0 and _ > 3:
+            elif model.nonlinear and not self.exact and gain > 0 and iteration > 3:
                 self.exact = True
         return self._finished(state, modes, to, found)
 
@@ -482,6 +481,7 @@ class _Solver:
         at_free = self.common + self.groups * self.each
         values = [constants.at(g) for g in range(self.groups)]
         nearby = self._nearby(state, modes) if self.exact else []
+        basis = model.coordinates.basis(state.rig)
         for i, record in enumerate(state.records):
             g = record.group
             s, residual, base = modes[g], found[2][i], found[3][i]
@@ -495,7 +495,7 @@ class _Solver:
                 for k, (step, there, modes_there, to_there) in enumerate(nearby[g]):
                     moved = model.extra(terms, record, Nuisance.amplitudes(modes_there, c, record), there, to_there)
                     slopes[:, :, self.common + k] += (moved - base) / step
-            slopes[:, :, : self.common] *= np.where(model.logarithmic, state.rig, 1.0)
+            slopes[:, :, : self.common] = slopes[:, :, : self.common] @ basis
             parts = [slopes.reshape(residual.size, -1)]
             for k, (_, q) in enumerate(model.free):
                 x = state.free.copy()
@@ -523,9 +523,8 @@ class _Solver:
             gradient[where] += tangent.T @ residual.ravel()
             own.append((r_, q_.T @ residual.ravel(), cross, where))
         off = state.rig - model.declared
-        diagonal = np.arange(self.common)
-        normal[diagonal, diagonal] += model.precision
-        gradient[: self.common] -= model.precision * off
+        normal[: self.common, : self.common] += basis.T @ np.diag(model.precision) @ basis
+        gradient[: self.common] -= basis.T @ (model.precision * off)
         return normal, gradient, own
 
     def _nearby(self, state: _State, modes: list[Sensitivity]):  # type: ignore[no-untyped-def]
@@ -569,10 +568,7 @@ class _Solver:
 
     def _moved(self, state: _State, step: Real, own) -> _State:  # type: ignore[no-untyped-def]
         model = self.model
-        grown = state.rig * np.exp(np.clip(step[: self.common], -1.0, 1.0))
-        rig = np.where(model.logarithmic, grown, state.rig + step[: self.common])
-        limited = np.clip(rig, state.rig / MOST_GROWTH, state.rig * MOST_GROWTH)
-        rig = np.clip(np.where(model.positive, limited, rig), *model.limits)
+        rig = model.coordinates.moved(state.rig, step[: self.common])
         load = state.load + step[self.common : self.common + self.groups * self.each].reshape(self.groups, self.each)
         free = state.free + step[self.common + self.groups * self.each :]
         for k, (_, q) in enumerate(model.free):
@@ -596,6 +592,9 @@ class _Solver:
             normal, _, _ = self._linearise(state, modes, to, found)
             scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
             covariance = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
+            basis = np.eye(self.size)
+            basis[: self.common, : self.common] = model.coordinates.basis(state.rig)
+            covariance = basis @ covariance @ basis.T
         terms, covariances = [], []
         names = [p.name for p in model.rig_parameters]
         at_free = self.common + self.groups * self.each
@@ -604,8 +603,7 @@ class _Solver:
             if term.mechanism.extend is not None:
                 at = [names.index(q.name) for q in own]
                 fitted = {q.name: float(v) for q, v in zip(own, state.rig[at], strict=True)}
-                linear = [q.log and not model.logarithmic[j] for q, j in zip(own, at, strict=True)]
-                scale = np.where(linear, 1 / np.maximum(np.abs(state.rig[at]), 1e-300), 1.0)
+                scale = np.where([q.log for q in own], 1 / np.maximum(np.abs(state.rig[at]), 1e-300), 1.0)
                 terms.append(replace(term, values={**term.values, **fitted}))
             else:
                 at = [at_free + k for k, (j, _) in enumerate(model.free) if j == i]

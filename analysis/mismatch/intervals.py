@@ -34,7 +34,8 @@ class Interval:
 def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
     """Return the intervals of the parameters of a fit's term, and of what follows from them.
 
-    Parameters of added bodies that the data hold only loosely get theirs from the profile of the objective.
+    Added bodies that the data hold only loosely get theirs from the profile: where chi-squared has risen to its 95 %
+    point with the first parameter held and all else fitted anew.
     """
     term = fitted.terms[number]
     quantities = [q for q in term.mechanism.parameters if q.name in term.values]
@@ -46,11 +47,14 @@ def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
         spread = math.exp(min(reach, 50.0))
         low, high = (value / spread, value * spread) if q.log else (value - reach, value + reach)
         found[q.name] = Interval(value, max(low, q.low), min(high, q.high), q.unit)
-    for q, error in zip(quantities[:1], errors[:1], strict=True):
-        if term.mechanism.extend is not None and q.log and error > UNSURE:
-            found |= _profiled(fitted, number, quantities, q)
+    ends: list[dict[str, float] | None] = []
+    if term.mechanism.extend is not None and quantities and quantities[0].log and errors[0] > UNSURE:
+        ends = [_end(fitted, number, quantities[0], direction) for direction in (-1.0, 1.0)]
+        found |= {q.name: _between(found[q.name].value, ends, q) for q in quantities}
     for more in term.mechanism.derived:
-        found[more.name] = _derived(more, dict(term.values), quantities, covariance)
+        places = [dict(term.values), *({**term.values, **end} for end in ends if end)]
+        own = [_derived(more, place, quantities, covariance) for place in places]
+        found[more.name] = replace(own[0], low=min(i.low for i in own), high=max(i.high for i in own))
     return found
 
 
@@ -69,19 +73,13 @@ def _derived(more: Derived, values: dict[str, float], quantities: list[Quantity]
     return Interval(middle, middle / spread, middle * spread, more.unit)
 
 
-def _profiled(fitted: Fit, number: int, quantities: list[Quantity], along: Quantity) -> dict[str, Interval]:
-    """Return intervals from the fits at whose value of one parameter chi-squared has risen to its 95 % point.
+def _between(value: float, ends: list[dict[str, float] | None], q: Quantity) -> Interval:
+    """Return a parameter's interval from the fits at the ends of the profile; where there is no end, its whole range.
 
-    The parameters of an added body go together: the others' ends are those of the same fits.
+    The parameters of an added body go together, so that its first one is followed for all of them.
     """
-    middle = {q.name: float(fitted.terms[number].values[q.name]) for q in quantities}
-    ends = [_end(fitted, number, along, direction) for direction in (-1.0, 1.0)]
-    found = {}
-    for q in quantities:
-        reached = sorted([end[q.name] if end else limit for end, limit in zip(ends, (q.low, q.high), strict=True)])
-        value = middle[q.name]
-        found[q.name] = Interval(value, max(min(reached[0], value), q.low), min(max(reached[1], value), q.high), q.unit)
-    return found
+    reached = sorted(end[q.name] if end else limit for end, limit in zip(ends, (q.low, q.high), strict=True))
+    return Interval(value, max(min(reached[0], value), q.low), min(max(reached[1], value), q.high), q.unit)
 
 
 def _end(fitted: Fit, number: int, along: Quantity, direction: float) -> dict[str, float] | None:

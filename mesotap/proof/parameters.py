@@ -6,6 +6,7 @@ depend on the inertia that is taken for granted.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -46,10 +47,26 @@ def _reach(t: Truth) -> Any:
     return np.asarray(effect["slip_force_n"], float) / np.asarray(effect["slip_stiffness_n_per_m"], float)
 
 
+def _film_share(t: Truth) -> float | None:
+    """The film's share of all damping at rest: in this program's truths c_c holds it, in others it comes on top."""
+    film, other = np.asarray(t["effect"]["film_damping_n_s_per_m"], float), np.asarray(t["cc"], float)
+    return _ratio(film, other if "kind" in t else other + film)
+
+
+def _mount(t: Truth) -> tuple[float, float]:
+    """Resonance (Hz) and damping ratio of an attached part."""
+    mass, stiffness, damping = (float(t["effect"][name]) for name in _SAME["attached_mass"])
+    return math.sqrt(stiffness / mass) / (2 * math.pi), damping / 2 / math.sqrt(stiffness * mass)
+
+
 _DERIVED: dict[str, dict[str, Callable[[Truth], float | None]]] = {
     "adhesion": {
         "adhesion_force_share": lambda t: _ratio(t["effect"]["adhesion_force_n"], t["loads_n"]),
         "adhesion_range_share": lambda t: _ratio(t["effect"]["adhesion_range_m"], _static(t)),
+    },
+    "attached_mass": {
+        "mount_frequency_hz": lambda t: _mount(t)[0],
+        "mount_damping_ratio": lambda t: _mount(t)[1],
     },
     "channel_gain": {"gain_error_of_b": lambda t: float(t["effect"]["gain_of_b"]) - 1.0},
     "micro_slip": {
@@ -59,7 +76,7 @@ _DERIVED: dict[str, dict[str, Callable[[Truth], float | None]]] = {
     "quadratic_damping": {
         "quadratic_damping_per_c_c": lambda t: _ratio(t["effect"]["quadratic_damping_n_s2_per_m2"], t["cc"])
     },
-    "squeeze_film": {"film_share_of_c_c": lambda t: _ratio(t["effect"]["film_damping_n_s_per_m"], t["cc"])},
+    "squeeze_film": {"film_share_of_c_c": _film_share},
     "tube_spring_damping": {
         "c_n_s_per_m": lambda t: (
             _ratio(t["effect"]["c1_n_s_per_m"], t["effect"]["c2_n_s_per_m"]) and float(t["effect"]["c1_n_s_per_m"])

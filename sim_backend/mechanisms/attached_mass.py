@@ -64,6 +64,7 @@ MECHANISM = Mechanism(
         for f in geometric(max(LEAST_HZ, 3 * scale.frequency_hz[0]), max(9000.0, 2 * scale.frequency_hz[1]), 24)
     ],
     extend=extend,
+    body=(MASS, STIFFNESS, DAMPING),
     derived=(
         Derived("mount_frequency_hz", "Hz", frequency_hz, positive=True),
         Derived("mount_damping_ratio", "1", damping_ratio, positive=True),

@@ -50,6 +50,7 @@ MECHANISM = Mechanism(
     strength=None,
     trials=lambda scale: [_trial(f) for f in geometric(0.1 * scale.frequency_hz[0], 0.85 * scale.frequency_hz[0], 12)],
     extend=extend,
+    body=(MASS, STIFFNESS, DAMPING),
     tied=True,
     statement=lambda values: (
         f"The lower tube spring stands on a frame that moves: {values[MASS]:.3g} kg that resonate at "

@@ -116,6 +116,8 @@ class Mechanism:
         A law without memory as a function of whole arrays (deformation, rate, time, values): for score tests only.
     constants
         The law's parameters after the first four, from the values and the element at rest.
+    body
+        Of one that adds a body on a spring and a damper: the parameters that are its mass, stiffness and damping.
     one_signed
         Whether only a positive strength makes sense.
     last
@@ -150,6 +152,7 @@ class Mechanism:
     extend: Callable[[Arrangement, Values], Arrangement] | None = None
     distort: Callable[[Real, Values, float], Real] | None = None
     lines: Callable[[Values], Sequence[float]] | None = None
+    body: tuple[str, str, str] | None = None
     blow: bool = False
     tied: bool = False
     one_signed: bool = True

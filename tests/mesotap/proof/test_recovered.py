@@ -1,0 +1,39 @@
+"""Parameters that depend on when and how the tap struck are found, on sessions of the independent generator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from analysis.mismatch.diagnosis import Interval, diagnose_session
+from daq.session_file import read_session
+from mesotap.proof.generator.deck import Card, make
+from mesotap.proof.parameters import true_parameters
+from sim_backend.mechanisms.mechanism import mechanisms
+
+
+def recovered(folder: Path, effect: str, d: float, seed: int) -> tuple[dict[str, float], dict[str, Interval]]:
+    """True values, and the intervals where only the true mechanism is known."""
+    card = Card(0, "single", (effect,), (d,))
+    truth = make(seed, card, folder)
+    found = diagnose_session(read_session(folder / f"{card.name}.h5"), [mechanisms()[effect]])
+    assert [m.id for m in found.mechanisms] == [effect]
+    return true_parameters(truth, effect), found.mechanisms[0].parameters
+
+
+@pytest.mark.parametrize(("effect", "d", "seed"), [("double_hit", 300.0, 2), ("frame_compliance", 100.0, 1)])
+def test_what_the_tap_ties_is_found_without_bias(tmp_path: Path, effect: str, d: float, seed: int) -> None:
+    truth, found = recovered(tmp_path, effect, d, seed)
+    for name, true in truth.items():
+        assert found[name].low < true < found[name].high, name
+        assert found[name].value == pytest.approx(true, rel=0.05), name
+
+
+def test_a_part_of_unknown_mass_gets_an_interval_that_says_so(tmp_path: Path) -> None:
+    truth, found = recovered(tmp_path, "attached_mass", 300.0, 2)
+    for name, true in truth.items():
+        assert found[name].low < true < found[name].high, name
+    assert found["mount_frequency_hz"].high < 1.1 * found["mount_frequency_hz"].low
+    assert found["attached_mass_kg"].high < 3 * truth["attached_mass_kg"]
+    assert found["attached_mass_kg"].low < 0.1 * truth["attached_mass_kg"]

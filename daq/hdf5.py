@@ -256,6 +256,21 @@ class Node:
         return RecordingError(f"{self.path}: attribute {name} of {self.name or '/'} {what}")
 
 
+def claims_too_much(node: Node) -> bool:
+    """Return whether a scalar of variable length says it is longer than its file.
+
+    A dataset holds such a value as its length (4 bytes) and where in the file it is; neither has a checksum. The
+    library makes room for the length before it looks there, up to 4 GB, and fills it.
+    """
+    with reading(node.path, node.name):
+        place = node.item.id.get_offset() if node.item.dtype.kind == "O" else None
+        if place is None:
+            return False
+        with node.path.open("rb") as file:
+            file.seek(place)
+            return int.from_bytes(file.read(4), "little") > node.path.stat().st_size
+
+
 def is_storable(text: str) -> bool:
     """Return whether HDF5 can keep a text: no zeros within, and all of it UTF-8."""
     try:

@@ -246,6 +246,18 @@ def test_a_damaged_heap_is_refused_before_the_library_loops_in_it(tmp_path: Path
         read_session(path)
 
 
+def test_a_text_longer_than_its_file_is_refused_before_room_is_made_for_it(tmp_path: Path, session: Session) -> None:
+    path = tmp_path / "long.h5"
+    write_session(path, session)
+    with h5py.File(path) as f:
+        length = f["config"].id.get_offset()
+    with path.open("r+b") as file:
+        file.seek(length)
+        file.write(b"\xff\xff\xff\xef")
+    with pytest.raises(RecordingError, match="/config is damaged: it claims to be longer than the file"):
+        read_session(path)
+
+
 @pytest.mark.parametrize(("number", "message"), [(errno.ENOSPC, "the disk is full"), (errno.EROFS, "is read-only")])
 def test_a_write_that_fails_leaves_the_old_file(
     file: Path, session: Session, monkeypatch: pytest.MonkeyPatch, number: int, message: str

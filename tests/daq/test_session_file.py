@@ -3,6 +3,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import resource
 import subprocess
 import sys
 from collections.abc import Callable
@@ -256,6 +257,21 @@ def test_a_text_longer_than_its_file_is_refused_before_room_is_made_for_it(tmp_p
         file.write(b"\xff\xff\xff\xef")
     with pytest.raises(RecordingError, match="/config is damaged: it claims to be longer than the file"):
         read_session(path)
+
+
+def test_an_old_attribute_longer_than_its_file_is_refused_before_room_is_made_for_it(tmp_path: Path) -> None:
+    path = tmp_path / "old.h5"
+    with h5py.File(path, "w") as f:
+        f.attrs["format"] = "mesotap-session"
+        f.attrs["created"] = "a text"
+    content = bytearray(path.read_bytes())
+    length = content.find((6).to_bytes(4, "little") + content.find(b"GCOL").to_bytes(8, "little"))
+    content[length : length + 4] = b"\xff\xff\xff\xef"
+    path.write_bytes(content)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    with pytest.raises(RecordingError, match="damaged or truncated"):
+        read_session(path)
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss < before + 1_000_000  # kB
 
 
 @pytest.mark.parametrize(("number", "message"), [(errno.ENOSPC, "the disk is full"), (errno.EROFS, "is read-only")])

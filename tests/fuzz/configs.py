@@ -17,14 +17,14 @@ SCALARS = (0, 1, -1, 1e-300, 1e300, 10**400, "", "simulated", "hand", "motor", "
 DEEPEST = 3
 
 
-def _places(node: object, path: tuple = ()) -> list[tuple]:
-    """Every key in the default configuration."""
-    if not isinstance(node, dict):
-        return [path]
-    return [path, *(place for key, inner in node.items() for place in _places(inner, (*path, key)))]
+def places(node: object, path: tuple = ()) -> list[tuple]:
+    """Every key of a mapping, and every place of a list, however deep."""
+    items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    return [path, *(place for key, inner in items for place in places(inner, (*path, key)))]
 
 
-PLACES = _places(yaml.safe_load(effective_text(parse_config(DEFAULT))))[1:]
+WHOLE = yaml.safe_load(effective_text(parse_config(DEFAULT)))
+PLACES = [place for place in places(WHOLE)[1:] if all(isinstance(key, str) for key in place)]
 
 Edits = list[tuple[tuple, Any]]
 
@@ -64,7 +64,11 @@ def edits(source: Source) -> Edits:
 
 def put(whole: object, place: tuple, value: object) -> object:
     """The configuration with another value at one place."""
-    if not place or not isinstance(whole, dict):
+    if not place:
+        return value
+    if isinstance(whole, list) and place[0] in range(len(whole)):
+        return [put(inner, place[1:], value) if i == place[0] else inner for i, inner in enumerate(whole)]
+    if not isinstance(whole, dict):
         return value
     return {**whole, place[0]: put(whole.get(place[0], {}), place[1:], value)}
 
@@ -98,8 +102,8 @@ def any_value_at_any_key(place: Path) -> Target:
 
     def check(edits: Edits) -> None:
         content: object = {}
-        for at, value in edits:
-            content = put(content, at, value)
+        for at, other in edits:
+            content = put(content, at, other)
         try:
             text = yaml.safe_dump(content, allow_unicode=True)
         except (yaml.YAMLError, TypeError, ValueError):  # keys that cannot be sorted, or integers too long to print

@@ -26,7 +26,7 @@ from typing import TextIO
 
 from tests.fuzz.source import Plain, Target
 
-MODULES = ("session_files", "exchange", "configs", "wires", "usb")
+MODULES = ("session_files", "exchange", "configs", "rig_files", "wires", "usb")
 CHUNK = 2000
 LONGEST_S = 60.0
 """Time after which an input counts as one that never returns."""

@@ -176,7 +176,7 @@ class Babbling(Invented):
             self._coming = [f"1{command}{RIGHT[command]}\r\n".encode() if answer is None else answer]
 
 
-STATES = ("00000A", "00001E", "000028", "000032", "000033", "00003C", "002033", "020033")
+STATES = ("00000A", "00001E", "000028", "000032", "000033", "00003C", "000046", "000047", "002033", "020033")
 
 
 def told(source: Source) -> bytes | None:

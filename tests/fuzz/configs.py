@@ -44,9 +44,19 @@ def scalar(source: Source) -> Any:
     return source.content(4) if kind == 5 else source.choice(SCALARS)
 
 
+def likely(source: Source) -> Any:
+    """What could stand there: numbers of every size, small counts, words that mean something somewhere."""
+    kind = source.integer(0, 2)
+    if kind == 0:
+        return source.integer(1, 9999) * 10.0 ** source.integer(-40, 40)
+    return source.integer(0, 30) if kind == 1 else source.choice((*SCALARS, True, False))
+
+
 def value(source: Source, depth: int = 0) -> Any:
     """Anything that YAML can say: a scalar, a list, or a mapping with keys of any kind."""
-    kind = source.integer(0, 3) if depth < DEEPEST else 0
+    kind = source.integer(0, 7) if depth < DEEPEST else 0
+    if kind > 3:
+        return likely(source)
 
     def inner(source: Source) -> Any:
         return value(source, depth + 1)

@@ -66,6 +66,7 @@ def csv(delimiter: str, decimal: str = ".", header: str = "time [s];a [g];b [g]"
 
 TABLES = (csv(","), csv(";", ","), csv("\t"), csv(" ", header="# t a b"), csv(",", header="# comment\nt,a,b\ns,g,g"))
 FIELDS = ("", "1", "-1", "1e5", "1d5", "1e999", "nan", "inf", "1,5", ".", "+", "a", '"1"', "٣", "1_0", "#")
+TITLES = ("t", "time [s]", "t_ms", "a", "a [g]", "b (m/s2)", "", "Time", "s", "g")
 ENCODINGS = ("utf-8", "utf-16", "latin-1", "utf-8-sig")
 
 
@@ -79,16 +80,29 @@ def field(source: Source) -> str:
 
 
 def table(source: Source) -> str:
+    """A table of any fields, or one of numbers that begins with even times and has few senseless fields or none."""
     delimiter, end = source.choice((",", ";", "\t", " ", ", ")), source.choice(("\n", "\r\n", "\r", "\x0b", "\n\n"))
     width = source.integer(1, 4)
-    # where one line in forty is senseless the others have to be sound, or no table is ever read
-    one = field if source.integer(0, 1) else lambda inner: repr(inner.number()) if inner.integer(0, 9) else field(inner)
-    rows = source.several(lambda inner: inner.several(one, width, width), 0, 40)
-    return end.join(delimiter.join(row) for row in rows)
+    if source.integer(0, 1):
+        rows = source.several(lambda inner: inner.several(field, width, width), 0, 40)
+        return end.join(delimiter.join(row) for row in rows)
+    size, step = 10.0 ** source.integer(-320, 308), 10.0 ** source.integer(-320, 308)
+    start, length = source.number(), source.integer(14, 40)
+    rows = [
+        [repr(start + i * step), *(repr(size * source.integer(-99, 99)) for _ in range(width - 1))]
+        for i in range(length)
+    ]
+    for at, column, text in source.several(
+        lambda inner: (inner.integer(0, 39), inner.integer(0, 3), field(inner)), 0, 2
+    ):
+        if source.integer(0, 1):
+            rows[at % length][column % width] = text
+    header = [delimiter.join(source.choice(TITLES) for _ in range(width))] if source.integer(0, 1) else []
+    return end.join([*header, *(delimiter.join(row) for row in rows)])
 
 
 def damaged_tables(place: Path) -> Target:
-    return damaged_files(place / "table.csv", TABLES, 10)
+    return damaged_files(place / "table.csv", TABLES)
 
 
 def any_table(place: Path) -> Target:

@@ -156,19 +156,23 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _report(name: str, target: Target, inputs: int, seed: int, first: int) -> int:
     begin = time.monotonic()
+    on_screen = sys.stderr.isatty()
+    tenths = 0
 
     def progress(done: int) -> None:
-        if sys.stderr.isatty():
-            rate = done / max(time.monotonic() - begin, 1e-3)
-            print(f"\r{name}: {done:,} of {inputs:,}, {rate:,.0f} a second ", end="", file=sys.stderr, flush=True)
+        nonlocal tenths
+        text = f"{name}: {done:,} of {inputs:,}, {done / max(time.monotonic() - begin, 1e-3):,.0f} a second"
+        if on_screen:
+            print(f"\r{text} ", end="\n" if done == inputs else "", file=sys.stderr, flush=True)
+        elif 10 * done // inputs > tenths:
+            tenths = 10 * done // inputs
+            print(text, file=sys.stderr, flush=True)
 
     failure = run(name, target, inputs, seed, first, progress=progress)
-    progress_end = "\n" if sys.stderr.isatty() else ""
-    print(progress_end, end="", file=sys.stderr, flush=True)
     if failure is None:
         print(f"{name}: {inputs:,} inputs of seed {seed} in {time.monotonic() - begin:.0f} s, no failure", flush=True)
         return 0
-    print(f"{name}: input {failure.number} of seed {seed} failed:\n{failure.what}")
+    print(f"\n{name}: input {failure.number} of seed {seed} failed:\n{failure.what}")
     print(f"again: python -m tests.fuzz.plain {name} --seed {seed} --first {failure.number} --inputs 1", flush=True)
     return 1
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,9 @@ from mesotap.config import Config, ConfigError, default_text, effective_text, lo
 from tests.fuzz.mutations import Damage, damaged, damages
 from tests.fuzz.source import Source, Target
 
-DEFAULT = default_text()
+COMMENT = re.compile(r"(^|\s+)#.*")
+LINES = [COMMENT.sub("", line) for line in default_text().splitlines()]
+DEFAULT = "".join(f"{line}\n" for line in LINES if line)  # what is damaged should matter
 SCALARS = (0, 1, -1, 1e-300, 1e300, 10**400, "", "simulated", "hand", "motor", "usb-1608fs-plus", "1e5", "[]")
 DEEPEST = 3
 

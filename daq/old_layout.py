@@ -39,16 +39,19 @@ class _TooMuch(Exception):
 
 
 def is_old(path: Path) -> bool:
-    """Return whether an HDF5 file has structures without checksums.
-
-    The superblock begins at byte 0, 512, 1024, 2048 and so on; its version follows the signature.
-    """
+    """Return whether an HDF5 file has structures without checksums; the superblock's version follows its signature."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        start = 0
-        while content[start : start + len(SIGNATURE)] != SIGNATURE and start < len(content):
-            start = start * 2 or 512
+        start = superblock(content)
         version = content[start + len(SIGNATURE) : start + len(SIGNATURE) + 1]
         return version < bytes([FIRST_CHECKED]) or content.find(SYMBOL_TABLE) >= 0
+
+
+def superblock(content: mmap.mmap) -> int:
+    """Return where the superblock begins (byte 0, 512, 1024, 2048 and so on); addresses in the file count from there."""
+    start = 0
+    while content[start : start + len(SIGNATURE)] != SIGNATURE and start < len(content):
+        start = start * 2 or 512
+    return start
 
 
 def survives(path: Path, largest: int) -> bool:

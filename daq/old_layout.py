@@ -47,7 +47,7 @@ def is_old(path: Path) -> bool:
 
 
 def superblock(content: mmap.mmap) -> int:
-    """Return where the superblock begins (byte 0, 512, 1024, 2048 and so on); addresses in the file count from there."""
+    """Return where the superblock begins (byte 0, 512, 1024, 2048, ...): addresses in the file count from there."""
     start = 0
     while content[start : start + len(SIGNATURE)] != SIGNATURE and start < len(content):
         start = start * 2 or 512

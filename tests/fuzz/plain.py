@@ -22,7 +22,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from tests.fuzz.source import Plain, Target
 
@@ -69,6 +69,7 @@ def _chunk(name: str, target: Target, seed: int, numbers: range, longest_s: floa
             status = 1
             try:
                 faulthandler.enable(told, all_threads=False)
+                faulthandler.register(signal.SIGUSR1, told, all_threads=False)
                 status = _try_all(name, target, seed, numbers, counter, told, parent)
             finally:
                 told.flush()
@@ -78,7 +79,7 @@ def _chunk(name: str, target: Target, seed: int, numbers: range, longest_s: floa
         if status == 0:
             return None
         told.seek(0)
-        text = told.read()
+        text = f"{_drawn(name, target, seed, number)!r:.{LONGEST_SHOWN}}\n{told.read()}"
     if status is None:
         text += f"did not return within {longest_s:g} s"
     elif os.WIFSIGNALED(status):
@@ -97,16 +98,18 @@ def _try_all(
             counter[:] = struct.pack("<q", done)
             if os.getppid() != parent:  # nobody is there any more to hear of it
                 return 1
-            drawn = None
             try:
-                drawn = target.draw(Plain(f"{name}/{seed}/{number}"))
-                target.check(drawn)
+                target.check(_drawn(name, target, seed, number))
                 if unraisable:
                     raise unraisable[0]
             except BaseException:
-                told.write(f"{drawn!r:.{LONGEST_SHOWN}}\n{traceback.format_exc()}")
+                told.write(traceback.format_exc())
                 return 1
     return 0
+
+
+def _drawn(name: str, target: Target, seed: int, number: int) -> Any:
+    return target.draw(Plain(f"{name}/{seed}/{number}"))
 
 
 def _ended(child: int, counter: mmap.mmap, longest_s: float) -> int | None:
@@ -119,6 +122,8 @@ def _ended(child: int, counter: mmap.mmap, longest_s: float) -> int | None:
         if counter[:] != seen:
             seen, since = counter[:], time.monotonic()
         elif time.monotonic() - since > longest_s:
+            os.kill(child, signal.SIGUSR1)  # it writes down where it is
+            time.sleep(0.2)
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
             return None

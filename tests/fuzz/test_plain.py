@@ -88,6 +88,8 @@ def test_what_is_no_exception_is_found_too(check, what):
     assert failure is not None
     assert failure.number == first_seven(1)
     assert what in failure.what
+    assert failure.what.startswith("7\n")
+    assert check is told_by_nobody or f"in {check.__name__}" in failure.what  # where it was
 
 
 def test_the_command_names_the_command_that_tries_it_again(monkeypatch, capfd):

@@ -6,7 +6,7 @@ import errno
 import os
 from pathlib import Path
 
-from daq.errors import RecordingError
+from daq.errors import UnwrittenError
 
 PART = ".part"
 """Ending of a file that is not finished; nothing reads one."""
@@ -25,10 +25,10 @@ _CAUSES = {
 }
 
 
-def write_error(path: Path, error: OSError) -> RecordingError:
+def write_error(path: Path, error: OSError) -> UnwrittenError:
     """Return the one-sentence error for a file that could not be written."""
     cause = _CAUSES.get(error.errno or 0) or error.strerror or str(error)
-    return RecordingError(f"{path}: cannot be written: {cause}")
+    return UnwrittenError(path, cause)
 
 
 def sync_folder(folder: Path) -> None:
@@ -45,7 +45,7 @@ def write_whole(path: Path, content: bytes | memoryview) -> None:
 
     Raises
     ------
-    RecordingError
+    UnwrittenError
         The disk is full, the place is not writable, or there is no such folder.
     """
     part = path.with_name(path.name + PART)

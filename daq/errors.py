@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 _BREAK = re.compile(r"\s*[\n\r\f\v\x85\u2028\u2029]\s*")
 
@@ -23,3 +24,20 @@ class RecordingError(ValueError):
 
     def __init__(self, text: str) -> None:
         super().__init__(one_line(text))
+
+
+class UnwrittenError(RecordingError):
+    """A file could not be written.
+
+    Attributes
+    ----------
+    path
+        Which file.
+    cause
+        Why, and what to do.
+    """
+
+    def __init__(self, path: Path, cause: str) -> None:
+        super().__init__(f"{path}: cannot be written: {cause}")
+        self.path = path
+        self.cause = cause

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import RecordingError
-from daq.old_layout import is_old, survives
+from daq.old_layout import is_old, superblock, survives
 
 CHECKSUMMED = ("v108", "v110")
 """Bounds on the layout of files written here: readable since HDF5 1.8, and damage to their structure is noticed.
@@ -33,7 +33,7 @@ LARGEST_ARRAY = 100_000_000
 LARGEST_COUNT = 2**53
 """Whole numbers beyond which floating-point numbers skip some."""
 
-_HEAP = b"GCOL\x01\0\0\0"
+_HEAP = b"GCOL\x01"
 
 _BROKEN = (
     OSError,
@@ -80,12 +80,17 @@ def _heaps_are_sound(path: Path) -> bool:
 
     A heap is the signature, version 1, three zeros and its size (8 bytes); then objects, each an index (2 bytes), a
     count of references (2), four zeros and a size (8), followed by the content, padded to 8. Object 0 is the rest,
-    and its size counts its own header.
+    and its size counts its own header. The library does not look at the zeros. Where they are none, it is a damaged
+    heap if anything in the file refers to it, and otherwise samples that happen to look like one.
     """
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        base = superblock(content)
         heap = content.find(_HEAP)
         while heap >= 0:
-            if heap + 16 <= len(content):
+            if content[heap + len(_HEAP) : heap + 8].strip(b"\0"):
+                if content.find((heap - base).to_bytes(8, "little", signed=True)) >= 0:
+                    return False
+            elif heap + 16 <= len(content):
                 size = int.from_bytes(content[heap + 8 : heap + 16], "little")
                 at, end = heap + 16, heap + size
                 if not 16 <= size <= len(content) - heap:
@@ -97,7 +102,7 @@ def _heaps_are_sound(path: Path) -> bool:
                     if not 16 <= step <= end - at:
                         return False
                     at += step
-            heap = content.find(_HEAP, heap + 8)
+            heap = content.find(_HEAP, heap + len(_HEAP))
     return True
 
 
@@ -254,6 +259,21 @@ class Node:
 
     def _attribute_error(self, name: str, what: str) -> RecordingError:
         return RecordingError(f"{self.path}: attribute {name} of {self.name or '/'} {what}")
+
+
+def claims_too_much(node: Node) -> bool:
+    """Return whether a scalar of variable length says it is longer than its file.
+
+    A dataset holds such a value as its length (4 bytes) and where in the file it is; neither has a checksum. The
+    library makes room for the length before it looks there, up to 4 GB, and fills it.
+    """
+    with reading(node.path, node.name):
+        place = node.item.id.get_offset() if node.item.dtype.kind == "O" else None
+        if place is None:
+            return False
+        with node.path.open("rb") as file:
+            file.seek(place)
+            return int.from_bytes(file.read(4), "little") > node.path.stat().st_size
 
 
 def is_storable(text: str) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import RecordingError
-from daq.hdf5 import Node, refuse_non_finite
+from daq.hdf5 import Node, claims_too_much, refuse_non_finite
 from daq.records import Shot
 
 ATTRIBUTE_LIMIT = 60_000
@@ -184,10 +184,12 @@ def scalar_text(node: Node) -> str:
     Raises
     ------
     RecordingError
-        It is no dataset, no scalar, no string, or not UTF-8.
+        It is no dataset, no scalar, no string, longer than the file, or not UTF-8.
     """
     if not isinstance(node.item, h5py.Dataset) or node.item.shape != () or node.item.dtype.kind not in "OS":
         raise node.error(" is not a scalar string")
+    if claims_too_much(node):
+        raise node.error(" is damaged: it claims to be longer than the file")
     try:
         value = node.item[()]
         text = value.decode("utf-8") if isinstance(value, bytes) else value

@@ -1,8 +1,9 @@
 """A look at HDF5 files in the old layout, by a process that may die of it.
 
 Files without checksums (superblock 0 and 1, symbol tables) can, when damaged, crash the HDF5 library or keep it in a
-loop: no exception, the whole program is gone. So such a file, which only other programs write, is first read by a
-forked process that does nothing else. What it survives, this program survives.
+loop, or have it make room for gigabytes that are not there: no exception, the whole program is gone. So such a file,
+which only other programs write, is first read by a forked process that does nothing else, with little more memory than
+the file can need. What it survives, this program survives.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import faulthandler
 import mmap
 import os
 import resource
+from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
@@ -24,18 +26,32 @@ FIRST_CHECKED = 2
 LONGEST_LOOK_S = 20
 """Processor time after which the library counts as caught in a loop."""
 
+ROOM = 100_000_000
+"""Bytes that the library may take for itself, besides some copies of the file and of the array that it reads."""
+
+COPIES = 4
+_NO_ROOM = "memory allocation failed"
+"""What the library says where it gets no more."""
+
+
+class _TooMuch(Exception):
+    """The library wanted more memory than there can be data."""
+
 
 def is_old(path: Path) -> bool:
-    """Return whether an HDF5 file has structures without checksums.
-
-    The superblock begins at byte 0, 512, 1024, 2048 and so on; its version follows the signature.
-    """
+    """Return whether an HDF5 file has structures without checksums; the superblock's version follows its signature."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        start = 0
-        while content[start : start + len(SIGNATURE)] != SIGNATURE and start < len(content):
-            start = start * 2 or 512
+        start = superblock(content)
         version = content[start + len(SIGNATURE) : start + len(SIGNATURE) + 1]
         return version < bytes([FIRST_CHECKED]) or content.find(SYMBOL_TABLE) >= 0
+
+
+def superblock(content: mmap.mmap) -> int:
+    """Return where the superblock begins (byte 0, 512, 1024, 2048, ...): addresses in the file count from there."""
+    start = 0
+    while content[start : start + len(SIGNATURE)] != SIGNATURE and start < len(content):
+        start = start * 2 or 512
+    return start
 
 
 def survives(path: Path, largest: int) -> bool:
@@ -48,31 +64,48 @@ def survives(path: Path, largest: int) -> bool:
     """
     child = os.fork()
     if child == 0:
+        status = 1
         try:
             # a crash report of the child would look like one of this program
             faulthandler.disable()
             os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
             resource.setrlimit(resource.RLIMIT_CPU, (LONGEST_LOOK_S, LONGEST_LOOK_S))
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-            with contextlib.suppress(Exception):  # told by whoever reads it next
+            with _attempt():
                 _read_everything(path, largest)
+            status = 0
         finally:
-            os._exit(0)
-    return os.WIFEXITED(os.waitpid(child, 0)[1])
+            os._exit(status)
+    status = os.waitpid(child, 0)[1]
+    return os.WIFEXITED(status) and os.WEXITSTATUS(status) == 0
+
+
+@contextlib.contextmanager
+def _attempt() -> Iterator[None]:
+    """Pass over what cannot be read: whoever reads it next tells it."""
+    try:
+        yield
+    except _TooMuch:
+        raise
+    except Exception as error:
+        if isinstance(error, MemoryError) or _NO_ROOM in str(error):
+            raise _TooMuch from error
 
 
 def _read_everything(path: Path, largest: int) -> None:
+    room = ROOM + COPIES * path.stat().st_size
+    _limit(room)
     with h5py.File(path, "r") as file:
         pending: list[h5py.Group | h5py.Dataset] = [file]
         seen: set[int] = set()
         while pending:
             item = pending.pop()
-            with contextlib.suppress(Exception):
-                _read_item(item, largest)
+            with _attempt():
+                _read_item(item, largest, room)
             if isinstance(item, h5py.Group):
-                with contextlib.suppress(Exception):
+                with _attempt():
                     for name in item:
-                        with contextlib.suppress(Exception):
+                        with _attempt():
                             inner = item[name]
                             address = h5py.h5o.get_info(inner.id).addr
                             if address not in seen:
@@ -80,9 +113,21 @@ def _read_everything(path: Path, largest: int) -> None:
                                 pending.append(inner)
 
 
-def _read_item(item: h5py.Group | h5py.Dataset, largest: int) -> None:
+def _read_item(item: h5py.Group | h5py.Dataset, largest: int, room: int) -> None:
     for name in item.attrs:
-        with contextlib.suppress(Exception):
+        with _attempt():
             item.attrs[name]
     if isinstance(item, h5py.Dataset) and item.size is not None and item.size <= largest:
-        item[()]
+        _limit(room + COPIES * item.size * item.dtype.itemsize)
+        try:
+            item[()]
+        finally:
+            _limit(room)
+
+
+def _limit(room: int) -> None:
+    """Let this process grow by so many bytes, and no more."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    most = resource.getrlimit(resource.RLIMIT_AS)[1]
+    wanted = pages * resource.getpagesize() + room
+    resource.setrlimit(resource.RLIMIT_AS, (wanted if most == resource.RLIM_INFINITY else min(wanted, most), most))

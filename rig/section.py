@@ -4,11 +4,22 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+SMALLEST, LARGEST = 1e-30, 1e30
+"""Magnitudes between which a setting has to lie, so that products and ratios of some of them are numbers too."""
+
+
+def _of_a_size(value: float) -> float:
+    if value and not SMALLEST <= abs(value) <= LARGEST:
+        than = f"smaller than {SMALLEST:g}" if abs(value) < SMALLEST else f"larger than {LARGEST:g}"
+        raise ValueError(f"{value:g} is {than}, which nothing in a rig is")
+    return value
+
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False), AfterValidator(_of_a_size)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), AfterValidator(_of_a_size)]
+Finite = Annotated[float, Field(allow_inf_nan=False), AfterValidator(_of_a_size)]
 
 
 class Section(BaseModel):

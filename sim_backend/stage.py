@@ -31,7 +31,8 @@ class SimulatedStage(Stage):
     """Knob and carriage with play between them.
 
     The reading is the knob's. Towards contact the knob pushes the carriage; away from it the play has to be used up
-    before the carriage follows. ``moved`` is called after each move.
+    before the carriage follows. ``moved`` is called after each move; what it asks of the stage is as it was just then,
+    however the clock goes on meanwhile.
     """
 
     def __init__(self, settings: sections.SimulatedStage, clock: VirtualClock, moved: Callable[[], None]):
@@ -42,6 +43,7 @@ class SimulatedStage(Stage):
         self._carriage_um = 0.0
         self._locked = False
         self._motion: Motion | None = None
+        self._telling = False
 
     @property
     def carriage_um(self) -> float:
@@ -139,7 +141,7 @@ class SimulatedStage(Stage):
     def _keep_up(self) -> None:
         """Bring knob and carriage to where the move has come by now."""
         motion = self._motion
-        if motion is None:
+        if motion is None or self._telling:
             return
         now = self._clock.now()
         if now >= motion.over_s:
@@ -153,7 +155,11 @@ class SimulatedStage(Stage):
             return
         self._knob_um = knob
         self._carriage_um = min(max(self._carriage_um, knob), knob + self._settings.backlash_um)
-        self._moved()
+        self._telling = True
+        try:
+            self._moved()
+        finally:
+            self._telling = False
 
     def checkpoint(self) -> dict[str, Any]:
         """Return its state as JSON types."""

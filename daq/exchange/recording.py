@@ -110,6 +110,7 @@ def to_si(unit: str) -> tuple[str, float]:
     return text, 1.0
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def is_even(time: NDArray[np.float64]) -> bool:
     """Return whether ``time`` (n,) increases by even steps, up to rounding."""
     return _first_uneven(time) is None
@@ -139,13 +140,15 @@ def _first_uneven(time: NDArray[np.float64]) -> int | None:
     return int(np.argmax(np.abs(steps - np.median(steps)))) + 1
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def rate_of(path: Path, time: NDArray[np.float64], name: str) -> float:
     """Return the sampling rate behind a column of times, s.
 
     Raises
     ------
     RecordingError
-        The times are not finite, not increasing, or not even; the sample is named.
+        The times are not finite, not increasing, or not even; the sample is named. Or they are too close together, or
+        too far apart, for any rate.
     """
     finite = np.isfinite(time)
     if not finite.all():
@@ -159,6 +162,8 @@ def rate_of(path: Path, time: NDArray[np.float64], name: str) -> float:
         )
     span = float(time[-1] - time[0])
     rate = (time.size - 1) / span
+    if not 0 < rate < math.inf:
+        raise RecordingError(f"{path}: column {name} says a sampling rate of {rate:g} Hz, which no recorder has")
     doubt = rate * (min(_resolution(time), span) / span + 1e-9)
     nearest = float(round(rate))
     return nearest if nearest > 0 and abs(rate - nearest) <= doubt else rate

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from calibration.line import fit_line
 from calibration.routine import calibrate, check_points
-from daq.errors import RecordingError
+from daq.errors import RecordingError, UnwrittenError
 from daq.journal import SessionFolder
 from daq.records import CalibrationPoints, Shot
 from daq.trigger import NoTap, record_shot
@@ -378,5 +378,6 @@ class SessionRunner:
             error.add_note("the surfaces are apart; 'mesotap resume' goes on")
         try:
             self._note(SAFE, reason=str(error) or type(error).__name__, troubles=troubles)
-        except RecordingError as unwritten:
-            error.add_note(str(unwritten))
+        except UnwrittenError as unwritten:
+            alike = isinstance(error, UnwrittenError) and error.cause == unwritten.cause
+            error.add_note(f"nor can {unwritten.path} be written" if alike else str(unwritten))

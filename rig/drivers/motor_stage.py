@@ -224,7 +224,7 @@ class MotorStage(Stage, Driver):
         for _ in range(round(PATIENCE_S / self._settings.poll_s)):
             self._clock.sleep(self._settings.poll_s)
             now = self._position_um()
-            standing = self._axis.status().state not in (AxisState.MOVING, AxisState.HOMING)
+            standing = self._axis.status().state not in (AxisState.MOVING, AxisState.HOMING, AxisState.JOGGING)
             if standing and abs(now - before) <= self._settings.resolution_um:
                 return now
             before = now
@@ -281,6 +281,8 @@ class MotorStage(Stage, Driver):
         if status.state not in states:
             if status.state is AxisState.DISABLED:
                 raise self._error("it is clamped (motor off)", "unlock it before it is moved")
+            if status.state is AxisState.JOGGING:
+                raise self._error(f"it is {status.state.value[0]}", "let go of the keypad and end jogging there")
             raise self._error(f"it is {status.state.value[0]}", "wait until it is ready, or switch it off and on again")
 
     def _lost_reference(self) -> DeviceError:

@@ -83,6 +83,7 @@ class AxisState(Enum):
     MOVING = ("moving", (0x28,))
     READY = ("ready", (0x32, 0x33, 0x34, 0x35, 0x36, 0x37, 0x38))
     DISABLED = ("motor off", (0x3C, 0x3D, 0x3E, 0x3F))
+    JOGGING = ("moved by hand from its keypad (jogging)", (0x46, 0x47))
 
     @classmethod
     def of(cls, code: int) -> AxisState | None:

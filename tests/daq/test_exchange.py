@@ -102,6 +102,19 @@ def test_times_rounded_by_their_writer_are_even(tmp_path: Path) -> None:
     assert import_recording(path).rate_hz == pytest.approx(51200, rel=1e-5)
 
 
+@pytest.mark.parametrize("step", [5e-324, 4e-309])
+def test_times_too_close_for_any_rate_are_refused(tmp_path: Path, step: float) -> None:
+    rows = np.column_stack([np.arange(20) * step, A[:20], B[:20]])
+    with pytest.raises(RecordingError, match=r"column time says a sampling rate of inf Hz"):
+        import_recording(csv(tmp_path / "close.csv", rows, header="time,a,b\n"))
+
+
+def test_numbers_that_overflow_when_they_are_tried_as_times_are_no_times(tmp_path: Path) -> None:
+    rows = np.column_stack([1e307 * np.arange(-10, 10), A[:20], B[:20]])
+    recording = import_recording(csv(tmp_path / "huge.csv", rows), rate_hz=1000.0)
+    assert len(recording.names) == 3
+
+
 @pytest.mark.parametrize("channels", [["right", "left"], [1, 0], ["1", "0"]])
 def test_channels_are_chosen_by_name_or_number(tmp_path: Path, channels: list[str | int]) -> None:
     path = csv(tmp_path / "x.csv", np.c_[TIME, A, B], ",", "time,left,right\n")

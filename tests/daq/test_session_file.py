@@ -3,6 +3,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import resource
 import subprocess
 import sys
 from collections.abc import Callable
@@ -246,6 +247,59 @@ def test_a_damaged_heap_is_refused_before_the_library_loops_in_it(tmp_path: Path
         read_session(path)
 
 
+def test_a_damaged_heap_is_refused_where_its_padding_is_damaged_too(tmp_path: Path, session: Session) -> None:
+    path = tmp_path / "heap.h5"
+    write_session(path, session)
+    content = bytearray(path.read_bytes())
+    heap = content.find(b"GCOL")
+    content[heap + 7] = 1
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match="damaged or truncated"):
+        read_session(path)
+
+
+def test_samples_that_look_like_a_damaged_heap_are_samples(tmp_path: Path, session: Session) -> None:
+    path = tmp_path / "look.h5"
+    shot = session.shots[0]
+    samples = shot.acceleration.copy()
+    samples[0, 3] = np.frombuffer(b"GCOL\x01\x01@@")[0]
+    write_session(path, replace(session, shots=(replace(shot, acceleration=samples),)))
+    with h5py.File(path, "r+") as f:
+        data = f["impacts"][shot.name]["acceleration"][()]
+        del f["impacts"][shot.name]["acceleration"]
+        f["impacts"][shot.name]["acceleration"] = data
+        f["impacts"][shot.name]["acceleration"].attrs["units"] = "m/s2"
+    assert b"GCOL\x01\x01" in path.read_bytes()
+    assert read_session(path).shots[0].acceleration[0, 3] == samples[0, 3]
+
+
+def test_a_text_longer_than_its_file_is_refused_before_room_is_made_for_it(tmp_path: Path, session: Session) -> None:
+    path = tmp_path / "long.h5"
+    write_session(path, session)
+    with h5py.File(path) as f:
+        length = f["config"].id.get_offset()
+    with path.open("r+b") as file:
+        file.seek(length)
+        file.write(b"\xff\xff\xff\xef")
+    with pytest.raises(RecordingError, match="/config is damaged: it claims to be longer than the file"):
+        read_session(path)
+
+
+def test_an_old_attribute_longer_than_its_file_is_refused_before_room_is_made_for_it(tmp_path: Path) -> None:
+    path = tmp_path / "old.h5"
+    with h5py.File(path, "w") as f:
+        f.attrs["format"] = "mesotap-session"
+        f.attrs["created"] = "a text"
+    content = bytearray(path.read_bytes())
+    length = content.find((6).to_bytes(4, "little") + content.find(b"GCOL").to_bytes(8, "little"))
+    content[length : length + 4] = b"\xff\xff\xff\xef"
+    path.write_bytes(content)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    with pytest.raises(RecordingError, match="damaged or truncated"):
+        read_session(path)
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss < before + 1_000_000  # kB
+
+
 @pytest.mark.parametrize(("number", "message"), [(errno.ENOSPC, "the disk is full"), (errno.EROFS, "is read-only")])
 def test_a_write_that_fails_leaves_the_old_file(
     file: Path, session: Session, monkeypatch: pytest.MonkeyPatch, number: int, message: str
@@ -277,7 +331,7 @@ def test_a_full_disk_is_told_in_a_sentence(file: Path, session: Session) -> None
     root = Path(__file__).parents[2]
     done = subprocess.run([sys.executable, "-c", code, str(file)], capture_output=True, text=True, cwd=root, check=True)
     assert (
-        done.stdout == f"RecordingError {file}: cannot be written: it would grow beyond the largest file allowed here\n"
+        done.stdout == f"UnwrittenError {file}: cannot be written: it would grow beyond the largest file allowed here\n"
     )
     assert file.read_bytes() == before
 

@@ -1,15 +1,10 @@
-"""How much is fuzzed, and how sound bytes are damaged."""
+"""How sound bytes are damaged."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 
-from hypothesis import HealthCheck, seed, settings
-from hypothesis import strategies as st
-
-EXAMPLES = int(os.environ.get("MESOTAP_FUZZ", "300"))
-SEED = os.environ.get("MESOTAP_FUZZ_SEED")
+from tests.fuzz.source import Source
 
 _KINDS = ("flip", "set", "insert", "delete", "truncate", "repeat", "zero", "number")
 _STRANGE = (b"\xff" * 8, b"\0" * 8, b"\x7f" + b"\xff" * 7, b"\x01" + b"\0" * 7, b"-1", b"nan", b"1e999", b"\x80\0\0\0")
@@ -24,22 +19,13 @@ class Content(bytes):
         return f"<{len(self)} bytes>"
 
 
-def fuzzed(test: Callable[..., None]) -> Callable[..., None]:
-    """Run a test on as many examples as asked for: the same ones each time, others for another seed."""
-    chosen = settings(
-        max_examples=EXAMPLES,
-        deadline=None,
-        database=None,
-        derandomize=SEED is None,
-        suppress_health_check=list(HealthCheck),
-    )(test)
-    return chosen if SEED is None else seed(int(SEED))(chosen)
-
-
-def damages(most: int = 6) -> st.SearchStrategy[Damage]:
+def damages(most: int = 6) -> Callable[[Source], Damage]:
     """A few things to do to a file: what, where (wrapped around its length), and with which byte."""
-    one = st.tuples(st.sampled_from(_KINDS), st.integers(0, 2**24), st.integers(0, 255))
-    return st.lists(one, min_size=1, max_size=most)
+
+    def one(source: Source) -> tuple[str, int, int]:
+        return source.choice(_KINDS), source.integer(0, 2**24), source.integer(0, 255)
+
+    return lambda source: source.several(one, 1, most)
 
 
 def damaged(content: bytes, damage: Damage) -> bytes:

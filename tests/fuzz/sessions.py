@@ -9,10 +9,11 @@ import numpy as np
 
 from daq.records import CalibrationPoints, RigDescription, Session, Shot
 from daq.session_file import write_session
+from tests.fuzz.mutations import Content
 
 
-def small_session(samples: int = 64) -> Session:
-    """Two impacts and two calibrations, as small as can be."""
+def small_session(impacts: int = 2, samples: int = 64) -> Session:
+    """A few impacts and two calibrations, as small as can be."""
     t = np.arange(samples)
     ring = np.exp(-t / 20) * np.sin(t)
     shots = tuple(
@@ -30,7 +31,7 @@ def small_session(samples: int = 64) -> Session:
             strain_mv=ring,
             extra={"a": 1.0},
         )
-        for n in range(2)
+        for n in range(impacts)
     )
     points = CalibrationPoints(np.arange(4.0), np.arange(4.0), "2026-01-01T00:00:00Z")
     rig = RigDescription(0.1, 0.1, 5e5, 5e5, 25000.0, 10.0, 1, 1e4, 4, "butterworth", 49.0, 16)
@@ -40,17 +41,15 @@ def small_session(samples: int = 64) -> Session:
 def as_written_here(path: Path) -> bytes:
     """Bytes of a session file of this program."""
     write_session(path, small_session())
-    return path.read_bytes()
+    return Content(path.read_bytes())
 
 
 def in_the_old_layout(path: Path) -> bytes:
-    """The same content as h5py writes it by default, without checksums."""
-    with h5py.File(path.with_name("new.h5"), "w") as _:
-        pass
-    write_session(path.with_name("new.h5"), small_session())
+    """Bytes of a session file as h5py writes it by default, without checksums; one impact, for it is read twice."""
+    write_session(path.with_name("new.h5"), small_session(impacts=1, samples=32))
     with h5py.File(path.with_name("new.h5")) as new, h5py.File(path, "w", libver="earliest") as old:
         for name, value in new.attrs.items():
             old.attrs[name] = value
         for name in new:
             new.copy(name, old)
-    return path.read_bytes()
+    return Content(path.read_bytes())

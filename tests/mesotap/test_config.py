@@ -39,6 +39,11 @@ def test_what_is_in_force_reads_back_as_itself():
     ("text", "expected"),
     [
         ("rig: {masses: {m1_kg: -1}}", ["rig.masses.m1_kg", "-1", "greater than 0"]),
+        (
+            "rig: {springs: {system_resonance_hz: 1.0e-300}}",
+            ["rig.springs.system_resonance_hz: 1e-300 is smaller than"],
+        ),
+        ("rig: {springs: {system_resonance_hz: 1.0e+300}}", ["rig.springs.system_resonance_hz: 1e+300 is larger than"]),
         ("rig:\n  masses:\n    m1: 3", ["line 3", "rig.masses.m1", "m1_kg, m2_kg, uncertainty_kg"]),
         ("mesotap: {load_plan: [1]}", ["mesotap.load_plan", "did you mean load_plan_mn?"]),
         ("mesotap: {impacts_per_load: eight}", ["mesotap.impacts_per_load", "'eight'", "integer"]),

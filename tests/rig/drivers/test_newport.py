@@ -137,6 +137,13 @@ def test_a_stage_too_fast_to_be_stopped_within_a_step_is_refused():
         stage.connect()
 
 
+@pytest.mark.parametrize("state", ["000046", "000047"])
+def test_a_stage_that_is_moved_from_its_keypad_is_not_taken(state):
+    _, stage = stage_of(*connecting(state=state))
+    with pytest.raises(DeviceError, match=r"it is moved by hand from its keypad \(jogging\); .*end jogging"):
+        stage.connect()
+
+
 def test_a_stage_without_its_reference_is_not_homed_unasked():
     wire, stage = stage_of(*connecting(state="00000A"), ("1TS", "1TS00000A"))
     assert stage.connect().endswith("CONEX-CC 2.0.1, not referenced")
@@ -185,6 +192,15 @@ def test_a_stage_that_goes_too_far_is_stopped_within_one_question():
     back = [("1TP", "1TP2.000700"), ("1PA2.000500", ""), ("1TE", "1TE@"), *THERE]
     far = [("1TS", "1TS000028"), ("1TP", "1TP2.000700")]
     wire, stage = ready(*BEGIN, *far, *STOP, *STANDING, *back, *THERE)
+    assert stage.move_by(0.5).position_um == 0.5
+    wire.finished()
+
+
+def test_a_stage_that_is_moved_from_its_keypad_does_not_stand():
+    back = [("1TP", "1TP2.000700"), ("1PA2.000500", ""), ("1TE", "1TE@"), *THERE]
+    far = [("1TS", "1TS000028"), ("1TP", "1TP2.000700")]
+    jogging = [("1TP", "1TP2.000700"), ("1TP", "1TP2.000700"), ("1TS", "1TS000046")]
+    wire, stage = ready(*BEGIN, *far, *STOP, *jogging, *STANDING[1:], *back, *THERE)
     assert stage.move_by(0.5).position_um == 0.5
     wire.finished()
 

@@ -30,8 +30,10 @@ HELD_OUT_EVERY = 4  # every fourth impact is held out
 MOST_TERMS = 3
 FINALISTS = 5  # mechanisms that are fitted in full
 CLOSE = 0.25  # share of the best score's gain that earns a full fit
+LEAST_COST = 2.0  # of a free number, chi-squared: Akaike's
 STARTS = 5  # of the fit of an added body
-EXPLAINED = 1.01  # misfit below which no further start is tried
+EXPLAINED = 1.01  # misfit below which nothing much is left
+HOPEFUL, HOPEFUL_LOST = 0.7, 0.3  # share of the best evidence that earns further starts; where nothing explains much
 OTHER_START = 0.2  # share of the best screened evidence that a further start must have
 STANDING_IN = 20.0  # chi-squared that departures from the declared constants cost when they stand in for something
 FIRST_GAIN = 6.0  # evidence that the first mechanism must have, where the joint test says that there is one
@@ -203,42 +205,48 @@ def _full_fits(
             entries.append(Entry(score, None, screened_gain(score)))
             continue
         progress(f"fitting {name_of(score)}")
-        fitted = _fitted(current, tried[score.term.mechanism.id])
-        if fitted is None:
-            entries.append(Entry(score, None, 0.0))  # it cannot be joined with what is there already
-            continue
-        if fitted.only_laws and not explained and misfit(fitted) > STRONG:
-            fitted = lengthened(current.problem, fitted.terms, current) or fitted
-        explained = explained or misfit(fitted) < STRONG
-        gain = current.objective - fitted.objective - score.choice
-        own, parameters = own_numbers(score), len(score.term.mechanism.parameters)
-        found = Entry(score, fitted, evidence(gain, own, parameters), own)
-        if score.term.mechanism.tied and current.objective - fitted.objective > UNTIE:
-            found = max(found, _untied(current, fitted, score), key=lambda e: e.evidence)
+        found = _entry(current, score, [(score, current)], explained)
+        explained = explained or (found.fit is not None and misfit(found.fit) < STRONG)
         entries.append(found)
+    first = max((e.evidence for e in entries if e.fit is not None), default=0.0)
+    lost = all(misfit(e.fit) > EXPLAINED for e in entries if e.fit is not None)
+    for i, entry in enumerate(entries):
+        hopeful = entry.evidence > (HOPEFUL_LOST if lost else HOPEFUL) * first
+        if entry.fit is not None and entry.score.term.mechanism.body is not None and hopeful:
+            progress(f"fitting {name_of(entry.score)} from elsewhere")
+            again = _entry(current, entry.score, _elsewhere(current, tried[entry.id]), explained)
+            entries[i] = max(entry, again, key=lambda e: e.evidence)
     entries.sort(key=lambda e: (e.fit is None, -(e.evidence + stiffness_evidence(e))))
     return tuple(entries)
 
 
-def _fitted(current: Fit, scores: Sequence[Score]) -> Fit | None:
-    """Fit a mechanism beside those of a fit, from its best screened values; None where it cannot be joined with them.
+def _entry(current: Fit, score: Score, begun: Sequence[tuple[Score, Fit | None]], explained: bool) -> Entry:
+    """Return the best of the full fits of a mechanism that begin at these screened values and rigs."""
+    fitted: Fit | None = None
+    for start, begin in begun:
+        with suppress(ValueError, np.linalg.LinAlgError):  # it cannot be joined with what is there already
+            found = fit(current.problem, (*current.terms, started(start)), begin=begin, delays=start.delays)
+            fitted = found if fitted is None or found.objective < fitted.objective else fitted
+    if fitted is None:
+        return Entry(score, None, 0.0)
+    if fitted.only_laws and not explained and misfit(fitted) > STRONG:
+        fitted = lengthened(current.problem, fitted.terms, current) or fitted
+    gain = current.objective - fitted.objective - score.choice
+    own, parameters = own_numbers(score), len(score.term.mechanism.parameters)
+    entry = Entry(score, fitted, evidence(gain, own, parameters), own)
+    if score.term.mechanism.tied and current.objective - fitted.objective > UNTIE:
+        entry = max(entry, _untied(current, fitted, score), key=lambda e: e.evidence)
+    return entry
 
-    An added body has more than one minimum: it is fitted from its next best values too, and from the rig as declared
-    where that went far to stand in for it.
+
+def _elsewhere(current: Fit, scores: Sequence[Score]) -> list[tuple[Score, Fit | None]]:
+    """Return where else the fit of an added body, which has more than one minimum, is begun.
+
+    At its next best screened values, and from the rig as declared where that went far to stand in for it.
     """
-    begun: list[tuple[Score, Fit | None]] = [(scores[0], current)]
-    if scores[0].term.mechanism.extend is not None:
-        least = OTHER_START * screened_gain(scores[0])
-        rigs = (current, None) if current.penalty > STANDING_IN else (current,)
-        begun = [(s, rig) for s in scores[:STARTS] if screened_gain(s) > least for rig in rigs]
-    best: Fit | None = None
-    for score, begin in begun:
-        with suppress(ValueError, np.linalg.LinAlgError):
-            found = fit(current.problem, (*current.terms, started(score)), begin=begin, delays=score.delays)
-            best = found if best is None or found.objective < best.objective else best
-        if best is not None and misfit(best) < EXPLAINED:
-            break
-    return best
+    least = OTHER_START * screened_gain(scores[0])
+    rigs = (current, None) if current.penalty > STANDING_IN else (current,)
+    return [(s, rig) for s in scores[:STARTS] if screened_gain(s) > least for rig in rigs][1:]
 
 
 def _untied(current: Fit, tied: Fit, score: Score) -> Entry:
@@ -264,11 +272,10 @@ def evidence(gain: float, own: int, parameters: int = 0) -> float:
     own
         Numbers that are free in every record, all records together.
     parameters
-        Further free numbers: each costs 2, as in Akaike's criterion.
+        Further free numbers: each costs the logarithm of the gain, by which the data have narrowed it down.
     """
-    if gain <= 0:
-        return gain - 2 * parameters
-    return -2 * log_tail(gain, max(own, 2)) - 2 * parameters
+    cost = parameters * max(LEAST_COST, math.log(max(gain, 1.0)))
+    return (gain if gain <= 0 else -2 * log_tail(gain, max(own, 2))) - cost
 
 
 def log_tail(gain: float, dof: int) -> float:

@@ -106,12 +106,14 @@ class Contest:
 
 
 def split(problem: Problem) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return records for fitting and held-out ones: every fourth, but never all of a load."""
+    """Return records for fitting and held-out ones: every fourth, but never all of a load nor the strongest of all."""
+    records = problem.recordings.records
     fitted = [0] * len(problem.recordings.loads_n)
+    strongest = max(range(len(records)), key=lambda i: float(np.abs(records[i].raw).max()), default=0)
     training: list[int] = []
     held: list[int] = []
-    for i, record in enumerate(problem.recordings.records):
-        if i % HELD_OUT_EVERY == HELD_OUT_EVERY - 1 and fitted[record.group]:
+    for i, record in enumerate(records):
+        if i % HELD_OUT_EVERY == HELD_OUT_EVERY - 1 and fitted[record.group] and i != strongest:
             held.append(i)
         else:
             training.append(i)

@@ -12,52 +12,26 @@ from analysis.mismatch.corrected import contact_at_rest
 from analysis.mismatch.diagnosis import Diagnosis
 from analysis.mismatch.fit import Fit
 from mesotap.adoption import LOAD_CELL
+from mesotap.answer_parts import location_part, mechanism_part, next_part, print_mechanisms
 
 
 def diagnosis_answer(d: Diagnosis, seconds: float) -> dict[str, Any]:
     """Return the answer for programs."""
-    location = None if d.location is None else {
-        "component": d.location.component,
-        "channels": list(d.location.channels),
-        "time_ms": list(d.location.time_ms),
-        "frequency_hz": list(d.location.frequency_hz),
-        "loads_mn": list(d.location.loads_mn),
-        "why": d.location.why,
-    }  # fmt: skip
-    following = None if d.next_experiment is None else {
-        "load_mn": d.next_experiment.load_mn,
-        "peak_force_ratio": d.next_experiment.peak_force_ratio,
-        "separates": list(d.next_experiment.separates),
-        "why": d.next_experiment.why,
-    }  # fmt: skip
     return {
         "format": "mesotap-diagnosis",
         "version": 1,
         "session": d.session,
         "verdict": d.verdict,
         "p_value": d.p_value,
-        "mechanisms": [
-            {
-                "id": m.id,
-                "probability": m.probability,
-                "where": m.where,
-                "statement": m.statement,
-                "parameters": {
-                    k: {"value": v.value, "low": v.low, "high": v.high, "unit": v.unit} for k, v in m.parameters.items()
-                },
-                "indistinguishable_from": list(m.indistinguishable_from),
-                "fixed": dict(m.fixed),
-            }
-            for m in d.mechanisms
-        ],
-        "location": location,
+        "mechanisms": [{**mechanism_part(m), "fixed": dict(m.fixed)} for m in d.mechanisms],
+        "location": location_part(d.location),
         "fit": {
             "noise_rms_m_s2": d.noise_rms,
             "heldout_rms_before_m_s2": _number(d.rms_before),
             "heldout_rms_after_m_s2": d.rms_after,
             "heldout_impacts": len(d.contest.held_out),
         },
-        "next_experiment": following,
+        "next_experiment": next_part(d.next_experiment),
         "seconds": seconds,
         "adopted": None if d.contest.chosen is None else _augmented(d.contest.chosen),
     }
@@ -95,16 +69,7 @@ def print_diagnosis(d: Diagnosis, console: Console) -> None:
     drifted = bool(d.mechanisms) and all(m.where == LOAD_CELL for m in d.mechanisms)
     sentence = "Eq. 9 explains these recordings, but the load cell drifted." if drifted else said[d.verdict]
     console.print(f"[bold]{sentence}[/bold] (p = {d.p_value:.2g})")
-    for m in d.mechanisms:
-        alike = (
-            f"; these data cannot tell it from {', '.join(m.indistinguishable_from)}"
-            if m.indistinguishable_from
-            else ""
-        )
-        console.print(f"  {m.id} ({m.where}, probability {m.probability:.2f}{alike})")
-        console.print(f"    {m.statement}")
-        for name, v in m.parameters.items():
-            console.print(f"    {name} = {v.value:.4g} ({v.low:.4g} to {v.high:.4g}) {v.unit}")
+    print_mechanisms(d.mechanisms, console)
     if d.location is not None:
         console.print(f"  where: {d.location.component}; {d.location.why}")
     after = "" if d.rms_after is None else f", with what was left out {d.rms_after:.5g}"

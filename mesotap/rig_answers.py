@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from analysis.mismatch.rigs.diagnosis import RigDiagnosis
+from mesotap.answer_parts import location_part, mechanism_part, next_part, print_mechanisms
 
 VERDICTS = {
     "consistent": "The rig as described explains these recordings.",
@@ -20,40 +21,14 @@ VERDICTS = {
 
 def rig_answer(d: RigDiagnosis, seconds: float) -> dict[str, Any]:
     """Return the answer for programs: the contract's keys, and beside them what only such rigs have."""
-    location = None if d.location is None else {
-        "component": d.location.component,
-        "channels": list(d.location.channels),
-        "time_ms": list(d.location.time_ms),
-        "frequency_hz": list(d.location.frequency_hz),
-        "loads_mn": list(d.location.loads_mn),
-        "why": d.location.why,
-    }  # fmt: skip
-    following = None if d.next_experiment is None else {
-        "load_mn": d.next_experiment.load_mn,
-        "peak_force_ratio": d.next_experiment.peak_force_ratio,
-        "separates": list(d.next_experiment.separates),
-        "why": d.next_experiment.why,
-    }  # fmt: skip
     return {
         "format": "mesotap-diagnosis",
         "version": 1,
         "session": d.source,
         "verdict": d.verdict,
         "p_value": d.p_value,
-        "mechanisms": [
-            {
-                "id": m.id,
-                "probability": m.probability,
-                "where": m.where,
-                "statement": m.statement,
-                "parameters": {
-                    k: {"value": v.value, "low": v.low, "high": v.high, "unit": v.unit} for k, v in m.parameters.items()
-                },
-                "indistinguishable_from": list(m.indistinguishable_from),
-            }
-            for m in d.mechanisms
-        ],
-        "location": location,
+        "mechanisms": [mechanism_part(m) for m in d.mechanisms],
+        "location": location_part(d.location),
         "fit": {
             "noise_rms_m_s2": d.noise_rms,
             "heldout_rms_before_m_s2": d.rms_before if math.isfinite(d.rms_before) else 0.0,
@@ -75,7 +50,7 @@ def rig_answer(d: RigDiagnosis, seconds: float) -> dict[str, Any]:
             for p in d.decay
         ],
         "candidates": candidates(d),
-        "next_experiment": following,
+        "next_experiment": next_part(d.next_experiment),
         "seconds": seconds,
     }
 
@@ -95,16 +70,7 @@ def candidates(d: RigDiagnosis) -> list[dict[str, Any]]:
 def print_rig_diagnosis(d: RigDiagnosis, console: Console) -> None:
     """Say the answer to a person."""
     console.print(f"[bold]{VERDICTS[d.verdict]}[/bold] (p = {d.p_value:.2g})")
-    for m in d.mechanisms:
-        alike = (
-            f"; these data cannot tell it from {', '.join(m.indistinguishable_from)}"
-            if m.indistinguishable_from
-            else ""
-        )
-        console.print(f"  {m.id} ({m.where}, probability {m.probability:.2f}{alike})")
-        console.print(f"    {m.statement}")
-        for name, v in m.parameters.items():
-            console.print(f"    {name} = {v.value:.5g} ({v.low:.5g} to {v.high:.5g}) {v.unit}")
+    print_mechanisms(d.mechanisms, console)
     if d.location is not None:
         console.print(f"  where: {d.location.component}; {d.location.why}")
     after = "" if d.rms_after is None else f", with what was left out {d.rms_after:.4g}"

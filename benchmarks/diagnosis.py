@@ -1,0 +1,133 @@
+"""Time and memory of a diagnosis: sessions of 6 loads x 8 impacts x 2 channels x 2500 samples, all mechanisms known.
+
+Every session is diagnosed in a process of its own, after one null session that compiles what has to be compiled. The
+sessions come from the generator of `mesotap prove`. Writes docs/benchmarks/diagnosis.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+
+from analysis.mismatch import contest
+from analysis.mismatch.diagnosis import diagnose_session, tester_problem
+from analysis.mismatch.fit import fit
+from daq.session_file import read_session, write_session
+from mesotap.proof.generator.concealed import Concealed, conceal, record
+from mesotap.proof.generator.deck import effect_named
+from mesotap.proof.generator.plan import PRETRIGGER, Plan, random_plan
+from sim_backend.mechanisms.mechanism import mechanisms
+
+PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "diagnosis.md"
+LOADS, IMPACTS, SAMPLES = 6, 48, 2500
+CASES = (
+    ("", 0.0, ""),
+    ("channel_gain", 60.0, ""),
+    ("tube_spring_damping", 60.0, ""),
+    ("hertz_stiffness", 60.0, ""),
+    ("micro_slip", 60.0, ""),
+    ("guide_friction", 200.0, ""),
+    ("frame_compliance", 60.0, ""),
+    ("attached_mass", 60.0, ""),
+    ("double_hit", 60.0, ""),
+    ("micro_slip", 60.0, "micro_slip"),
+    ("quadratic_damping", 200.0, "quadratic_damping"),
+    ("adhesion", 60.0, "adhesion"),
+)
+"""What is hidden, its d, and what is struck from the list."""
+
+
+def plan_of(seed: int) -> Plan:
+    """Return the first plan from this seed on that has the loads and impacts, with records of the right length."""
+    while True:
+        plan = random_plan(np.random.default_rng(seed))
+        if plan.loads.size == LOADS and plan.group.size == IMPACTS:
+            return replace(plan, samples=SAMPLES - PRETRIGGER)
+        seed += 1
+
+
+def write(path: Path, effect: str, d: float, seed: int) -> None:
+    """Write a session with an effect hidden in it."""
+    rng = np.random.default_rng(seed)
+    plan = plan_of(1000 * seed)
+    concealed = Concealed(plan)
+    if effect:
+        found = effect_named(effect)
+        concealed = conceal(plan, found, found.draw(rng, plan), d)
+    write_session(path, record(rng, concealed, seed).session)
+
+
+def measure(path: Path, without: str) -> dict[str, object]:
+    """Diagnose a session in this process."""
+    known = [m for m in mechanisms().values() if m.id != without]
+    session = read_session(path)
+    problem = tester_problem(session)
+    baseline = fit(problem.only(contest.split(problem)[0]))
+    begin = time.perf_counter()
+    contest.screen(baseline, known)
+    screened = time.perf_counter() - begin
+    begin = time.perf_counter()
+    answer = diagnose_session(session, known)
+    return {
+        "screening_s": screened,
+        "whole_s": time.perf_counter() - begin,
+        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "said": ", ".join(m.id for m in answer.mechanisms) or answer.verdict,
+    }
+
+
+def main() -> None:
+    """Measure all cases and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--one", nargs=2, metavar=("SESSION", "WITHOUT"), help=argparse.SUPPRESS)
+    parser.add_argument("--seed", type=int, default=1)
+    chosen = parser.parse_args()
+    if chosen.one:
+        print(json.dumps(measure(Path(chosen.one[0]), chosen.one[1])))
+        return
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for number, (effect, d, without) in enumerate((CASES[0], *CASES)):
+            path = Path(folder) / f"{number}.h5"
+            write(path, effect, d, chosen.seed + number)
+            command = [sys.executable, __file__, "--one", str(path), without]
+            row = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+            if number:
+                print(effect or "nothing", without and "(struck)", row, flush=True)
+                rows.append((effect or "nothing", d, bool(without), row))
+    PAGE.write_text(page(rows, chosen.seed))
+
+
+def page(rows: list[tuple[str, float, bool, dict[str, object]]], seed: int) -> str:
+    """Return the page of the results."""
+    lines = [
+        "# Time and memory of a diagnosis",
+        "",
+        f"`python benchmarks/diagnosis.py --seed {seed}` on {date.today()}, Python {platform.python_version()}, one "
+        "process. Sessions of 6 loads x 8 impacts x 2 channels x 2500 samples; all mechanisms but the struck one are "
+        "known. Goals: 30 s, 1 GB, screening alone 3 s.",
+        "",
+        "| hidden | d | struck from the list | screening, s | whole, s | peak memory, MB | answer |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for effect, d, struck, row in rows:
+        lines.append(
+            f"| {effect} | {d:g} | {'yes' if struck else ''} | {row['screening_s']:.1f} | {row['whole_s']:.0f} | "
+            f"{row['peak_mb']:.0f} | {row['said']} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    main()

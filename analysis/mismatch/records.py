@@ -19,6 +19,7 @@ PULSE_BAND_HZ = (400.0, 6000.0)  # where a tap's force stands clear of drift and
 PULSE_EDGE = 0.05  # of the tap's peak: below this the pulse is over
 MARGIN_S = 0.1e-3  # left after it: the pulse's foot
 RUN_UP = 4  # samples more, until the low-pass has forgotten forces of which only the later part is computed
+SHORTER = 3  # samples by which a pulse may end before the session's median: one that ends sooner was misjudged
 LONGEST_PULSE_S = 1.2e-3
 PULSE_MIDDLE_S = 1e-4  # after the trigger: when a tap counts as having struck
 OTHER_BLOWS = 0.5  # a peak of another blow is below this of the first one
@@ -151,12 +152,17 @@ def tester_recordings(
         noise = channel_noise(shots, rate)
     groups = {load_set: g for g, load_set in enumerate(sorted(contact))}
     masses = session.rig.m1_kg, session.rig.m2_kg
-    records = []
+    cleaned, starts = [], []
     for shot in shots:
         rest = shot.acceleration[:, : max(1, shot.pretrigger - GUARD_SAMPLES)].mean(axis=1, keepdims=True)
         clean = shot.acceleration - rest
         force = tap_force(clean.mean(axis=0), rate, masses, springs, contact[shot.load_set])
-        start = pulse_end(force, shot.pretrigger, rate) + math.ceil(MARGIN_S * rate) + RUN_UP
+        cleaned.append(clean)
+        starts.append(pulse_end(force, shot.pretrigger, rate) - shot.pretrigger)
+    least = round(float(np.median(starts))) - SHORTER if starts else 0
+    records = []
+    for shot, clean, end in zip(shots, cleaned, starts, strict=True):
+        start = shot.pretrigger + max(end, least) + math.ceil(MARGIN_S * rate) + RUN_UP
         y = np.stack([m.whiten(row)[start:] for m, row in zip(noise, clean, strict=True)])
         records.append(
             Record(

@@ -1,12 +1,13 @@
 """A linear rig carried along exactly in its modes, with extra forces in its elements: compiled.
 
-Between substeps the extra forces are taken as straight lines, for which the step of a mode with pole s is exact:
-``b_(n+1) = e^(s h) b_n + w0 f_n + w1 f_(n+1)``. What is left out is of the order of the step squared times the extra
-force alone; the linear rig itself is never approximated.
+Over a substep an extra force is the parabola through its last three values, for which the step of a mode with pole s
+is exact: ``b_(n+1) = e^(s h) b_n + w0 f_n + w1 f_(n+1) + w2 (f_(n+1) - 2 f_n + f_(n-1))``. What is left out is of the
+order of the step cubed times the extra force alone; the linear rig itself is never approximated.
 """
 
 from __future__ import annotations
 
+import math
 import warnings
 
 import numpy as np
@@ -20,8 +21,9 @@ Complex = NDArray[np.complex128]
 
 _ROW = types.Array(types.float64, 1, "C")
 _TABLE = types.Array(types.float64, 2, "C")
-_COMPLEX_ROW = types.Array(types.complex128, 1, "C")
+_STACK = types.Array(types.float64, 3, "C")
 _COMPLEX_TABLE = types.Array(types.complex128, 2, "C")
+_COMPLEX_STACK = types.Array(types.complex128, 3, "C")
 LAW = float64(float64, float64, float64, float64, _ROW, _ROW, _ROW)
 """force so far (N, about rest), deformation (m), its rate (m/s), time since the tap (s), parameters, memory before the
 step, memory after it -> force (N). The parameters begin with `REST`."""
@@ -29,6 +31,7 @@ PRELOAD, STIFFNESS, DAMPING, STEP = range(4)
 REST = 4  # places taken by preload (N), stiffness (N/m), damping (N s/m) and time step (s) of the element
 MEMORY = 24  # most numbers that a law may remember
 SLOTS = 4  # most laws at work together
+SMALL, TERMS = 0.1, 8  # |s h| below which the weights are summed as series, of so many terms
 CORRECTIONS = 2  # passes over each step: the law's force depends on where the step ends
 
 
@@ -38,16 +41,27 @@ def no_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
     return force
 
 
-def step_weights(poles: Complex, h: float) -> tuple[Complex, Complex, Complex]:
-    """Return ``e^(s h)``, ``w0`` and ``w1`` of each pole for a force that is a straight line over a step."""
+def step_weights(poles: Complex, h: float) -> Complex:
+    """Return (..., 4, p) ``e^(s h)``, ``w0``, ``w1`` and ``w2`` of poles (..., p) for a force that is a parabola.
+
+    They are integrals of ``e^(s (h - t))`` times 1, ``t / h`` and ``(t / h)^2`` over the step.
+    """
     z = poles * h
-    small = np.abs(z) < 1e-3
+    small = np.abs(z) < SMALL
     safe = np.where(small, 1.0, z)
     e = np.exp(z)
-    phi1 = np.where(small, 1 + z / 2 + z**2 / 6 + z**3 / 24, (np.exp(safe) - 1) / safe)
-    phi2 = np.where(small, 0.5 + z / 6 + z**2 / 24 + z**3 / 120, (np.exp(safe) - 1 - safe) / safe**2)
-    first, second = np.asarray(h * (phi1 - phi2), np.complex128), np.asarray(h * phi2, np.complex128)
-    return np.asarray(e, np.complex128), first, second
+    phi1 = np.where(small, _series(z, 1), (np.exp(safe) - 1) / safe)
+    phi2 = np.where(small, _series(z, 2), (phi1 - 1) / safe)
+    phi3 = np.where(small, _series(z, 3), (phi2 - 0.5) / safe)
+    return np.stack([e, h * (phi1 - phi2), h * phi2, h * (phi3 - phi2 / 2)], axis=-2)
+
+
+def _series(z: Complex, order: int) -> Complex:
+    """Return ``sum z^k / (k + order)!``, for small z."""
+    total = np.zeros_like(z)
+    for k in range(TERMS - 1, -1, -1):
+        total = total * z + 1 / math.factorial(k + order)
+    return total
 
 
 _LAWS = types.UniTuple(types.FunctionType(LAW), SLOTS)
@@ -55,17 +69,15 @@ _LAWS = types.UniTuple(types.FunctionType(LAW), SLOTS)
 
 @njit(
     [
-        _TABLE(
+        _STACK(
             _LAWS,
             types.Array(int64, 1, "C"),
-            _TABLE,
+            _STACK,
+            _COMPLEX_STACK,
+            _COMPLEX_STACK,
+            _COMPLEX_STACK,
+            _COMPLEX_STACK,
             _COMPLEX_TABLE,
-            _COMPLEX_TABLE,
-            _COMPLEX_TABLE,
-            _COMPLEX_ROW,
-            _COMPLEX_ROW,
-            _COMPLEX_ROW,
-            _COMPLEX_ROW,
             _ROW,
             float64,
             float64,
@@ -74,64 +86,76 @@ _LAWS = types.UniTuple(types.FunctionType(LAW), SLOTS)
         )
     ],
     cache=True,
+    nogil=True,
 )
-def march(laws, element, p, seen, rate, drive, e, w0, w1, start, weight, t0, h, steps, memory):  # type: ignore[no-untyped-def]
-    """Return the extra force of each element, (elements, steps + 1), N, from the start on.
+def march(laws, element, p, seen, rate, drive, weights, start, pairs, t0, h, steps, memory):  # type: ignore[no-untyped-def]
+    """Return the extra force of each element in some runs, (runs, elements, steps + 1), N, from the start on.
 
     Parameters
     ----------
-    laws, element, p
-        Up to `SLOTS` laws, the element each acts in (-1: none), and their parameters. Laws of one element follow each
-        other: each takes the force that the one before leaves.
+    laws, element
+        Up to `SLOTS` laws and the element each acts in (-1: none). Laws of one element follow each other: each takes
+        the force that the one before leaves.
+    p
+        (runs, slots, any) the laws' parameters.
     seen, rate
-        (elements, poles) deformation and its rate for each modal amplitude.
+        (runs, elements, poles) deformation and its rate for each modal amplitude.
     drive
-        (elements, poles) what a unit force in an element does to each modal amplitude.
-    e, w0, w1, start, weight
-        (poles,): see `step_weights`; modal amplitudes at t0; 2 for a conjugate pair, 1 for a real pole.
+        (runs, elements, poles) what a unit force in an element does to each modal amplitude.
+    weights
+        (runs, 4, poles) of `step_weights`.
+    start, pairs
+        (runs, poles) modal amplitudes at t0; (poles,) 2 for a conjugate pair, 1 for a real pole.
     memory
         (laws, MEMORY) the laws' memories at t0.
     """
-    elements, poles = seen.shape
+    runs, elements, poles = seen.shape
     slots = len(element)
-    extra = np.zeros((elements, steps + 1))
-    b, ahead = start.copy(), start.copy()
-    before, after = memory.copy(), memory.copy()
-    now, new = np.zeros(elements), np.zeros(elements)
-    for n in range(steps + 1):
-        if n > 0:
-            for i in range(elements):
-                new[i] = now[i]
-        for _ in range(1 if n == 0 else CORRECTIONS):
+    extra = np.zeros((runs, elements, steps + 1))
+    base, ahead = np.empty(poles, np.complex128), np.empty(poles, np.complex128)
+    last, now, new = np.empty(elements), np.empty(elements), np.empty(elements)
+    for run in range(runs):
+        w, own = weights[run], p[run]
+        ahead[:] = start[run]
+        before, after = memory.copy(), memory.copy()
+        last[:], now[:], new[:] = 0.0, 0.0, 0.0
+        for n in range(steps + 1):
+            curved = 1.0 if n > 1 else 0.0  # two values say nothing of a curvature
             if n > 0:
                 for j in range(poles):
-                    total = e[j] * b[j]
+                    total = w[0, j] * ahead[j]
                     for i in range(elements):
-                        total += drive[i, j] * (w0[j] * now[i] + w1[j] * new[i])
-                    ahead[j] = total
+                        total += drive[run, i, j] * (w[1, j] * now[i] + curved * w[3, j] * (last[i] - 2 * now[i]))
+                    base[j] = total
+                for i in range(elements):
+                    new[i] = now[i] + curved * (now[i] - last[i])
+            for _ in range(1 if n == 0 else CORRECTIONS):
+                if n > 0:
+                    for j in range(poles):
+                        total = base[j]
+                        for i in range(elements):
+                            total += drive[run, i, j] * (w[2, j] + curved * w[3, j]) * new[i]
+                        ahead[j] = total
+                for i in range(elements):
+                    d, v = 0.0, 0.0
+                    for j in range(poles):
+                        d += pairs[j] * (seen[run, i, j] * ahead[j]).real
+                        v += pairs[j] * (rate[run, i, j] * ahead[j]).real
+                    linear = 0.0
+                    for k in range(slots):
+                        if element[k] == i:
+                            linear = own[k, STIFFNESS] * d + own[k, DAMPING] * v
+                            break
+                    force = linear
+                    for k in range(slots):
+                        if element[k] == i:
+                            force = laws[k](force, d, v, t0 + n * h, own[k], before[k], after[k])
+                    new[i] = force - linear
+            before[:, :] = after
             for i in range(elements):
-                d, v = 0.0, 0.0
-                for j in range(poles):
-                    d += weight[j] * (seen[i, j] * ahead[j]).real
-                    v += weight[j] * (rate[i, j] * ahead[j]).real
-                linear, force = 0.0, 0.0
-                for k in range(slots):
-                    if element[k] == i:
-                        linear = p[k, STIFFNESS] * d + p[k, DAMPING] * v
-                        break
-                force = linear
-                for k in range(slots):
-                    if element[k] == i:
-                        force = laws[k](force, d, v, t0 + n * h, p[k], before[k], after[k])
-                new[i] = force - linear
-        for k in range(slots):
-            for m in range(MEMORY):
-                before[k, m] = after[k, m]
-        for j in range(poles):
-            b[j] = ahead[j]
-        for i in range(elements):
-            now[i] = new[i]
-            extra[i, n] = new[i]
+                last[i] = now[i]
+                now[i] = new[i]
+                extra[run, i, n] = new[i]
     return extra
 
 
@@ -152,24 +176,39 @@ def along(law, p, d, v, t0, h, memory):  # type: ignore[no-untyped-def]
 
 
 @njit(
-    [_TABLE(_ROW, _COMPLEX_ROW, _COMPLEX_ROW, _COMPLEX_ROW, _COMPLEX_TABLE, _ROW, _ROW, int64)],
+    [_STACK(_STACK, _COMPLEX_STACK, types.Array(types.complex128, 4, "C"), _ROW, _STACK, int64)],
     cache=True,
+    nogil=True,
 )
-def respond(force, e, w0, w1, residues, weight, direct, substeps):  # type: ignore[no-untyped-def]
-    """Return (channels, samples) the response from rest to a force given at every substep."""
-    poles, channels = len(e), len(residues)
-    samples = (len(force) - 1) // substeps + 1
-    out = np.zeros((channels, samples))
-    b = np.zeros(poles, np.complex128)
-    for n in range(len(force)):
-        if n > 0:
-            for j in range(poles):
-                b[j] = e[j] * b[j] + w0[j] * force[n - 1] + w1[j] * force[n]
-        if n % substeps == 0:
-            k = n // substeps
-            for c in range(channels):
-                total = direct[c] * force[n]
-                for j in range(poles):
-                    total += weight[j] * (residues[c, j] * b[j]).real
-                out[c, k] = total
+def respond(force, weights, residues, pairs, direct, substeps):  # type: ignore[no-untyped-def]
+    """Return (runs, channels, samples) the response from rest to forces (runs, elements, n) given at every substep.
+
+    Parameters
+    ----------
+    weights, residues
+        (runs, 4, poles) of `step_weights`; (runs, elements, channels, poles).
+    pairs, direct
+        (poles,) 2 for a conjugate pair, 1 for a real pole; (runs, elements, channels) what goes through at once.
+    """
+    runs, elements, channels, poles = residues.shape
+    count = force.shape[2]
+    out = np.zeros((runs, channels, (count - 1) // substeps + 1))
+    b = np.empty(poles, np.complex128)
+    for run in range(runs):
+        w = weights[run]
+        for i in range(elements):
+            f = force[run, i]
+            b[:] = 0.0
+            for n in range(count):
+                if n > 0:
+                    bend = f[n] - 2 * f[n - 1] + f[n - 2] if n > 1 else 0.0
+                    for j in range(poles):
+                        b[j] = w[0, j] * b[j] + w[1, j] * f[n - 1] + w[2, j] * f[n] + w[3, j] * bend
+                if n % substeps == 0:
+                    k = n // substeps
+                    for c in range(channels):
+                        total = direct[run, i, c] * f[n]
+                        for j in range(poles):
+                            total += pairs[j] * (residues[run, i, c, j] * b[j]).real
+                        out[run, c, k] += total
     return out

@@ -89,12 +89,12 @@ def twin_record(
 
     modes = _Modes(arrangement)
     deformation = modes.elements[used] @ modes.shapes
-    e, w0, w1 = step_weights(modes.poles, h)
+    drive = -(modes.elements[used] @ modes.left)
     forces = march(
-        tuple(laws), acting, p, deformation, deformation * modes.poles, -(modes.elements[used] @ modes.left),
-        e, w0, w1, np.zeros(len(modes.poles), np.complex128), modes.weight, -onset_s, h, (samples - 1) * SUBSTEPS,
-        np.zeros((SLOTS, MEMORY)),
-    )  # fmt: skip
+        tuple(laws), acting, p[None], deformation[None], (deformation * modes.poles)[None], drive[None],
+        step_weights(modes.poles, h)[None], np.zeros((1, len(modes.poles)), np.complex128), modes.weight, -onset_s, h,
+        (samples - 1) * SUBSTEPS, np.zeros((SLOTS, MEMORY)),
+    )[0]  # fmt: skip
     acceleration = np.zeros((len(arrangement.sensors), samples))
     lower = np.zeros(samples)
     seen = [arrangement.vector(s.row, values) for s in arrangement.sensors]
@@ -186,8 +186,6 @@ def _weight(poles: Complex) -> Real:
 def _response(system: StateSpace, force: Real, h: float) -> Real:
     """Response (samples,) from rest of the first output to a force given at every substep."""
     poles, right, left = _decomposed(system.a)
-    e, w0, w1 = step_weights(poles, h)
-    residues = ((system.c[0] @ right) * (left @ system.b))[None]
-    return np.asarray(
-        respond(np.ascontiguousarray(force), e, w0, w1, residues, _weight(poles), system.d[:1].copy(), SUBSTEPS)[0]
-    )
+    residues = ((system.c[0] @ right) * (left @ system.b))[None, None, None]
+    weights, direct = step_weights(poles, h)[None], system.d[None, None, :1].copy()
+    return np.asarray(respond(force[None, None], weights, residues, _weight(poles), direct, SUBSTEPS)[0, 0])

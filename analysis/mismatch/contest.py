@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 from scipy.stats import chi2
 
-from analysis.mismatch.fit import Fit, fit
+from analysis.mismatch.fit import Fit, fit, relieved_of_laws
 from analysis.mismatch.lengthening import STRONG, lengthened, misfit
 from analysis.mismatch.problem import Problem, Term
 from analysis.mismatch.screen import Score, Screening, screen
@@ -31,6 +31,8 @@ MOST_TERMS = 3
 FINALISTS = 5  # mechanisms that are fitted in full
 CLOSE = 0.25  # share of the best score's gain that earns a full fit
 LEAST_COST = 2.0  # of a free number, chi-squared: Akaike's
+COMPETING_ITERATIONS = 12  # of a fit while fits compete; the one that wins goes on
+LAST_ITERATIONS = 10  # of that
 STARTS = 5  # of the fit of an added body
 EXPLAINED = 1.01  # misfit below which nothing much is left
 HOPEFUL, HOPEFUL_LOST = 0.7, 0.3  # share of the best evidence that earns further starts; where nothing explains much
@@ -167,7 +169,7 @@ def run_contest(
         rounds.append(Round(current, screening, entries, best if enough else None))
         if not enough:
             break
-        current = best.fit  # type: ignore[union-attr, assignment]
+        current = _to_the_end(best.fit)  # type: ignore[union-attr, arg-type]
         explained = baseline.objective - current.objective
         progress("looking at what is left")
         screening = screen(current, known)
@@ -207,7 +209,7 @@ def _full_fits(
             entries.append(Entry(score, None, screened_gain(score)))
             continue
         progress(f"fitting {name_of(score)}")
-        found = _entry(current, score, [(score, current)], explained)
+        found = _entry(current, score, [(started(score), current)], explained)
         explained = explained or (found.fit is not None and misfit(found.fit) < STRONG)
         entries.append(found)
     first = max((e.evidence for e in entries if e.fit is not None), default=0.0)
@@ -222,13 +224,9 @@ def _full_fits(
     return tuple(entries)
 
 
-def _entry(current: Fit, score: Score, begun: Sequence[tuple[Score, Fit | None]], explained: bool) -> Entry:
-    """Return the best of the full fits of a mechanism that begin at these screened values and rigs."""
-    fitted: Fit | None = None
-    for start, begin in begun:
-        with suppress(ValueError, np.linalg.LinAlgError):  # it cannot be joined with what is there already
-            found = fit(current.problem, (*current.terms, started(start)), begin=begin, delays=start.delays)
-            fitted = found if fitted is None or found.objective < fitted.objective else fitted
+def _entry(current: Fit, score: Score, begun: Sequence[tuple[Term, Fit | None]], explained: bool) -> Entry:
+    """Return the best of the full fits of a mechanism that begin at these values and rigs."""
+    fitted = _best(current.problem, current.terms, begun, score.delays)
     if fitted is None:
         return Entry(score, None, 0.0)
     if fitted.only_laws and not explained and misfit(fitted) > STRONG:
@@ -241,21 +239,54 @@ def _entry(current: Fit, score: Score, begun: Sequence[tuple[Score, Fit | None]]
     return entry
 
 
-def _elsewhere(current: Fit, scores: Sequence[Score]) -> list[tuple[Score, Fit | None]]:
+def _best(
+    problem: Problem, others: tuple[Term, ...], begun: Sequence[tuple[Term, Fit | None]], delays: Sequence[float] = ()
+) -> Fit | None:
+    """Fit a term beside others from some values and rigs, for a few steps each; go on with the best."""
+    best: Fit | None = None
+    for term, begin in begun:
+        with suppress(ValueError, np.linalg.LinAlgError):  # it cannot be joined with what is there already
+            found = _competing(problem, (*others, term), begin, delays)
+            best = found if best is None or found.objective < best.objective else best
+    if best is None or any(t.nonlinear for t in best.terms):
+        return best
+    return fit(problem, best.terms, begin=best, competing=True)
+
+
+def _competing(problem: Problem, terms: Sequence[Term], begin: Fit | None, delays: Sequence[float]) -> Fit:
+    """Fit a model so well that it can be compared with others."""
+    return fit(problem, terms, begin=begin, delays=delays, most_iterations=COMPETING_ITERATIONS, competing=True)
+
+
+def _to_the_end(fitted: Fit) -> Fit:
+    """Go on with a fit until no step gains anything."""
+    amplitudes = fitted.amplitudes if any(t.nonlinear for t in fitted.terms) else ()
+    found = fit(fitted.problem, fitted.terms, fitted, most_iterations=LAST_ITERATIONS, amplitudes=amplitudes)
+    return found if found.objective < fitted.objective else fitted
+
+
+def _elsewhere(current: Fit, scores: Sequence[Score]) -> list[tuple[Term, Fit | None]]:
     """Return where else the fit of an added body, which has more than one minimum, is begun.
 
-    At its next best screened values, and from the rig as declared where that went far to stand in for it.
+    At its next best screened values, and from the rig as declared where that went far to stand in for it. Beside laws,
+    at the best of the fits that leave what these add to the records as it is.
     """
     least = OTHER_START * screened_gain(scores[0])
     rigs = (current, None) if current.penalty > STANDING_IN else (current,)
-    return [(s, rig) for s in scores[:STARTS] if screened_gain(s) > least for rig in rigs][1:]
+    begun = [(started(s), rig) for s in scores[:STARTS] if screened_gain(s) > least for rig in rigs]
+    if not any(t.nonlinear for t in current.terms):
+        return begun[1:]
+    relieved = relieved_of_laws(current)
+    linear = tuple(t for t in current.terms if not t.nonlinear)
+    best = _best(relieved, linear, begun)
+    return [] if best is None else [(best.terms[-1], best)]
 
 
 def _untied(current: Fit, tied: Fit, score: Score) -> Entry:
     """Return the fit in which an added body rings in every record as it will: its tie to the tap is only nearly so."""
     last = tied.terms[-1]
     term = replace(last, mechanism=replace(last.mechanism, tied=False))
-    fitted = fit(current.problem, (*tied.terms[:-1], term), begin=current, delays=score.delays)
+    fitted = _competing(current.problem, (*tied.terms[:-1], term), current, score.delays)
     own = 2 * len(current.problem.recordings.records)
     gain = current.objective - fitted.objective - score.choice
     return Entry(score, fitted, evidence(gain, own, len(last.mechanism.parameters)), own)

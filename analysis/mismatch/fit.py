@@ -20,7 +20,7 @@ from analysis.mismatch.coordinates import Coordinates
 from analysis.mismatch.linear import linear_rig
 from analysis.mismatch.problem import Problem, Term, acted_on, law_parameters
 from analysis.mismatch.records import Record
-from analysis.mismatch.response import Response, response, whiten
+from analysis.mismatch.response import Response, response, responses, whiten
 from sim_backend.arrangement import LOAD, Arrangement
 from sim_backend.mechanisms.mechanism import Quantity
 from sim_backend.modal_march import MEMORY, SLOTS, march, no_law, step_weights
@@ -31,6 +31,10 @@ Complex = NDArray[np.complex128]
 MOST_ITERATIONS = 25
 TOGETHER = 8  # iterations in which constants and amplitudes are stepped together; then the amplitudes follow
 CONVERGED = 0.02  # change of chi-squared below which a fit is done
+LITTLE, LITTLE_SHARE = 5.0, 3e-3  # change of chi-squared below which a competing fit is done; share of the difference
+HOPELESS, HOPELESS_AFTER = 1.3, 6  # objective over that to be beaten at which a competing fit is given up; steps
+AS_EXPECTED = 0.5  # share of its expected gain that a step must have for its slopes to be used once more
+MOST_TRIES = 6  # of a step with more and more damping
 SUBSTEPS = 4
 SECOND_STEP = 0.05  # of differences, samples
 MOST_SAMPLES = 0.5  # that a second blow may move in one step
@@ -103,6 +107,20 @@ class _State:
     records: tuple[Record, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class _Variant:
+    """With what a record is predicted."""
+
+    terms: tuple[Term, ...]
+    amplitudes: Complex
+    values: dict[str, float]
+    to: Response
+
+    def before(self, lead_s: float) -> _Variant:
+        """Return the same with the modal amplitudes so much earlier."""
+        return replace(self, amplitudes=self.amplitudes * np.exp(-lead_s * self.to.rig.poles))
+
+
 class _Model:
     """A problem with terms: predicts, differences and steps."""
 
@@ -127,7 +145,7 @@ class _Model:
         self.free: list[tuple[int, Quantity]] = [
             (i, q) for i, t in enumerate(terms) if t.nonlinear for q in t.mechanism.parameters
         ]
-        self.marched = [t for t in terms if t.mechanism.law is not None]
+        self.marched = any(t.mechanism.law is not None for t in terms)
         self.nonlinear = any(t.nonlinear for t in terms)
         self.strikes_twice = any(t.mechanism.blow for t in terms)
         self.substeps = SUBSTEPS
@@ -167,60 +185,57 @@ class _Model:
         share = size[-added:].sum(axis=0) / size.sum(axis=0)
         return tuple(int(j) for j in np.argsort(-share)[:added])
 
-    def extra(
-        self, terms: Sequence[Term], record: Record, amplitudes: Complex, values: dict[str, float], to: Response
-    ) -> Real:
-        """Return (c, n) what the terms add to the whitened record of the linear rig."""
+    def extra(self, record: Record, variants: Sequence[_Variant]) -> Real:
+        """Return (variants, c, n) what the terms add to the whitened record of the linear rig."""
         samples = record.y.shape[1]
-        added = np.zeros_like(record.y)
-        h = 1 / self.rate / self.substeps
+        added = np.zeros((len(variants), *record.y.shape))
         if self.marched:
-            lead = record.run_up / self.rate
+            h = 1 / self.rate / self.substeps
             steps = (samples - 1 + record.run_up) * self.substeps
-            forces, used = self.forces(terms, record, amplitudes * np.exp(-lead * to.rig.poles), values, to, h, steps)
-            for row, element in zip(forces, used, strict=True):
-                added += to.to(element, row, h, self.substeps)[:, record.run_up :]
-        for term in terms:
+            forces, used = self.forces(record, [v.before(record.run_up / self.rate) for v in variants], h, steps)
+            added += responses([v.to for v in variants], used, forces, h, self.substeps)[:, :, record.run_up :]
+        for out, variant in zip(added, variants, strict=True):
+            self._struck_and_distorted(out, record, variant)
+        return whiten(added, self.problem.recordings.noise)
+
+    def _struck_and_distorted(self, added: Real, record: Record, variant: _Variant) -> None:
+        """Add (c, n) a second blow and what the sensor chain makes of the record."""
+        to, amplitudes = variant.to, variant.amplitudes
+        for term in variant.terms:
             if term.mechanism.blow:
                 added += next(iter(term.values.values())) * struck_again(to, amplitudes, record, self.rate)
-        distorted = [t for t in terms if t.mechanism.distort is not None]
+        distorted = [t for t in variant.terms if t.mechanism.distort is not None]
         if distorted:
-            t = np.arange(samples) / self.rate
+            t = np.arange(added.shape[1]) / self.rate
             waves = np.exp(np.outer(t, to.rig.poles)) * (to.rig.weight * amplitudes)
             clean = (to.rig.filtered @ waves.T).real + added
             shown = clean
             for term in distorted:
                 shown = term.mechanism.distort(shown, self._seen(term, record, clean), self.rate)  # type: ignore[misc]
-            added = added + shown - clean
-        return whiten(added, self.problem.recordings.noise)
+            added += shown - clean
 
-    def forces(
-        self,
-        terms: Sequence[Term],
-        record: Record,
-        start: Complex,
-        values: dict[str, float],
-        to: Response,
-        h: float,
-        steps: int,
-    ) -> tuple[Real, list[int]]:
-        """Return the extra forces (k, steps + 1) of k elements from a record's run-up on (backward for h < 0)."""
-        slots = [(t, e) for t in terms if t.mechanism.law is not None for e in acted_on(t, self.arrangement)]
-        slots.sort(key=lambda s: s[0].mechanism.last)
+    def forces(self, record: Record, variants: Sequence[_Variant], h: float, steps: int) -> tuple[Real, list[int]]:
+        """Return the extra forces (variants, k, steps + 1) of k elements from a record's run-up on (back for h < 0)."""
+        elements = self.arrangement.elements
+        slots = [(i, e) for i, t in enumerate(self.terms) if t.mechanism.law for e in acted_on(t, self.arrangement)]
+        slots.sort(key=lambda s: self.terms[s[0]].mechanism.last)
         if len(slots) > SLOTS:
             raise ValueError("more force laws than can act together")
-        laws = [t.mechanism.law for t, _ in slots] + [no_law] * (SLOTS - len(slots))
-        acting = np.array([e for _, e in slots] + [-1] * (SLOTS - len(slots)))
+        laws = [self.terms[i].mechanism.law for i, _ in slots] + [no_law] * (SLOTS - len(slots))
+        acting = [e for _, e in slots] + [-1] * (SLOTS - len(slots))
         used = sorted({e for _, e in slots})
         place = np.array([used.index(e) if e >= 0 else -1 for e in acting])
-        rows = [law_parameters(t, self.arrangement.elements[e], values, record, h) for t, e in slots]
-        p = np.zeros((SLOTS, max(map(len, rows))))
-        for row, filled in zip(p, rows, strict=False):
-            row[: len(filled)] = filled
-        e, w0, w1 = step_weights(to.rig.poles, h)
+        rows = [[law_parameters(v.terms[i], elements[e], v.values, record, h) for i, e in slots] for v in variants]
+        p = np.zeros((len(variants), SLOTS, max(len(row) for row in rows[0])))
+        for own, filled in zip(p, rows, strict=True):
+            for row, numbers in zip(own, filled, strict=False):
+                row[: len(numbers)] = numbers
+        to = [v.to for v in variants]
         found = march(
-            tuple(laws), place, p, to.seen[used], to.rate[used], to.drive[used], e, w0, w1,
-            start, to.rig.weight, record.start_s - record.run_up / self.rate, h, steps, np.zeros((SLOTS, MEMORY)),
+            tuple(laws), place, p, np.stack([r.seen[used] for r in to]), np.stack([r.rate[used] for r in to]),
+            np.stack([r.drive[used] for r in to]), step_weights(np.stack([r.rig.poles for r in to]), h),
+            np.stack([v.amplitudes for v in variants]), to[0].rig.weight,
+            record.start_s - record.run_up / self.rate, h, steps, np.zeros((SLOTS, MEMORY)),
         )  # fmt: skip
         return found, used
 
@@ -234,7 +249,7 @@ class _Model:
         self,
         number: int,
         state: _State,
-        terms: Sequence[Term],
+        terms: tuple[Term, ...],
         modes: Sensitivity,
         to: Response,
         values: dict[str, float],
@@ -243,11 +258,10 @@ class _Model:
         record = state.records[number]
         columns = self.nuisance.columns(modes, record)
         coefficients = state.coefficients[number]
-        added = (
-            self.extra(terms, record, Nuisance.amplitudes(modes, coefficients, record), values, to)
-            if self.nonlinear
-            else np.zeros_like(record.y)
-        )
+        added = np.zeros_like(record.y)
+        if self.nonlinear:
+            amplitudes = Nuisance.amplitudes(modes, coefficients, record)
+            added = self.extra(record, [_Variant(terms, amplitudes, values, to)])[0]
         return record.y - columns @ coefficients - added, added
 
 
@@ -260,10 +274,10 @@ def extra_forces(fitted: Fit, number: int, samples: int) -> tuple[Real, list[int
     record = fitted.records[number]
     to = fitted.responses[record.group]
     h = math.copysign(1 / model.rate / model.substeps, samples)
-    start = fitted.amplitudes[number] * np.exp(-to.rig.poles * record.run_up / model.rate)
-    values = fitted.constants.at(record.group)
-    forces, used = model.forces(fitted.terms, record, start, values, to, h, abs(samples) * model.substeps)
-    return forces, used, h
+    variant = _Variant(fitted.terms, fitted.amplitudes[number], fitted.constants.at(record.group), to)
+    begun = variant.before(record.run_up / model.rate)
+    forces, used = model.forces(record, [begun], h, abs(samples) * model.substeps)
+    return forces[0], used, h
 
 
 def struck_again(to: Response, amplitudes: Complex, record: Record, sample_rate_hz: float) -> Real:
@@ -310,6 +324,7 @@ def fit(
     most_iterations: int = MOST_ITERATIONS,
     amplitudes: Sequence[Complex] = (),
     kept: Sequence[str] = (),
+    competing: bool = False,
 ) -> Fit:
     """Fit a model.
 
@@ -328,6 +343,8 @@ def fit(
         (p,) of each record to start from; otherwise those that the linear rig would have.
     kept
         Names of constants of the rig that stay where they begin.
+    competing
+        The fit is only compared with others: it ends where a step gains little beside the difference to ``begin``.
     """
     if held is not None:
         terms = held.terms
@@ -352,7 +369,38 @@ def fit(
     fixed[: rig.size] |= [p.name in kept for p in model.rig_parameters]
     free = model.start_free()
     state = _State(rig, load, free, tuple(np.zeros(0) for _ in records), records)
-    return _Solver(model, fixed).solve(state, most_iterations, amplitudes)
+    reference = begin.objective if competing and begin is not None else None
+    return _Solver(model, fixed).solve(state, most_iterations, amplitudes, reference)
+
+
+def relieved_of_laws(fitted: Fit) -> Problem:
+    """Return a fit's problem without what laws, second blows and sensors added to the records."""
+    model = _Model(fitted.problem, fitted.terms)
+    records = []
+    for record, amplitudes in zip(fitted.records, fitted.amplitudes, strict=True):
+        variant = _Variant(fitted.terms, amplitudes, fitted.constants.at(record.group), fitted.responses[record.group])
+        records.append(replace(record, y=record.y - model.extra(record, [variant])[0]))
+    return replace(fitted.problem, recordings=replace(fitted.problem.recordings, records=tuple(records)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Tangent:
+    """Slopes of a record: of its own coefficients ``q @ r``, of the common ones at ``where`` ``q @ cross + common``."""
+
+    where: NDArray[np.intp]
+    q: Real
+    r: Real
+    cross: Real
+    common: Real
+
+
+@dataclass(frozen=True, slots=True)
+class _Slopes:
+    """Of all records: coordinates of the constants, normal matrix and each record's part."""
+
+    basis: Real
+    normal: Real
+    tangents: tuple[_Tangent, ...]
 
 
 class _Solver:
@@ -365,25 +413,33 @@ class _Solver:
         self.size = self.common + self.groups * self.each + len(model.free)
         self.exact = False
 
-    def solve(self, state: _State, most_iterations: int, amplitudes: Sequence[Complex] = ()) -> Fit:
+    def solve(self, state: _State, most_iterations: int, amplitudes: Sequence[Complex], reference: float | None) -> Fit:
+        """Step until nothing is gained; where a fit competes with that of the objective ``reference``, nothing much."""
         model = self.model
         constants = model.constants(state)
         modes, to = model.modes(constants)
         self.exact = bool(amplitudes)
         state = self._first_amplitudes(state, modes, to, amplitudes)
         found = self._evaluate(state, modes, to)
-        damping, stalled = 0.0, 0
-        for iteration in range(most_iterations):
-            normal, gradient, solve_own = self._linearise(state, modes, to, found)
+        damping, stalled, iteration = 0.0, 0, 0
+        slopes: _Slopes | None = None
+        while iteration < most_iterations:
+            fresh = slopes is None
+            if reference is not None and iteration >= HOPELESS_AFTER and found[0] > HOPELESS * reference:
+                break
+            if slopes is None:
+                slopes = self._linearise(state, modes, to, found)
+                iteration += 1
+            gradient, targets = self._against(slopes, state, found[2])
             accepted = False
-            for _ in range(6):
-                step = self._step(normal, gradient, damping)
-                trial = self._moved(state, step, solve_own)
+            for _ in range(MOST_TRIES if fresh else 1):
+                step = self._step(slopes.normal, gradient, damping)
+                trial = self._moved(state, step, slopes, targets)
                 candidate: tuple[float, float, list[Real], list[Real]] = (np.inf, 0.0, [], [])
                 if self._sensible(trial):
                     trial_modes, trial_to = self._modes(trial, modes, to)
                     if trial_modes and all(map(alike, modes, trial_modes)):
-                        if iteration >= TOGETHER and model.coordinates.bodies and not model.nonlinear:
+                        if iteration > TOGETHER and model.coordinates.bodies and not model.nonlinear:
                             # modes that turn into each other make a step of the amplitudes a bad guess
                             trial = self._first_amplitudes(trial, trial_modes, trial_to, ())
                         else:
@@ -396,20 +452,29 @@ class _Solver:
                 if damping > 1e5:
                     break
             if not accepted:
+                if not fresh:
+                    slopes, damping = None, 0.0
+                    continue
                 if model.nonlinear and not self.exact:
-                    self.exact, damping = True, 0.0
+                    self.exact, damping, slopes = True, 0.0, None
                     continue
                 break
             gain = found[0] - candidate[0]
+            expected = float(gradient @ step) + sum(float(t @ t) for t in targets)
             state, modes, to, found = trial, trial_modes, trial_to, candidate
+            as_expected = self.exact and damping == 0 and gain > AS_EXPECTED * expected
             damping = 0.0 if damping < 1e-2 else damping / 10
-            if gain < CONVERGED:
-                stalled += 1
+            little = 0.0 if reference is None else min(LITTLE_SHARE * abs(reference - found[0]), LITTLE)
+            if gain < max(CONVERGED, little):
+                if fresh or as_expected:
+                    stalled += 1
                 if stalled >= (2 if model.nonlinear and not self.exact else 1):
                     break
-            elif model.nonlinear and not self.exact and gain > 0 and iteration > 3:
+            elif model.nonlinear and not self.exact and gain > 0 and iteration > 4:
                 self.exact = True
-        return self._finished(state, modes, to, found)
+            if not as_expected:
+                slopes = None
+        return self._finished(state, modes, to, found, slopes)
 
     def _modes(
         self, state: _State, modes: list[Sensitivity], to: list[Response]
@@ -450,7 +515,8 @@ class _Solver:
             q_, r_ = model.nuisance.basis(modes[g], record)
             y = record.y
             if amplitudes and model.nonlinear:
-                y = y - model.extra(terms, record, amplitudes[i], model.constants(state).at(g), to[g])
+                variant = _Variant(terms, amplitudes[i], model.constants(state).at(g), to[g])
+                y = y - model.extra(record, [variant])[0]
             coefficients.append(np.asarray(np.linalg.lstsq(r_, q_.T @ y.ravel(), rcond=1e-12)[0], np.float64))
         return self._timed(replace(state, coefficients=tuple(coefficients)), modes)
 
@@ -472,12 +538,12 @@ class _Solver:
         penalty = float(model.precision @ off**2)
         return total + penalty, penalty, residuals, added
 
-    def _linearise(self, state: _State, modes: list[Sensitivity], to: list[Response], found):  # type: ignore[no-untyped-def]
+    def _linearise(self, state: _State, modes: list[Sensitivity], to: list[Response], found) -> _Slopes:  # type: ignore[no-untyped-def]
         model = self.model
         constants = model.constants(state)
-        normal, gradient = np.zeros((self.size, self.size)), np.zeros(self.size)
+        normal = np.zeros((self.size, self.size))
         terms = model.with_free(state.free)
-        own = []
+        tangents = []
         at_free = self.common + self.groups * self.each
         values = [constants.at(g) for g in range(self.groups)]
         nearby = self._nearby(state, modes) if self.exact else []
@@ -487,29 +553,26 @@ class _Solver:
             s, residual, base = modes[g], found[2][i], found[3][i]
             columns = model.nuisance.columns(s, record)
             c = state.coefficients[i]
-            amplitudes = Nuisance.amplitudes(s, c, record)
-            slopes = slope_columns(s, amplitudes, record, model.rate)
+            here = _Variant(terms, Nuisance.amplitudes(s, c, record), values[g], to[g])
+            slopes = slope_columns(s, here.amplitudes, record, model.rate)
+            steps, variants = self._parameter_steps(state.free, here)
+            if self.exact:
+                for more in self._amplitude_steps(record, c, s, here), self._load_steps(nearby[g], record, c, here):
+                    steps, variants = steps + more[0], variants + more[1]
+            changes = model.extra(record, variants) - base if variants else np.zeros((0, *base.shape))
+            changes = np.moveaxis(changes / np.array(steps)[:, None, None], 0, -1)
+            free = len(model.free)
             if self.exact:
                 columns, slopes = columns.copy(), slopes.copy()
-                self._differences(record, c, terms, s, to[g], values[g], base, columns)
-                for k, (step, there, modes_there, to_there) in enumerate(nearby[g]):
-                    moved = model.extra(terms, record, Nuisance.amplitudes(modes_there, c, record), there, to_there)
-                    slopes[:, :, self.common + k] += (moved - base) / step
+                modal = changes.shape[2] - free - self.each
+                columns[:, :, :modal] += changes[:, :, free : free + modal]
+                slopes[:, :, self.common :] += changes[:, :, free + modal :]
             slopes[:, :, : self.common] = slopes[:, :, : self.common] @ basis
-            parts = [slopes.reshape(residual.size, -1)]
-            for k, (_, q) in enumerate(model.free):
-                x = state.free.copy()
-                step = PARAMETER_STEP * max(abs(x[k]), PARAMETER_STEP * abs(q.high - q.low) if not q.log else 1.0)
-                if abs(_outward(x[k] + step, q) - _outward(x[k], q)) < 1e-300:
-                    step = -step
-                x[k] += step
-                moved = model.extra(model.with_free(x), record, amplitudes, values[g], to[g])
-                parts.append(((moved - base) / step).reshape(residual.size, 1))
-            tangent = np.concatenate(parts, axis=1)
+            tangent = np.concatenate([slopes, changes[:, :, :free]], axis=2).reshape(residual.size, -1)
             if model.strikes_twice:
                 later = replace(record, second=record.second + SECOND_STEP)
-                moved = model.extra(terms, later, amplitudes, values[g], to[g])
-                columns = np.concatenate([columns, ((moved - base) / SECOND_STEP)[:, :, None]], axis=2)
+                delayed = (model.extra(later, [here])[0] - base) / SECOND_STEP
+                columns = np.concatenate([columns, delayed[:, :, None]], axis=2)
             kept = not self.exact and not model.strikes_twice
             q_, r_ = model.nuisance.basis(s, record) if kept else np.linalg.qr(columns.reshape(residual.size, -1))
             cross = q_.T @ tangent
@@ -517,20 +580,26 @@ class _Solver:
             where = np.r_[
                 np.arange(self.common),
                 self.common + g * self.each + np.arange(self.each),
-                at_free + np.arange(len(model.free)),
+                at_free + np.arange(free),
             ]
             normal[np.ix_(where, where)] += tangent.T @ tangent
-            gradient[where] += tangent.T @ residual.ravel()
-            own.append((r_, q_.T @ residual.ravel(), cross, where))
-        off = state.rig - model.declared
+            tangents.append(_Tangent(where, q_, r_, cross, tangent))
         normal[: self.common, : self.common] += basis.T @ np.diag(model.precision) @ basis
-        gradient[: self.common] -= basis.T @ (model.precision * off)
-        return normal, gradient, own
+        return _Slopes(basis, normal, tuple(tangents))
 
-    def _nearby(self, state: _State, modes: list[Sensitivity]):  # type: ignore[no-untyped-def]
+    def _against(self, slopes: _Slopes, state: _State, residuals: Sequence[Real]) -> tuple[Real, list[Real]]:
+        """Return the gradient, and what of each record's residual its own columns can take up."""
+        gradient, targets = np.zeros(self.size), []
+        for tangent, residual in zip(slopes.tangents, residuals, strict=True):
+            gradient[tangent.where] += tangent.common.T @ residual.ravel()
+            targets.append(tangent.q.T @ residual.ravel())
+        gradient[: self.common] -= slopes.basis.T @ (self.model.precision * (state.rig - self.model.declared))
+        return gradient, targets
+
+    def _nearby(self, state: _State, modes: list[Sensitivity]) -> list[list[tuple[float, Sensitivity, _Variant]]]:
         """Return for every load, and every constant that it has of its own, a step and the rig with that step made."""
         model = self.model
-        found: list[list[tuple[float, dict[str, float], Sensitivity, Response]]] = [[] for _ in modes]
+        found: list[list[tuple[float, Sensitivity, _Variant]]] = [[] for _ in modes]
         for k in range(self.each):
             load = state.load.copy()
             steps = LOAD_STEP * np.maximum(np.abs(load[:, k]), LOAD_STEP)
@@ -542,19 +611,43 @@ class _Solver:
                 noise, rate = problem.recordings.noise, problem.recordings.sample_rate_hz
                 rig = linear_rig(model.arrangement, values, problem.analog, noise, rate)
                 to = response(model.arrangement, values, rig, problem.analog)
-                found[g].append((float(steps[g]), values, replace(s, rig=rig), to))
+                moved = replace(s, rig=rig)
+                found[g].append((float(steps[g]), moved, _Variant((), np.zeros(0, np.complex128), values, to)))
         return found
 
-    def _differences(self, record, c, terms, s, to, values, base, columns):  # type: ignore[no-untyped-def]
-        """Add what a change of the record's amplitudes does to the terms' part."""
-        model = self.model
+    def _parameter_steps(self, free: Real, here: _Variant) -> tuple[list[float], list[_Variant]]:
+        """Return a step of each free parameter of the terms, and what it leads to."""
+        steps, variants = [], []
+        for k, (_, q) in enumerate(self.model.free):
+            x = free.copy()
+            step = PARAMETER_STEP * max(abs(x[k]), PARAMETER_STEP * abs(q.high - q.low) if not q.log else 1.0)
+            if abs(_outward(x[k] + step, q) - _outward(x[k], q)) < 1e-300:
+                step = -step
+            x[k] += step
+            steps.append(step)
+            variants.append(replace(here, terms=self.model.with_free(x)))
+        return steps, variants
+
+    @staticmethod
+    def _amplitude_steps(record: Record, c: Real, s: Sensitivity, here: _Variant) -> tuple[list[float], list[_Variant]]:
+        """Return a step of each coefficient that stands for a mode, and what it leads to."""
         modal = int(sum(w for j, w in enumerate(s.rig.weight) if j not in s.tied))
         step = AMPLITUDE_STEP * float(np.abs(c[:modal]).max())
+        variants = []
         for j in range(modal):
             moved = c.copy()
             moved[j] += step
-            extra = model.extra(terms, record, Nuisance.amplitudes(s, moved, record), values, to)
-            columns[:, :, j] += (extra - base) / step
+            variants.append(replace(here, amplitudes=Nuisance.amplitudes(s, moved, record)))
+        return [step] * modal, variants
+
+    @staticmethod
+    def _load_steps(
+        nearby: Sequence[tuple[float, Sensitivity, _Variant]], record: Record, c: Real, here: _Variant
+    ) -> tuple[list[float], list[_Variant]]:
+        """Return a step of each constant of the load, and what it leads to."""
+        amplitudes = [Nuisance.amplitudes(s, c, record) for _, s, _ in nearby]
+        variants = [replace(v, terms=here.terms, amplitudes=a) for (_, _, v), a in zip(nearby, amplitudes, strict=True)]
+        return [step for step, _, _ in nearby], variants
 
     def _step(self, normal: Real, gradient: Real, damping: float) -> Real:
         step = np.zeros(self.size)
@@ -566,7 +659,7 @@ class _Solver:
         step[at] = np.linalg.lstsq(scaled, gradient[at] / scale, rcond=1e-13)[0] / scale
         return step
 
-    def _moved(self, state: _State, step: Real, own) -> _State:  # type: ignore[no-untyped-def]
+    def _moved(self, state: _State, step: Real, slopes: _Slopes, targets: Sequence[Real]) -> _State:
         model = self.model
         rig = model.coordinates.moved(state.rig, step[: self.common])
         load = state.load + step[self.common : self.common + self.groups * self.each].reshape(self.groups, self.each)
@@ -576,8 +669,8 @@ class _Solver:
                 free[k] = min(max(free[k], state.free[k] - 1.0), state.free[k] + 1.0)
             free[k] = _inward(_outward(free[k], q), q)
         coefficients, records = [], []
-        for record, c, (r_, target, cross, where) in zip(state.records, state.coefficients, own, strict=True):
-            change = np.linalg.lstsq(r_, target - cross @ step[where], rcond=1e-12)[0]
+        for record, c, own, target in zip(state.records, state.coefficients, slopes.tangents, targets, strict=True):
+            change = np.linalg.lstsq(own.r, target - own.cross @ step[own.where], rcond=1e-12)[0]
             if model.strikes_twice:
                 later = float(np.clip(change[-1], -MOST_SAMPLES, MOST_SAMPLES))
                 record, change = replace(record, second=record.second + later), change[:-1]
@@ -585,11 +678,13 @@ class _Solver:
             records.append(record)
         return _State(rig, load, free, tuple(coefficients), tuple(records))
 
-    def _finished(self, state: _State, modes: list[Sensitivity], to: list[Response], found) -> Fit:  # type: ignore[no-untyped-def]
+    def _finished(  # type: ignore[no-untyped-def]
+        self, state: _State, modes: list[Sensitivity], to: list[Response], found, slopes: _Slopes | None
+    ) -> Fit:
         model = self.model
         covariance = np.zeros((self.size, self.size))
         if not self.frozen:
-            normal, _, _ = self._linearise(state, modes, to, found)
+            normal = (slopes or self._linearise(state, modes, to, found)).normal
             scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
             covariance = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
             basis = np.eye(self.size)

@@ -121,10 +121,12 @@ def earlier(fitted: Fit, number: int, samples: int) -> Complex:
     forces, used, h = extra_forces(fitted, number, -samples)
     rate = fitted.problem.recordings.sample_rate_hz
     lead = np.exp(-to.rig.poles * record.run_up / rate)
-    e, w0, w1 = step_weights(to.rig.poles, h)
+    w = step_weights(to.rig.poles, h)
     b = amplitudes * lead
-    grown = np.power(e[:, None], np.arange(forces.shape[1] - 2, -1, -1)[None])
-    b = b * e ** (forces.shape[1] - 1)
+    grown = np.power(w[0][:, None], np.arange(forces.shape[1] - 2, -1, -1)[None])
+    b = b * w[0] ** (forces.shape[1] - 1)
     for row, element in zip(forces, used, strict=True):
-        b = b + to.drive[element] * np.sum(grown * (w0[:, None] * row[:-1] + w1[:, None] * row[1:]), axis=1)
+        bend = np.append(0.0, np.diff(row, 2))
+        pushes = w[1][:, None] * row[:-1] + w[2][:, None] * row[1:] + w[3][:, None] * bend
+        b = b + to.drive[element] * np.sum(grown * pushes, axis=1)
     return np.asarray(b / lead, np.complex128)

@@ -48,8 +48,15 @@ class Response:
 
     def to(self, element: int, force: Real, h: float, substeps: int) -> Real:
         """Return (c, n) the channels' response from rest to an extra force of an element at every substep."""
-        e, w0, w1 = step_weights(self.poles, h)
-        return respond(force, e, w0, w1, self.residues[element], self.weight, self.direct[element], substeps)
+        return responses([self], [element], force[None, None], h, substeps)[0]
+
+
+def responses(to: Sequence[Response], elements: Sequence[int], forces: Real, h: float, substeps: int) -> Real:
+    """Return (runs, c, n) the channels' responses from rest to forces (runs, elements, n) at every substep."""
+    weights = step_weights(np.stack([one.poles for one in to]), h)
+    residues = np.stack([one.residues[elements] for one in to])
+    direct = np.stack([one.direct[elements] for one in to])
+    return np.asarray(respond(forces, weights, residues, to[0].weight, direct, substeps), np.float64)
 
 
 def response(arrangement: Arrangement, values: Mapping[str, float], rig: LinearRig, analog: StateSpace) -> Response:
@@ -95,5 +102,5 @@ def _fractions(system: StateSpace) -> tuple[Complex, Complex]:
 
 
 def whiten(y: Real, noise: Sequence[Colour]) -> Real:
-    """Whiten (c, n) that was zero before its first sample."""
-    return np.stack([m.whiten(row) for m, row in zip(noise, y, strict=True)])
+    """Whiten (..., c, n) that was zero before its first sample."""
+    return np.stack([m.whiten(y[..., c, :]) for c, m in enumerate(noise)], axis=-2)

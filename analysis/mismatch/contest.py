@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 from scipy.stats import chi2
 
+from analysis.mismatch.coordinates import believable
 from analysis.mismatch.fit import Fit, fit, relieved_of_laws
 from analysis.mismatch.lengthening import STRONG, lengthened, misfit
 from analysis.mismatch.problem import Problem, Term
@@ -45,6 +46,7 @@ LEFT_OVER = (0.02, 0.005, 0.0)  # share of all misfit that one, two, three mecha
 LEFT_LEVEL = 1e-3  # p-value below which what is left over counts
 TEMPERATURE = 2.0  # by which differences of chi-squared are divided: laws are never exactly right
 HELD_OUT_EVIDENCE = 4.0  # that a further mechanism must have in the impacts that took no part
+NEARLY_AS_GOOD = 0.7  # share of the best first evidence with which another first mechanism is tried as well
 WORSE = 1.05  # misfit of held-out impacts over that of the others from which on a better start is looked for
 UNTIE = 1000.0  # chi-squared from which on a tie between an added body's ringing and the tap may be too strict
 LOOK_ALIKE = 0.9  # cosine of two signatures
@@ -153,19 +155,39 @@ def begin_contest(
 def run_contest(
     begun: Begun, known: Sequence[Mechanism], progress: Callable[[str], None] = lambda stage: None
 ) -> Contest:
-    """Find the mechanisms that the recordings hold beyond the linear rig."""
-    problem, training, held = begun.problem, begun.training, begun.held_out
-    baseline, screening, p_value = begun.baseline, begun.screening, begun.p_value
-    current = baseline
+    """Find the mechanisms that the recordings hold beyond the linear rig.
+
+    Where what seemed best at first leads to no explanation, what was nearly as good is tried in its place.
+    """
+    if begun.p_value >= LEVEL:
+        return _outcome(begun, begun.baseline, begun.screening, ())
+    entries = _full_fits(begun.baseline, begun.screening, known, progress)
+    found = _path(begun, entries, known, progress)
+    if found.chosen is None and len(entries) > 1:
+        first, second = entries[:2]
+        if second.fit is not None and second.evidence > NEARLY_AS_GOOD * first.evidence:
+            progress(f"again, with {name_of(second.score)} first")
+            again = _path(begun, entries[1:], known, progress)
+            found = found if again.chosen is None else again
+    return found
+
+
+def _path(
+    begun: Begun, entries: tuple[Entry, ...], known: Sequence[Mechanism], progress: Callable[[str], None]
+) -> Contest:
+    """Take the best entry, then what is best beside it, as long as that pays."""
+    baseline = current = begun.baseline
+    screening = begun.screening
     rounds: list[Round] = []
     explained = 0.0
-    while p_value < LEVEL and len(current.terms) < MOST_TERMS:
-        entries = _full_fits(current, screening, known, progress)
+    while len(current.terms) < MOST_TERMS:
+        if rounds:
+            entries = _full_fits(current, screening, known, progress)
         best = entries[0] if entries else None
         least = max(LEAST_GAIN, LEAST_SHARE * explained) if rounds else FIRST_GAIN
         enough = best is not None and best.fit is not None and best.evidence > least
         if enough and rounds:
-            enough = _better_held_out(problem, held, current, best)  # type: ignore[arg-type]
+            enough = _better_held_out(begun.problem, begun.held_out, current, best)  # type: ignore[arg-type]
         rounds.append(Round(current, screening, entries, best if enough else None))
         if not enough:
             break
@@ -173,14 +195,27 @@ def run_contest(
         explained = baseline.objective - current.objective
         progress("looking at what is left")
         screening = screen(current, known)
+        if screening.p_value < LEFT_LEVEL and len(current.terms) > 1:
+            progress("looking for the earlier ones again")
+            again = _looked_for_again(current)
+            if again is not current:
+                current, explained = again, baseline.objective - again.objective
+                screening = screen(current, known)
         if screening.p_value > LEFT_LEVEL:
             break
-    left = screening.unexplained if p_value < LEVEL else 0.0
-    left_p = screening.p_value
-    chosen = current if current.terms else None
-    if chosen is not None and left_p < LEFT_LEVEL and left > may_be_left(len(chosen.terms)) * (explained + left):
-        chosen = None  # patched together, not explained
-    return Contest(problem, training, held, baseline, tuple(rounds), p_value, chosen, current, left, left_p)
+    return _outcome(begun, current, screening, tuple(rounds))
+
+
+def _outcome(begun: Begun, best: Fit, screening: Screening, rounds: tuple[Round, ...]) -> Contest:
+    """Return a contest that ends here: explained, or patched together."""
+    left = screening.unexplained if begun.p_value < LEVEL else 0.0
+    explained = begun.baseline.objective - best.objective
+    patched = screening.p_value < LEFT_LEVEL and left > may_be_left(len(best.terms)) * (explained + left)
+    chosen = best if best.terms and not patched else None
+    return Contest(
+        begun.problem, begun.training, begun.held_out, begun.baseline, rounds, begun.p_value, chosen, best, left,
+        screening.p_value,
+    )  # fmt: skip
 
 
 def may_be_left(terms: int) -> float:
@@ -202,6 +237,7 @@ def _full_fits(
             tried.setdefault(score.term.mechanism.id, []).append(score)
     ranked = [scores[0] for scores in tried.values()]
     entries, explained = [], False
+    fitted: set[str] = set()
     for place, score in enumerate(ranked):
         close = screened_gain(score) > CLOSE * screened_gain(ranked[0])
         certain = score.p_value < LEVEL / max(len(ranked), 1)
@@ -209,14 +245,16 @@ def _full_fits(
             entries.append(Entry(score, None, screened_gain(score)))
             continue
         progress(f"fitting {name_of(score)}")
-        found = _entry(current, score, [(started(score), current)], explained)
+        fitted.add(score.term.mechanism.id)
+        begun = [(started(s), current) for s in _variants(tried[score.term.mechanism.id])]
+        found = _entry(current, score, begun, explained)
         explained = explained or (found.fit is not None and misfit(found.fit) < STRONG)
         entries.append(found)
     first = max((e.evidence for e in entries if e.fit is not None), default=0.0)
     lost = all(misfit(e.fit) > EXPLAINED for e in entries if e.fit is not None)
     for i, entry in enumerate(entries):
-        hopeful = entry.evidence > (HOPEFUL_LOST if lost else HOPEFUL) * first
-        if entry.fit is not None and entry.score.term.mechanism.body is not None and hopeful:
+        hopeful = entry.fit is None or entry.evidence > (HOPEFUL_LOST if lost else HOPEFUL) * first
+        if entry.id in fitted and entry.score.term.mechanism.body is not None and hopeful:
             progress(f"fitting {name_of(entry.score)} from elsewhere")
             again = _entry(current, entry.score, _elsewhere(current, tried[entry.id]), explained)
             entries[i] = max(entry, again, key=lambda e: e.evidence)
@@ -224,10 +262,19 @@ def _full_fits(
     return tuple(entries)
 
 
+def _variants(scores: Sequence[Score]) -> list[Score]:
+    """Return the best score with each set of fixed values in a mechanism, where it is not far behind the first."""
+    best: dict[frozenset[tuple[str, float]], Score] = {}
+    for score in scores:
+        fitted = {q.name for q in score.term.mechanism.parameters}
+        best.setdefault(frozenset((k, v) for k, v in score.term.values.items() if k not in fitted), score)
+    return [s for s in best.values() if s is scores[0] or screened_gain(s) > HOPEFUL * screened_gain(scores[0])]
+
+
 def _entry(current: Fit, score: Score, begun: Sequence[tuple[Term, Fit | None]], explained: bool) -> Entry:
     """Return the best of the full fits of a mechanism that begin at these values and rigs."""
     fitted = _best(current.problem, current.terms, begun, score.delays)
-    if fitted is None:
+    if fitted is None or not _rings(fitted):
         return Entry(score, None, 0.0)
     if fitted.only_laws and not explained and misfit(fitted) > STRONG:
         fitted = lengthened(current.problem, fitted.terms, current) or fitted
@@ -243,14 +290,19 @@ def _best(
     problem: Problem, others: tuple[Term, ...], begun: Sequence[tuple[Term, Fit | None]], delays: Sequence[float] = ()
 ) -> Fit | None:
     """Fit a term beside others from some values and rigs, for a few steps each; go on with the best."""
-    best: Fit | None = None
+    fits = []
     for term, begin in begun:
         with suppress(ValueError, np.linalg.LinAlgError):  # it cannot be joined with what is there already
-            found = _competing(problem, (*others, term), begin, delays)
-            best = found if best is None or found.objective < best.objective else best
+            fits.append(_competing(problem, (*others, term), begin, delays))
+    best = min(fits, key=lambda f: (not _rings(f), f.objective), default=None)
     if best is None or any(t.nonlinear for t in best.terms):
         return best
     return fit(problem, best.terms, begin=best, competing=True)
+
+
+def _rings(fitted: Fit) -> bool:
+    """Whether the bodies that were added are believable ones."""
+    return all(believable(t, fitted.constants.at(0)) for t in fitted.terms)
 
 
 def _competing(problem: Problem, terms: Sequence[Term], begin: Fit | None, delays: Sequence[float]) -> Fit:
@@ -263,6 +315,22 @@ def _to_the_end(fitted: Fit) -> Fit:
     amplitudes = fitted.amplitudes if any(t.nonlinear for t in fitted.terms) else ()
     found = fit(fitted.problem, fitted.terms, fitted, most_iterations=LAST_ITERATIONS, amplitudes=amplitudes)
     return found if found.objective < fitted.objective else fitted
+
+
+def _looked_for_again(fitted: Fit) -> Fit:
+    """Begin each earlier mechanism anew beside the later ones: alone it may have gone far to stand in for them."""
+    for i, term in enumerate(fitted.terms[:-1]):
+        if term.mechanism.blow or term.mechanism.lines is not None:
+            continue
+        others = fitted.terms[:i] + fitted.terms[i + 1 :]
+        with suppress(ValueError, np.linalg.LinAlgError):
+            without = _competing(fitted.problem, others, fitted, ())
+            score = max(screen(without, [term.mechanism]).scores, key=screened_gain)
+            terms = (*others[:i], started(score), *others[i:])
+            found = _competing(fitted.problem, terms, without, ())
+            if found.objective < fitted.objective - LEAST_GAIN and _rings(found):
+                fitted = _to_the_end(found)
+    return fitted
 
 
 def _elsewhere(current: Fit, scores: Sequence[Score]) -> list[tuple[Term, Fit | None]]:

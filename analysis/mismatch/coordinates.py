@@ -1,12 +1,14 @@
 """In which numbers the rig's constants are fitted.
 
 A body that a mechanism adds shows its resonance and its damping ratio far better than its mass. In mass, stiffness and
-damping the objective is a narrow curved valley; in mass, resonance and ratio it is a straight one.
+damping the objective is a narrow curved valley; in mass, resonance and ratio it is a straight one. A body on a mount so
+lossy that it hardly rings is no resonance; it would stand in for anything that turns a phase.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +18,20 @@ from analysis.mismatch.problem import Term
 Real = NDArray[np.float64]
 
 MOST_STEP = 1.0  # of a logarithm at once
+MOST_RATIO = 0.15  # believable damping ratio of an added body
+AT_LIMIT = 0.99  # share of it that counts as being there
 MOST_GROWTH = 2.5  # factor by which a positive constant may change in one step
+
+
+def believable(term: Term, values: Mapping[str, float]) -> bool:
+    """Whether the body that a term adds, if it adds one, rings: its damping is not at the limit of what is believable.
+
+    ``values`` are the rig's constants with the body in it.
+    """
+    if term.mechanism.body is None:
+        return True
+    m, k, c = (values[name] for name in term.mechanism.body)
+    return c < AT_LIMIT * 2 * MOST_RATIO * math.sqrt(k * m)
 
 
 class Coordinates:
@@ -60,4 +75,5 @@ class Coordinates:
             share = new[mass] / rig[mass]
             new[stiffness] = rig[stiffness] * share * np.exp(by[1])
             new[damping] = rig[damping] * share * np.exp(by[1] / 2 + by[2])
+            new[damping] = min(new[damping], 2 * MOST_RATIO * np.sqrt(new[stiffness] * new[mass]))
         return np.clip(new, *self.limits)

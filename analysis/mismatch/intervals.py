@@ -18,7 +18,8 @@ STEP = 1e-4  # of differences, in the coordinates of the fit
 UNSURE = 0.25  # standard error of a logarithm from which on the curvature misleads
 FURTHEST = math.log(1e3)  # to which a profile is followed from the estimate, in the logarithm
 ENOUGH = 0.15  # accuracy of the root of chi-squared at an end of an interval
-MOST_TRIES = 6
+MOST_TRIES = 10
+STRIDE, LONGEST_STRIDE = math.log(1.6), math.log(4.0)  # of the first step along a profile, of any
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +50,9 @@ def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
         found[q.name] = Interval(value, max(low, q.low), min(high, q.high), q.unit)
     ends: list[dict[str, float] | None] = []
     if term.mechanism.extend is not None and quantities and quantities[0].log and errors[0] > UNSURE:
-        ends = [_end(fitted, number, quantities[0], direction) for direction in (-1.0, 1.0)]
+        low, lowest = _end(fitted, number, quantities[0], -1.0, fitted.objective)
+        high, _ = _end(fitted, number, quantities[0], 1.0, lowest)
+        ends = [low, high]
         found |= {q.name: _between(found[q.name].value, ends, q) for q in quantities}
     for more in term.mechanism.derived:
         places = [dict(term.values), *({**term.values, **end} for end in ends if end)]
@@ -82,33 +85,40 @@ def _between(value: float, ends: list[dict[str, float] | None], q: Quantity) -> 
     return Interval(value, max(min(reached[0], value), q.low), min(max(reached[1], value), q.high), q.unit)
 
 
-def _end(fitted: Fit, number: int, along: Quantity, direction: float) -> dict[str, float] | None:
-    """Return the parameters where the profile has risen enough in a direction, None where it does not within reach."""
-    near, rose, reach = 0.0, 0.0, math.log(2.0)
-    far, end = math.inf, None
+def _end(
+    fitted: Fit, number: int, along: Quantity, direction: float, lowest: float
+) -> tuple[dict[str, float] | None, float]:
+    """Follow the profile in a direction, each fit begun at the last one that is still inside.
+
+    Return the parameters where it has risen enough (None where it does not within reach), and the lowest objective met.
+    """
+    near, rose, reach, far = 0.0, math.sqrt(max(fitted.objective - lowest, 0.0)), STRIDE, math.inf
+    inside, end = fitted, None
     for _ in range(MOST_TRIES):
         if reach > FURTHEST:
-            return end if math.isfinite(far) else None
-        moved = _fixed_at(fitted, number, along, math.exp(direction * reach))
-        root = math.sqrt(max(moved.objective - fitted.objective, 0.0)) if moved is not None else math.inf
+            break
+        moved = _fixed_at(inside, number, along, math.exp(direction * (reach - near)))
+        root = math.inf
         if moved is not None:
+            lowest = min(lowest, moved.objective)
+            root = math.sqrt(max(moved.objective - lowest, 0.0))
             end = {k: float(v) for k, v in moved.terms[number].values.items()}
         if abs(root - NORMAL_95) < ENOUGH:
-            return end
+            return end, lowest
         if root > NORMAL_95:
             far = reach
         else:
-            near, rose = reach, root
+            near, rose, inside = reach, root, moved or inside
         if math.isfinite(far):
             share = (NORMAL_95 - rose) / (root - rose) if math.isfinite(root) and root > NORMAL_95 else 0.5
             reach = near + min(max(share, 0.2), 0.8) * (far - near)
         else:
-            reach *= 2.5
-    return end if math.isfinite(far) else None
+            reach = near + min(max(STRIDE, near), LONGEST_STRIDE)
+    return (end if math.isfinite(far) else None), lowest
 
 
 def _fixed_at(fitted: Fit, number: int, along: Quantity, factor: float) -> Fit | None:
-    """Return the fit with one parameter of an added body held at a multiple of its estimate, begun with all scaled."""
+    """Return the fit with one parameter of an added body held at a multiple of its value, begun with all scaled."""
     term = fitted.terms[number]
     scaled = {q.name: term.values[q.name] * factor for q in term.mechanism.parameters if q.log}
     inside = min(max(scaled[along.name], along.low), along.high)

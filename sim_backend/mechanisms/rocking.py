@@ -57,6 +57,7 @@ MECHANISM = Mechanism(
     strength=OFFSET,
     trials=lambda scale: [_trial(f) for f in geometric(900.0, 9000.0, 40)],
     extend=extend,
+    body=(INERTIA, STIFFNESS, DAMPING),
     one_signed=False,
     statement=lambda values: (
         f"The lower mass turns as well as moves, with a resonance near "

@@ -33,7 +33,6 @@ FINALISTS = 5  # mechanisms that are fitted in full
 CLOSE = 0.25  # share of the best score's gain that earns a full fit
 LEAST_COST = 2.0  # of a free number, chi-squared: Akaike's
 COMPETING_ITERATIONS = 12  # of a fit while fits compete; the one that wins goes on
-LAST_ITERATIONS = 10  # of that
 STARTS = 5  # of the fit of an added body
 EXPLAINED = 1.01  # misfit below which nothing much is left
 HOPEFUL, HOPEFUL_LOST = 0.7, 0.3  # share of the best evidence that earns further starts; where nothing explains much
@@ -313,7 +312,7 @@ def _competing(problem: Problem, terms: Sequence[Term], begin: Fit | None, delay
 def _to_the_end(fitted: Fit) -> Fit:
     """Go on with a fit until no step gains anything."""
     amplitudes = fitted.amplitudes if any(t.nonlinear for t in fitted.terms) else ()
-    found = fit(fitted.problem, fitted.terms, fitted, most_iterations=LAST_ITERATIONS, amplitudes=amplitudes)
+    found = fit(fitted.problem, fitted.terms, fitted, amplitudes=amplitudes)
     return found if found.objective < fitted.objective else fitted
 
 

@@ -47,6 +47,8 @@ def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
         value, reach = float(term.values[q.name]), NORMAL_95 * float(error)
         spread = math.exp(min(reach, 50.0))
         low, high = (value / spread, value * spread) if q.log else (value - reach, value + reach)
+        if not error > 0:
+            low, high = q.low, q.high  # the data do not hold it at all
         found[q.name] = Interval(value, max(low, q.low), min(high, q.high), q.unit)
     ends: list[dict[str, float] | None] = []
     if term.mechanism.extend is not None and quantities and quantities[0].log and errors[0] > UNSURE:

@@ -29,7 +29,8 @@ class NamedArrays:
     def add(self, name: str, values: NDArray[np.generic]) -> None:
         """Take in an array if it is of real numbers."""
         if values.dtype.kind in "fiu" and values.size:
-            self.arrays.append((name, np.asarray(values, dtype=np.float64)))
+            with np.errstate(over="ignore"):  # numbers wider than doubles become infinite, and are no samples
+                self.arrays.append((name, np.asarray(values, dtype=np.float64)))
 
 
 def sort_arrays(path: Path, found: NamedArrays) -> Columns:

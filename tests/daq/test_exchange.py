@@ -115,6 +115,14 @@ def test_numbers_that_overflow_when_they_are_tried_as_times_are_no_times(tmp_pat
     assert len(recording.names) == 3
 
 
+def test_numbers_wider_than_doubles_are_refused_in_one_sentence(tmp_path: Path) -> None:
+    wide = A.astype(np.longdouble)
+    wide[3] = np.longdouble("1e4000")
+    with pytest.raises(RecordingError, match="a") as refused:
+        import_recording(mat73(tmp_path / "wide.mat", {"time": TIME, "a": wide}))
+    assert "\n" not in str(refused.value)
+
+
 @pytest.mark.parametrize("channels", [["right", "left"], [1, 0], ["1", "0"]])
 def test_channels_are_chosen_by_name_or_number(tmp_path: Path, channels: list[str | int]) -> None:
     path = csv(tmp_path / "x.csv", np.c_[TIME, A, B], ",", "time,left,right\n")

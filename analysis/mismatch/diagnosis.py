@@ -465,7 +465,8 @@ def _location(contest: Contest, named: Sequence[Named]) -> Location:
     else:
         by = contest.rounds[0].screening.free.by_component
         component = max(by, key=lambda k: by[k])
-    what = "what is named explains" if named else "forces of any shape in it explain"
+    free = "changes of a channel explain" if component == "sensor chain" else "forces of any shape in it explain"
+    what = "what is named explains" if named else free
     return Location(
         component,
         channels,

@@ -52,9 +52,9 @@ def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
         found[q.name] = Interval(value, max(low, q.low), min(high, q.high), q.unit)
     ends: list[dict[str, float] | None] = []
     if term.mechanism.extend is not None and quantities and quantities[0].log and errors[0] > UNSURE:
-        low, lowest = _end(fitted, number, quantities[0], -1.0, fitted.objective)
-        high, _ = _end(fitted, number, quantities[0], 1.0, lowest)
-        ends = [low, high]
+        lower, lowest = _end(fitted, number, quantities[0], -1.0, fitted.objective)
+        upper, _ = _end(fitted, number, quantities[0], 1.0, lowest)
+        ends = [lower, upper]
         found |= {q.name: _between(found[q.name].value, ends, q) for q in quantities}
     for more in term.mechanism.derived:
         places = [dict(term.values), *({**term.values, **end} for end in ends if end)]

@@ -70,9 +70,11 @@ PROOF_SESSIONS := 300
 proof: $(VENV)/.installed
 	$(BIN)/mesotap prove --seed $(PROOF_SEED) --sessions $(PROOF_SESSIONS) --output docs/proof
 
-# modal identification against the Cramer-Rao bound and beside other programs, in a virtualenv of its own
+# modal identification against the Cramer-Rao bound and beside other programs, in a virtualenv of its own; time and
+# memory of a diagnosis
 bench: .venv-bench/.installed
 	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/modal.py $(BENCH_ARGS)
+	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/diagnosis.py
 
 .venv-bench/.installed: pyproject.toml
 	$(PYTHON) -m venv .venv-bench

@@ -57,10 +57,9 @@ def plan_of(seed: int) -> Plan:
         seed += 1
 
 
-def write(path: Path, effect: str, d: float, seed: int) -> None:
+def write(path: Path, plan: Plan, effect: str, d: float, seed: int) -> None:
     """Write a session with an effect hidden in it."""
     rng = np.random.default_rng(seed)
-    plan = plan_of(1000 * seed)
     concealed = Concealed(plan)
     if effect:
         found = effect_named(effect)
@@ -97,10 +96,11 @@ def main() -> None:
         print(json.dumps(measure(Path(chosen.one[0]), chosen.one[1])))
         return
     rows = []
+    plan = plan_of(1000 * chosen.seed)
     with tempfile.TemporaryDirectory() as folder:
         for number, (effect, d, without) in enumerate((CASES[0], *CASES)):
             path = Path(folder) / f"{number}.h5"
-            write(path, effect, d, chosen.seed + number)
+            write(path, plan, effect, d, chosen.seed + number)
             command = [sys.executable, __file__, "--one", str(path), without]
             row = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
             if number:

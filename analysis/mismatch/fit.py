@@ -383,6 +383,10 @@ def relieved_of_laws(fitted: Fit) -> Problem:
     return replace(fitted.problem, recordings=replace(fitted.problem.recordings, records=tuple(records)))
 
 
+_Found = tuple[float, float, list[Real], list[Real]]
+"""Objective, its part of the declared constants, and of each record the residual and what the terms added."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Tangent:
     """Slopes of a record: of its own coefficients ``q @ r``, of the common ones at ``where`` ``q @ cross + common``."""
@@ -434,18 +438,8 @@ class _Solver:
             accepted = False
             for _ in range(MOST_TRIES if fresh else 1):
                 step = self._step(slopes.normal, gradient, damping)
-                trial = self._moved(state, step, slopes, targets)
-                candidate: tuple[float, float, list[Real], list[Real]] = (np.inf, 0.0, [], [])
-                if self._sensible(trial):
-                    trial_modes, trial_to = self._modes(trial, modes, to)
-                    if trial_modes and all(map(alike, modes, trial_modes)):
-                        if iteration > TOGETHER and model.coordinates.bodies and not model.nonlinear:
-                            # modes that turn into each other make a step of the amplitudes a bad guess
-                            trial = self._first_amplitudes(trial, trial_modes, trial_to, ())
-                        else:
-                            trial = self._timed(trial, trial_modes)
-                        candidate = self._evaluate(trial, trial_modes, trial_to)
-                if candidate[0] <= found[0] + 1e-6:
+                trial = self._tried(self._moved(state, step, slopes, targets), modes, to, iteration > TOGETHER)
+                if trial is not None and trial[3][0] <= found[0] + 1e-6:
                     accepted = True
                     break
                 damping = max(10 * damping, 1e-3)
@@ -459,9 +453,9 @@ class _Solver:
                     self.exact, damping, slopes = True, 0.0, None
                     continue
                 break
-            gain = found[0] - candidate[0]
-            expected = float(gradient @ step) + sum(float(t @ t) for t in targets)
-            state, modes, to, found = trial, trial_modes, trial_to, candidate
+            before, expected = found[0], float(gradient @ step) + sum(float(t @ t) for t in targets)
+            state, modes, to, found = trial  # type: ignore[misc]
+            gain = before - found[0]
             as_expected = self.exact and damping == 0 and gain > AS_EXPECTED * expected
             damping = 0.0 if damping < 1e-2 else damping / 10
             little = 0.0 if reference is None else min(LITTLE_SHARE * abs(reference - found[0]), LITTLE)
@@ -475,6 +469,22 @@ class _Solver:
             if not as_expected:
                 slopes = None
         return self._finished(state, modes, to, found, slopes)
+
+    def _tried(
+        self, state: _State, modes: list[Sensitivity], to: list[Response], late: bool
+    ) -> tuple[_State, list[Sensitivity], list[Response], _Found] | None:
+        """Evaluate a trial state; ``modes`` and ``to`` are the last ones. None where it has no such modes."""
+        if not self._sensible(state):
+            return None
+        new, new_to = self._modes(state, modes, to)
+        if not new or not all(map(alike, modes, new)):
+            return None
+        if late and self.model.coordinates.bodies and not self.model.nonlinear:
+            # modes that turn into each other make a step of the amplitudes a bad guess
+            state = self._first_amplitudes(state, new, new_to, ())
+        else:
+            state = self._timed(state, new)
+        return state, new, new_to, self._evaluate(state, new, new_to)
 
     def _modes(
         self, state: _State, modes: list[Sensitivity], to: list[Response]
@@ -520,9 +530,7 @@ class _Solver:
             coefficients.append(np.asarray(np.linalg.lstsq(r_, q_.T @ y.ravel(), rcond=1e-12)[0], np.float64))
         return self._timed(replace(state, coefficients=tuple(coefficients)), modes)
 
-    def _evaluate(
-        self, state: _State, modes: list[Sensitivity], to: list[Response]
-    ) -> tuple[float, float, list[Real], list[Real]]:
+    def _evaluate(self, state: _State, modes: list[Sensitivity], to: list[Response]) -> _Found:
         model = self.model
         terms = model.with_free(state.free)
         constants = model.constants(state)
@@ -538,7 +546,7 @@ class _Solver:
         penalty = float(model.precision @ off**2)
         return total + penalty, penalty, residuals, added
 
-    def _linearise(self, state: _State, modes: list[Sensitivity], to: list[Response], found) -> _Slopes:  # type: ignore[no-untyped-def]
+    def _linearise(self, state: _State, modes: list[Sensitivity], to: list[Response], found: _Found) -> _Slopes:
         model = self.model
         constants = model.constants(state)
         normal = np.zeros((self.size, self.size))
@@ -678,8 +686,8 @@ class _Solver:
             records.append(record)
         return _State(rig, load, free, tuple(coefficients), tuple(records))
 
-    def _finished(  # type: ignore[no-untyped-def]
-        self, state: _State, modes: list[Sensitivity], to: list[Response], found, slopes: _Slopes | None
+    def _finished(
+        self, state: _State, modes: list[Sensitivity], to: list[Response], found: _Found, slopes: _Slopes | None
     ) -> Fit:
         model = self.model
         covariance = np.zeros((self.size, self.size))

@@ -14,7 +14,7 @@ from analysis.mismatch.colour import noise_colour
 from analysis.mismatch.diagnosis import Diagnosis, diagnose_session
 from daq.session_file import read_session
 from mesotap.diagnosis_files import diagnosis_answer
-from sim_backend.mechanisms.mechanism import mechanisms
+from sim_backend.mechanisms.mechanism import AtRest, mechanisms
 from sim_backend.modal_march import MEMORY, along, respond, step_weights
 
 DATA = Path(os.environ.get("MESOTAP_DATA", Path(__file__).parents[3] / "shared" / "data")) / "concealed-practice"
@@ -148,3 +148,17 @@ def test_whitened_noise_is_white_with_unit_variance() -> None:
     spectrum = (np.abs(np.fft.rfft(white, axis=1)) ** 2).mean(axis=0) / white.shape[1]
     assert spectrum[2:40].mean() == pytest.approx(1, abs=0.1)
     assert spectrum[400:].mean() == pytest.approx(1, abs=0.03)
+
+
+@pytest.mark.parametrize("speed", [-3e-4, -1e-5, 0.0, 1e-5, 3e-4])
+def test_menisci_pull_as_the_surfaces_part_and_other_attraction_on_both_ways(speed: float) -> None:
+    adhesion = mechanisms()["adhesion"]
+    rest = AtRest(0.2, 2e6, 3.0)
+    values = {"adhesion_force_share": 0.1, "adhesion_range_share": 0.5, "sets_in_m_per_s": 1e-4}
+    d = np.linspace(-2e-7, 1e-7, 31)
+    fading = np.exp(np.minimum(d, 0) / (0.5 * 0.2 / 2e6))
+    expected = {0.0: 0.02 * (1 - fading), 1.0: 0.01 * (1 - (1 - math.tanh(speed / 1e-4)) * fading)}
+    for menisci, force in expected.items():
+        p = np.array([0.2, 2e6, 3.0, 1e-5, *adhesion.constants(values | {"menisci": menisci}, rest)])
+        found = along(adhesion.law, p, d, np.full(31, speed), 0.0, 1e-5, np.zeros(MEMORY))
+        assert np.allclose(found, force, atol=1e-12)

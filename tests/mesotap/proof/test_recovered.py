@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from analysis.mismatch.diagnosis import Interval, diagnose_session
+from analysis.mismatch.diagnosis import Diagnosis, Interval, diagnose_session
 from daq.session_file import read_session
 from mesotap.proof.generator.deck import Card, make
 from mesotap.proof.parameters import true_parameters
 from sim_backend.mechanisms.mechanism import mechanisms
 
 
+def concealed(
+    folder: Path, effects: tuple[str, ...], d: tuple[float, ...], seed: int, *known: str
+) -> tuple[dict[str, Any], Diagnosis]:
+    """Truth of a session that conceals these effects, and its diagnosis where these mechanisms are known."""
+    card = Card(0, "single" if len(effects) == 1 else "two", effects, d)
+    truth = make(seed, card, folder)
+    found = diagnose_session(read_session(folder / f"{card.name}.h5"), [mechanisms()[m] for m in known])
+    return truth, found
+
+
 def recovered(folder: Path, effect: str, d: float, seed: int) -> tuple[dict[str, float], dict[str, Interval]]:
     """True values, and the intervals where only the true mechanism is known."""
-    card = Card(0, "single", (effect,), (d,))
-    truth = make(seed, card, folder)
-    found = diagnose_session(read_session(folder / f"{card.name}.h5"), [mechanisms()[effect]])
+    truth, found = concealed(folder, (effect,), (d,), seed, effect)
     assert [m.id for m in found.mechanisms] == [effect]
     return true_parameters(truth, effect), found.mechanisms[0].parameters
 
@@ -37,3 +46,15 @@ def test_a_part_of_unknown_mass_gets_an_interval_that_says_so(tmp_path: Path) ->
     assert found["mount_frequency_hz"].high < 1.1 * found["mount_frequency_hz"].low
     assert found["attached_mass_kg"].high < 3 * truth["attached_mass_kg"]
     assert found["attached_mass_kg"].low < 0.1 * truth["attached_mass_kg"]
+
+
+@pytest.mark.parametrize(("effect", "d", "seed"), [("tube_spring_cubic", 300.0, 1), ("contact_creep", 300.0, 2)])
+def test_strong_laws_are_integrated_finely_enough(tmp_path: Path, effect: str, d: float, seed: int) -> None:
+    truth, found = recovered(tmp_path, effect, d, seed)
+    for name, true in truth.items():
+        assert found[name].low < true < found[name].high, name
+
+
+def test_a_delayed_channel_is_not_taken_for_a_mass_that_turns(tmp_path: Path) -> None:
+    _, found = concealed(tmp_path, ("channel_skew",), (60.0,), 3, "rocking", "attached_mass")
+    assert found.verdict == "unexplained"

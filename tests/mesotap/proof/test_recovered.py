@@ -3,30 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from analysis.mismatch.diagnosis import Diagnosis, Interval, diagnose_session
+from analysis.mismatch.diagnosis import Interval, diagnose_session
 from daq.session_file import read_session
 from mesotap.proof.generator.deck import Card, make
 from mesotap.proof.parameters import true_parameters
 from sim_backend.mechanisms.mechanism import mechanisms
 
 
-def concealed(
-    folder: Path, effects: tuple[str, ...], d: tuple[float, ...], seed: int, *known: str
-) -> tuple[dict[str, Any], Diagnosis]:
-    """Truth of a session that conceals these effects, and its diagnosis where these mechanisms are known."""
-    card = Card(0, "single" if len(effects) == 1 else "two", effects, d)
-    truth = make(seed, card, folder)
-    found = diagnose_session(read_session(folder / f"{card.name}.h5"), [mechanisms()[m] for m in known])
-    return truth, found
-
-
 def recovered(folder: Path, effect: str, d: float, seed: int) -> tuple[dict[str, float], dict[str, Interval]]:
     """True values, and the intervals where only the true mechanism is known."""
-    truth, found = concealed(folder, (effect,), (d,), seed, effect)
+    card = Card(0, "single", (effect,), (d,))
+    truth = make(seed, card, folder)
+    found = diagnose_session(read_session(folder / f"{card.name}.h5"), [mechanisms()[effect]])
     assert [m.id for m in found.mechanisms] == [effect]
     return true_parameters(truth, effect), found.mechanisms[0].parameters
 
@@ -56,5 +47,7 @@ def test_strong_laws_are_integrated_finely_enough(tmp_path: Path, effect: str, d
 
 
 def test_a_delayed_channel_is_not_taken_for_a_mass_that_turns(tmp_path: Path) -> None:
-    _, found = concealed(tmp_path, ("channel_skew",), (60.0,), 3, "rocking", "attached_mass")
+    card = Card(118, "struck", ("channel_skew",), (30.0,))
+    make(1, card, tmp_path)
+    found = diagnose_session(read_session(tmp_path / f"{card.name}.h5"), [mechanisms()["rocking"]])
     assert found.verdict == "unexplained"

@@ -45,6 +45,7 @@ LEFT_OVER = (0.02, 0.005, 0.0)  # share of all misfit that one, two, three mecha
 LEFT_LEVEL = 1e-3  # p-value below which what is left over counts
 TEMPERATURE = 2.0  # by which differences of chi-squared are divided: laws are never exactly right
 HELD_OUT_EVIDENCE = 4.0  # that a further mechanism must have in the impacts that took no part
+CONTRADICTED = 25.0  # chi-squared of k_c(P) against a force law from which on it is out
 NEARLY_AS_GOOD = 0.7  # share of the best first evidence with which another first mechanism is tried as well
 WORSE = 1.05  # misfit of held-out impacts over that of the others from which on a better start is looked for
 UNTIE = 1000.0  # chi-squared from which on a tie between an added body's ringing and the tap may be too strict
@@ -257,7 +258,7 @@ def _full_fits(
             progress(f"fitting {name_of(entry.score)} from elsewhere")
             again = _entry(current, entry.score, _elsewhere(current, tried[entry.id]), explained)
             entries[i] = max(entry, again, key=lambda e: e.evidence)
-    entries.sort(key=lambda e: (e.fit is None, -(e.evidence + stiffness_evidence(e))))
+    entries.sort(key=lambda e: (e.fit is None, -(e.evidence + stiffness_evidence(e.score.term.mechanism, e.fit))))
     return tuple(entries)
 
 
@@ -273,7 +274,7 @@ def _variants(scores: Sequence[Score]) -> list[Score]:
 def _entry(current: Fit, score: Score, begun: Sequence[tuple[Term, Fit | None]], explained: bool) -> Entry:
     """Return the best of the full fits of a mechanism that begin at these values and rigs."""
     fitted = _best(current.problem, current.terms, begun, score.delays)
-    if fitted is None or not _rings(fitted):
+    if fitted is None or not _rings(fitted) or stiffness_evidence(score.term.mechanism, fitted) < -CONTRADICTED:
         return Entry(score, None, 0.0)
     if fitted.only_laws and not explained and misfit(fitted) > STRONG:
         fitted = lengthened(current.problem, fitted.terms, current) or fitted
@@ -423,16 +424,13 @@ def started(score: Score) -> Term:
     return replace(term, values=values)
 
 
-def stiffness_evidence(entry: Entry) -> float:
+def stiffness_evidence(mechanism: Mechanism, fitted: Fit | None) -> float:
     """Chi-squared by which k_c(P) speaks against a force law of the contact: its exponent must be the law's."""
-    mechanism = entry.score.term.mechanism
-    if mechanism.stiffness_exponent is None or entry.fit is None:
-        return 0.0
-    exponent = stiffness_exponent(entry.fit)
-    if exponent is None:
+    exponent = stiffness_exponent(fitted) if fitted is not None else None
+    if mechanism.stiffness_exponent is None or exponent is None:
         return 0.0
     expected, tolerance = mechanism.stiffness_exponent
-    return -min(((exponent[0] - expected) / math.hypot(tolerance, exponent[1])) ** 2, 25.0)
+    return -(((exponent[0] - expected) / math.hypot(tolerance, exponent[1])) ** 2)
 
 
 def stiffness_exponent(fitted: Fit) -> tuple[float, float] | None:

@@ -387,7 +387,7 @@ def _named(fit: Fit, number: int, step: Round, contest: Contest) -> Named:
     term, accepted = fit.terms[number], step.accepted
     mechanism = term.mechanism
     entries = [e for e in step.entries if e.fit is not None]
-    strength = {e.id: e.evidence + stiffness_evidence(e) for e in entries}
+    strength = {e.id: e.evidence + stiffness_evidence(e.score.term.mechanism, e.fit) for e in entries}
     left = contest.left_over if contest.left_p_value < LEFT_LEVEL else 0.0
     explained = contest.baseline.objective - fit.objective
     allowed = may_be_left(len(fit.terms)) * (explained + left)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from analysis.mismatch import contest
@@ -54,3 +55,16 @@ def test_a_body_that_hardly_rings_is_not_believable(name: str) -> None:
     assert not believable(Term(mechanism, {}), values)
     assert believable(Term(mechanism, {}), values | {damping: 0.9 * values[damping]})
     assert believable(Term(mechanisms()["micro_slip"], {}), {})
+
+
+@pytest.mark.parametrize(("exponent", "out"), [(1 / 3, False), (0.42, False), (0.6, True), (1.0, True)])
+def test_a_force_law_that_the_growth_of_the_stiffness_contradicts_is_out(exponent: float, out: bool) -> None:
+    loads = np.array([0.1, 0.2, 0.4, 0.8])
+    fitted: Any = SimpleNamespace(
+        problem=SimpleNamespace(recordings=SimpleNamespace(loads_n=loads)),
+        constants=SimpleNamespace(names=lambda: ([], ["kc", "cc"]), load=np.c_[2e6 * loads**exponent, np.ones(4)]),
+    )
+    against = -contest.stiffness_evidence(mechanisms()["hertz_stiffness"], fitted)
+    assert (against > contest.CONTRADICTED) == out
+    assert against == pytest.approx(((exponent - 1 / 3) / 0.03) ** 2, abs=1e-6)
+    assert contest.stiffness_evidence(mechanisms()["micro_slip"], fitted) == 0.0

@@ -40,7 +40,7 @@ def test_a_part_of_unknown_mass_gets_an_interval_that_says_so(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("effect", "d", "seed"), [("tube_spring_cubic", 300.0, 1), ("contact_creep", 300.0, 2)])
-def test_strong_laws_are_integrated_finely_enough(tmp_path: Path, effect: str, d: float, seed: int) -> None:
+def test_intervals_of_strong_laws_hold_the_truth(tmp_path: Path, effect: str, d: float, seed: int) -> None:
     truth, found = recovered(tmp_path, effect, d, seed)
     for name, true in truth.items():
         assert found[name].low < true < found[name].high, name

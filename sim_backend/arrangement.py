@@ -88,25 +88,24 @@ class Arrangement:
         """Return the element of this name."""
         return next(e for e in self.elements if e.name == name)
 
-    def vector(self, row: Row, values: Mapping[str, float]) -> Real:
-        """Return (n,) the coefficients of a row in the order of the bodies."""
-        out = np.zeros(len(self.bodies))
+    def vector(self, row: Row, values: Mapping[str, float] | Mapping[str, Real]) -> Real:
+        """Return (..., n) the coefficients of a row in the order of the bodies, for values of any one shape."""
+        out = np.zeros((*np.shape(next(iter(values.values()))), len(self.bodies)))
         for body, coefficient in row:
-            out[self.bodies.index(body)] = values[coefficient] if isinstance(coefficient, str) else coefficient
+            out[..., self.bodies.index(body)] = values[coefficient] if isinstance(coefficient, str) else coefficient
         return out
 
-    def matrices(self, values: Mapping[str, float]) -> tuple[Real, Real, Real]:
-        """Return masses (n,), damping (n, n) and stiffness (n, n) for these constants."""
-        n = len(self.bodies)
-        mass = np.array([values[m] for m in self.masses])
-        damping, stiffness = np.zeros((n, n)), np.zeros((n, n))
+    def matrices(self, values: Mapping[str, float] | Mapping[str, Real]) -> tuple[Real, Real, Real]:
+        """Return masses (..., n), damping and stiffness (..., n, n) for these constants, values of any one shape."""
+        mass = np.stack([np.asarray(values[m], np.float64) for m in self.masses], axis=-1)
+        damping, stiffness = np.zeros((*mass.shape, mass.shape[-1])), np.zeros((*mass.shape, mass.shape[-1]))
         for element in self.elements:
             row = self.vector(element.row, values)
-            outer = np.outer(row, row)
+            outer = row[..., :, None] * row[..., None, :]
             if element.stiffness is not None:
-                stiffness += values[element.stiffness] * outer
+                stiffness += np.asarray(values[element.stiffness])[..., None, None] * outer
             if element.damping is not None:
-                damping += values[element.damping] * outer
+                damping += np.asarray(values[element.damping])[..., None, None] * outer
         return mass, damping, stiffness
 
     def declared(self) -> dict[str, float]:

@@ -79,7 +79,7 @@ _LAWS = types.UniTuple(types.FunctionType(LAW), SLOTS)
             _COMPLEX_STACK,
             _COMPLEX_TABLE,
             _ROW,
-            float64,
+            _ROW,
             float64,
             int64,
             _TABLE,
@@ -106,6 +106,8 @@ def march(laws, element, p, seen, rate, drive, weights, start, pairs, t0, h, ste
         (runs, 4, poles) of `step_weights`.
     start, pairs
         (runs, poles) modal amplitudes at t0; (poles,) 2 for a conjugate pair, 1 for a real pole.
+    t0
+        (runs,) time since the tap of the start, s.
     memory
         (laws, MEMORY) the laws' memories at t0.
     """
@@ -149,7 +151,7 @@ def march(laws, element, p, seen, rate, drive, weights, start, pairs, t0, h, ste
                     force = linear
                     for k in range(slots):
                         if element[k] == i:
-                            force = laws[k](force, d, v, t0 + n * h, own[k], before[k], after[k])
+                            force = laws[k](force, d, v, t0[run] + n * h, own[k], before[k], after[k])
                     new[i] = force - linear
             before[:, :] = after
             for i in range(elements):
@@ -162,6 +164,7 @@ def march(laws, element, p, seen, rate, drive, weights, start, pairs, t0, h, ste
 @njit(
     [_ROW(types.FunctionType(LAW), _ROW, _ROW, _ROW, float64, float64, _ROW)],
     cache=True,
+    nogil=True,
 )
 def along(law, p, d, v, t0, h, memory):  # type: ignore[no-untyped-def]
     """Return the extra force (n,) of one law along a given deformation and rate, each (n,)."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.mismatch.linear import LinearRig, linear_rig
+from analysis.mismatch.linear import LinearRig, linear_rigs
 from analysis.mismatch.records import PULSE_MIDDLE_S, Record, Recordings
 from sim_backend.arrangement import LOAD, Arrangement
 from sim_backend.state_space import StateSpace
@@ -47,6 +47,12 @@ class Constants:
         """All constants at one load."""
         rig, load = self.names()
         return dict(zip(rig, self.rig.tolist(), strict=True)) | dict(zip(load, self.load[group].tolist(), strict=True))
+
+    def stacked(self) -> dict[str, Real]:
+        """All constants, (groups,) of each."""
+        rig, load = self.names()
+        own = np.broadcast_to(self.rig[:, None], (self.rig.size, len(self.load)))
+        return dict(zip(rig, own, strict=True)) | dict(zip(load, self.load.T, strict=True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,29 +208,33 @@ def slow_filter_poles(highpass_hz: float, order: int) -> Complex:
     return np.append(0.0, upper)
 
 
-def sensitivity(
-    constants: Constants, group: int, analog: StateSpace, recordings: Recordings, tied: tuple[int, ...] = ()
-) -> Sensitivity:
-    """Solve for the modes at one load and difference them with respect to every constant."""
-    values = constants.at(group)
+def sensitivities(constants: Constants, analog: StateSpace, recordings: Recordings) -> list[Sensitivity]:
+    """Solve for the modes at every load and difference them with respect to every constant; no mode is tied."""
     names = [name for scope in constants.names() for name in scope]
-
-    def solve(changed: dict[str, float]) -> LinearRig:
-        return linear_rig(constants.arrangement, changed, analog, recordings.noise, recordings.sample_rate_hz)
-
-    middle = solve(values)
-    poles = np.empty((len(names), len(middle.poles)), np.complex128)
-    gains = np.empty((len(names), *middle.gains.shape), np.complex128)
-    drive = np.empty_like(poles)
-    for i, name in enumerate(names):
-        step = STEP * max(abs(values[name]), _natural(constants, name))
-        up, down = solve(values | {name: values[name] + step}), solve(values | {name: values[name] - step})
-        if not np.array_equal(up.weight, down.weight):
-            raise Overdamped(f"a mode stops oscillating where {name} is {values[name]:g}")
-        poles[i] = (up.poles - down.poles) / (2 * step)
-        gains[i] = (up.gains - down.gains) / (2 * step)
-        drive[i] = (up.drive - down.drive) / (2 * step)
-    return Sensitivity(middle, poles, gains, drive, tied)
+    groups, count = len(constants.load), len(names)
+    at = np.stack(list(constants.stacked().values()), axis=1)
+    step = STEP * np.maximum(np.abs(at), [_natural(constants, name) for name in names])
+    moves = np.concatenate([np.zeros((1, count)), np.eye(count), -np.eye(count)])
+    values = at[:, None] + moves * step[:, None]  # (groups, 1 + 2 count, count)
+    by_name = dict(zip(names, values.reshape(-1, count).T, strict=True))
+    rigs = linear_rigs(constants.arrangement, by_name, analog, recordings.noise, recordings.sample_rate_hz)
+    found = []
+    for g in range(groups):
+        middle, *moved = rigs[g * len(moves) : (g + 1) * len(moves)]
+        up, down = moved[:count], moved[count:]
+        for i, (a, b) in enumerate(zip(up, down, strict=True)):
+            if not np.array_equal(a.weight, b.weight):
+                raise Overdamped(f"a mode stops oscillating where {names[i]} is {at[g, i]:g}")
+        twice = 2 * step[g]
+        found.append(
+            Sensitivity(
+                middle,
+                np.array([a.poles - b.poles for a, b in zip(up, down, strict=True)]) / twice[:, None],
+                np.array([a.gains - b.gains for a, b in zip(up, down, strict=True)]) / twice[:, None, None],
+                np.array([a.drive - b.drive for a, b in zip(up, down, strict=True)]) / twice[:, None],
+            )
+        )
+    return found
 
 
 def _natural(constants: Constants, name: str) -> float:

@@ -45,6 +45,7 @@ LEFT_OVER = (0.02, 0.005, 0.0)  # share of all misfit that one, two, three mecha
 LEFT_LEVEL = 1e-3  # p-value below which what is left over counts
 TEMPERATURE = 2.0  # by which differences of chi-squared are divided: laws are never exactly right
 HELD_OUT_EVIDENCE = 4.0  # that a further mechanism must have in the impacts that took no part
+FAR_OFF, FAR_OFF_LEAST = 0.1, 100.0  # share of all misfit, and chi-squared, left over by a fit that is not gone on with
 CONTRADICTED = 25.0  # chi-squared of k_c(P) against a force law from which on it is out
 NEARLY_AS_GOOD = 0.7  # share of the best first evidence with which another first mechanism is tried as well
 WORSE = 1.05  # misfit of held-out impacts over that of the others from which on a better start is looked for
@@ -191,8 +192,12 @@ def _path(
         rounds.append(Round(current, screening, entries, best if enough else None))
         if not enough:
             break
-        current = _to_the_end(best.fit)  # type: ignore[union-attr, arg-type]
-        explained = baseline.objective - current.objective
+        current = best.fit  # type: ignore[union-attr, assignment]
+        if not _far_off(begun, current):
+            progress("fitting to the end")
+            current = _to_the_end(current)
+        gained = baseline.objective - current.objective - explained
+        explained += gained
         progress("looking at what is left")
         screening = screen(current, known)
         if screening.p_value < LEFT_LEVEL and len(current.terms) > 1:
@@ -203,7 +208,16 @@ def _path(
                 screening = screen(current, known)
         if screening.p_value > LEFT_LEVEL:
             break
+        if screening.unexplained > (MOST_TERMS - len(current.terms)) * gained:
+            break  # even if every further one gained as much
     return _outcome(begun, current, screening, tuple(rounds))
+
+
+def _far_off(begun: Begun, fitted: Fit) -> bool:
+    """Whether so much is left of what forces of any shape would explain that going on would not be enough."""
+    all_of_it = begun.screening.unexplained
+    left = all_of_it - (begun.baseline.objective - fitted.objective)
+    return left > max(FAR_OFF * all_of_it, FAR_OFF_LEAST)
 
 
 def _outcome(begun: Begun, best: Fit, screening: Screening, rounds: tuple[Round, ...]) -> Contest:
@@ -312,8 +326,9 @@ def _competing(problem: Problem, terms: Sequence[Term], begin: Fit | None, delay
 
 def _to_the_end(fitted: Fit) -> Fit:
     """Go on with a fit until no step gains anything."""
-    amplitudes = fitted.amplitudes if any(t.nonlinear for t in fitted.terms) else ()
-    found = fit(fitted.problem, fitted.terms, fitted, amplitudes=amplitudes)
+    if any(t.nonlinear for t in fitted.terms):  # while it competed it was computed in coarser steps
+        return fit(fitted.problem, fitted.terms, fitted, amplitudes=fitted.amplitudes)
+    found = fit(fitted.problem, fitted.terms, fitted)
     return found if found.objective < fitted.objective else fitted
 
 
@@ -329,7 +344,7 @@ def _looked_for_again(fitted: Fit) -> Fit:
             terms = (*others[:i], started(score), *others[i:])
             found = _competing(fitted.problem, terms, without, ())
             if found.objective < fitted.objective - LEAST_GAIN and _rings(found):
-                fitted = _to_the_end(found)
+                fitted = min(_to_the_end(found), fitted, key=lambda f: f.objective)
     return fitted
 
 

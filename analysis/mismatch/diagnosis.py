@@ -51,6 +51,7 @@ MASS_UNCERTAINTY = 5e-4  # relative, as weighed
 SPRING_UNCERTAINTY = 0.01  # relative, as identified
 NOISE_DIFFERENCE = 0.1  # of sessions that are diagnosed together
 SCATTER_EVIDENCE = 30.0  # that constants of its own for every impact must have
+MOST_OF_IT = 0.5  # of what is left over, that scatter must take up to be looked at further
 MOST_SCATTER = 0.01  # relative standard deviation of k_c between impacts of a load that counts as scatter
 SOMETHING_ELSE = -12.0  # evidence of what is not listed where nothing is left over
 LOAD_DRIFT = "load_drift"  # the one mechanism that ring-downs do not show
@@ -290,7 +291,7 @@ def _contest(problem: Problem, known: Sequence[Mechanism], progress: Callable[[s
     if apart.p_value >= LEVEL:
         return run_contest(apart, known, progress)
     plain = run_contest(begun, known, progress)
-    if plain.chosen is not None:
+    if plain.chosen is not None or (plain.best.terms and not _scatter_is_left(plain)):
         return plain
     again = run_contest(apart, known, progress)
     return plain if again.chosen is None else again
@@ -315,6 +316,15 @@ def scattered(baseline: Fit) -> bool:
     if float(stiffness.std()) > MOST_SCATTER:
         return False
     return float(pearsonr(stiffness, strength).pvalue) > LEVEL
+
+
+def _scatter_is_left(plain: Contest) -> bool:
+    """Whether constants of its own for every impact would take up most of what the best explanation leaves."""
+    best = plain.best
+    amplitudes = best.amplitudes if any(t.nonlinear for t in best.terms) else ()
+    begin = replace(best, constants=_own_constants(best))
+    apart = fit(best.problem.apart(), best.terms, begin, amplitudes=amplitudes, competing=True)
+    return best.objective - apart.objective > MOST_OF_IT * plain.left_over
 
 
 def _own_constants(fit_: Fit) -> Constants:

@@ -7,23 +7,19 @@ uncertainties and the mechanisms' parameters. Gauss and Newton's method; what be
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 
-from analysis.mismatch.baseline import Constants, Nuisance, Overdamped, Sensitivity, sensitivity, slope_columns
-from analysis.mismatch.coordinates import Coordinates
-from analysis.mismatch.linear import linear_rig
-from analysis.mismatch.problem import Problem, Term, acted_on, law_parameters
+from analysis.mismatch.baseline import Constants, Nuisance, Overdamped, Sensitivity, slope_columns
+from analysis.mismatch.linear import linear_rigs
+from analysis.mismatch.model import COMPETING_SUBSTEPS, SUBSTEPS, Model, Run, Variant, inward, outward
+from analysis.mismatch.problem import Problem, Term
 from analysis.mismatch.records import Record
-from analysis.mismatch.response import Response, response, responses, whiten
-from sim_backend.arrangement import LOAD, Arrangement
-from sim_backend.mechanisms.mechanism import Quantity
-from sim_backend.modal_march import MEMORY, SLOTS, march, no_law, step_weights
+from analysis.mismatch.response import Response, response
+from sim_backend.arrangement import Arrangement
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -35,10 +31,8 @@ LITTLE, LITTLE_SHARE = 5.0, 3e-3  # change of chi-squared below which a competin
 HOPELESS, HOPELESS_AFTER = 1.3, 6  # objective over that to be beaten at which a competing fit is given up; steps
 AS_EXPECTED = 0.5  # share of its expected gain that a step must have for its slopes to be used once more
 MOST_TRIES = 6  # of a step with more and more damping
-SUBSTEPS = 4
 SECOND_STEP = 0.05  # of differences, samples
 MOST_SAMPLES = 0.5  # that a second blow may move in one step
-SPLINE = 5  # degree in which a tap's pulse is shifted by parts of a sample
 LOAD_STEP = 1e-5  # of differences, relative
 PARAMETER_STEP = 1e-4  # of differences, relative to the parameter (or its range where it is small)
 AMPLITUDE_STEP = 1e-3  # of differences, relative to the record's largest amplitude
@@ -107,212 +101,23 @@ class _State:
     records: tuple[Record, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class _Variant:
-    """With what a record is predicted."""
-
-    terms: tuple[Term, ...]
-    amplitudes: Complex
-    values: dict[str, float]
-    to: Response
-
-    def before(self, lead_s: float) -> _Variant:
-        """Return the same with the modal amplitudes so much earlier."""
-        return replace(self, amplitudes=self.amplitudes * np.exp(-lead_s * self.to.rig.poles))
-
-
-class _Model:
-    """A problem with terms: predicts, differences and steps."""
-
-    def __init__(self, problem: Problem, terms: Sequence[Term]):
-        self.problem, self.terms = problem, tuple(terms)
-        arrangement = problem.arrangement
-        for term in terms:
-            if term.mechanism.extend is not None:
-                arrangement = term.mechanism.extend(arrangement, term.values)
-        self.arrangement = arrangement
-        lines = [hz for t in terms if t.mechanism.lines is not None for hz in t.mechanism.lines(t.values)]
-        slow = np.append(problem.slow, 2j * np.pi * np.array(lines)) if lines else problem.slow
-        self.nuisance = Nuisance(problem.recordings, slow)
-        self.rate = problem.recordings.sample_rate_hz
-        self.rig_parameters = [p for p in arrangement.parameters if p.scope != LOAD]
-        self.declared = np.array([p.value for p in self.rig_parameters])
-        self.precision = np.array(
-            [1 / p.uncertainty**2 if np.isfinite(p.uncertainty) else 0.0 for p in self.rig_parameters]
-        )
-        names = [p.name for p in self.rig_parameters]
-        self.coordinates = Coordinates(names, np.array([p.positive for p in self.rig_parameters], bool), terms)
-        self.free: list[tuple[int, Quantity]] = [
-            (i, q) for i, t in enumerate(terms) if t.nonlinear for q in t.mechanism.parameters
-        ]
-        self.marched = any(t.mechanism.law is not None for t in terms)
-        self.nonlinear = any(t.nonlinear for t in terms)
-        self.strikes_twice = any(t.mechanism.blow for t in terms)
-        self.substeps = SUBSTEPS
-
-    def start_free(self) -> Real:
-        return np.array([_inward(self.terms[i].values[q.name], q) for i, q in self.free])
-
-    def with_free(self, free: Real) -> tuple[Term, ...]:
-        """Terms with the values of the free parameters put in."""
-        values = [dict(t.values) for t in self.terms]
-        for (i, q), x in zip(self.free, free, strict=True):
-            values[i][q.name] = _outward(float(x), q)
-        return tuple(replace(t, values=v) for t, v in zip(self.terms, values, strict=True))
-
-    def constants(self, state: _State) -> Constants:
-        return Constants(self.arrangement, state.rig, state.load)
-
-    def modes(self, constants: Constants) -> tuple[list[Sensitivity], list[Response]]:
-        problem = self.problem
-        modes = [
-            sensitivity(constants, g, problem.analog, problem.recordings, self.tied(constants.at(g)))
-            for g in range(len(constants.load))
-        ]
-        made = [
-            response(self.arrangement, constants.at(g), m.rig, problem.analog) if self.nonlinear else None
-            for g, m in enumerate(modes)
-        ]
-        return modes, made  # type: ignore[return-value]
-
-    def tied(self, values: dict[str, float]) -> tuple[int, ...]:
-        """Modes of bodies that are set going by the rig alone and too weak to be read record by record."""
-        added = len(self.arrangement.bodies) - len(self.problem.arrangement.bodies)
-        if not added or not any(t.mechanism.tied for t in self.terms):
-            return ()
-        rig = linear_rig(self.arrangement, values, self.problem.analog, self.problem.recordings.noise, self.rate)
-        size = np.abs(rig.shapes) * np.sqrt([[values[m]] for m in self.arrangement.masses])
-        share = size[-added:].sum(axis=0) / size.sum(axis=0)
-        return tuple(int(j) for j in np.argsort(-share)[:added])
-
-    def extra(self, record: Record, variants: Sequence[_Variant]) -> Real:
-        """Return (variants, c, n) what the terms add to the whitened record of the linear rig."""
-        samples = record.y.shape[1]
-        added = np.zeros((len(variants), *record.y.shape))
-        if self.marched:
-            h = 1 / self.rate / self.substeps
-            steps = (samples - 1 + record.run_up) * self.substeps
-            forces, used = self.forces(record, [v.before(record.run_up / self.rate) for v in variants], h, steps)
-            added += responses([v.to for v in variants], used, forces, h, self.substeps)[:, :, record.run_up :]
-        for out, variant in zip(added, variants, strict=True):
-            self._struck_and_distorted(out, record, variant)
-        return whiten(added, self.problem.recordings.noise)
-
-    def _struck_and_distorted(self, added: Real, record: Record, variant: _Variant) -> None:
-        """Add (c, n) a second blow and what the sensor chain makes of the record."""
-        to, amplitudes = variant.to, variant.amplitudes
-        for term in variant.terms:
-            if term.mechanism.blow:
-                added += next(iter(term.values.values())) * struck_again(to, amplitudes, record, self.rate)
-        distorted = [t for t in variant.terms if t.mechanism.distort is not None]
-        if distorted:
-            t = np.arange(added.shape[1]) / self.rate
-            waves = np.exp(np.outer(t, to.rig.poles)) * (to.rig.weight * amplitudes)
-            clean = (to.rig.filtered @ waves.T).real + added
-            shown = clean
-            for term in distorted:
-                shown = term.mechanism.distort(shown, self._seen(term, record, clean), self.rate)  # type: ignore[misc]
-            added += shown - clean
-
-    def forces(self, record: Record, variants: Sequence[_Variant], h: float, steps: int) -> tuple[Real, list[int]]:
-        """Return the extra forces (variants, k, steps + 1) of k elements from a record's run-up on (back for h < 0)."""
-        elements = self.arrangement.elements
-        slots = [(i, e) for i, t in enumerate(self.terms) if t.mechanism.law for e in acted_on(t, self.arrangement)]
-        slots.sort(key=lambda s: self.terms[s[0]].mechanism.last)
-        if len(slots) > SLOTS:
-            raise ValueError("more force laws than can act together")
-        laws = [self.terms[i].mechanism.law for i, _ in slots] + [no_law] * (SLOTS - len(slots))
-        acting = [e for _, e in slots] + [-1] * (SLOTS - len(slots))
-        used = sorted({e for _, e in slots})
-        place = np.array([used.index(e) if e >= 0 else -1 for e in acting])
-        rows = [[law_parameters(v.terms[i], elements[e], v.values, record, h) for i, e in slots] for v in variants]
-        p = np.zeros((len(variants), SLOTS, max(len(row) for row in rows[0])))
-        for own, filled in zip(p, rows, strict=True):
-            for row, numbers in zip(own, filled, strict=False):
-                row[: len(numbers)] = numbers
-        to = [v.to for v in variants]
-        found = march(
-            tuple(laws), place, p, np.stack([r.seen[used] for r in to]), np.stack([r.rate[used] for r in to]),
-            np.stack([r.drive[used] for r in to]), step_weights(np.stack([r.rig.poles for r in to]), h),
-            np.stack([v.amplitudes for v in variants]), to[0].rig.weight,
-            record.start_s - record.run_up / self.rate, h, steps, np.zeros((SLOTS, MEMORY)),
-        )  # fmt: skip
-        return found, used
-
-    def _seen(self, term: Term, record: Record, clean: Real) -> dict[str, float]:
-        """Values of a channel's distortion with the peak it is measured by."""
-        own = max(float(np.abs(record.raw).max()), float(np.abs(clean).max()))
-        whole = max(float(np.abs(r.raw).max()) for r in self.problem.recordings.records)
-        return dict(term.values) | {"peak": whole if term.values.get("of_session") else own}
-
-    def residual(
-        self,
-        number: int,
-        state: _State,
-        terms: tuple[Term, ...],
-        modes: Sensitivity,
-        to: Response,
-        values: dict[str, float],
-    ) -> tuple[Real, Real]:
-        """Return residual and what the terms added, (c, n) each."""
-        record = state.records[number]
-        columns = self.nuisance.columns(modes, record)
-        coefficients = state.coefficients[number]
-        added = np.zeros_like(record.y)
-        if self.nonlinear:
-            amplitudes = Nuisance.amplitudes(modes, coefficients, record)
-            added = self.extra(record, [_Variant(terms, amplitudes, values, to)])[0]
-        return record.y - columns @ coefficients - added, added
-
-
 def extra_forces(fitted: Fit, number: int, samples: int) -> tuple[Real, list[int], float]:
     """Return the extra forces (k, n) along a record of a fit, their k elements and the time step.
 
     ``samples`` from where the record's run-up begins; a negative number goes back in time.
     """
-    model = _Model(fitted.problem, fitted.terms)
+    return Model(fitted.problem, fitted.terms).forces(_run(fitted, number), samples)
+
+
+def _run(fitted: Fit, number: int) -> Run:
     record = fitted.records[number]
-    to = fitted.responses[record.group]
-    h = math.copysign(1 / model.rate / model.substeps, samples)
-    variant = _Variant(fitted.terms, fitted.amplitudes[number], fitted.constants.at(record.group), to)
-    begun = variant.before(record.run_up / model.rate)
-    forces, used = model.forces(record, [begun], h, abs(samples) * model.substeps)
-    return forces[0], used, h
-
-
-def struck_again(to: Response, amplitudes: Complex, record: Record, sample_rate_hz: float) -> Real:
-    """Return (c, n) the response to a second blow as large as the first, m/s2 before whitening.
-
-    While its pulse acts it is what the channels showed while the first one did; afterwards the modes ring as fitted.
-    """
-    n, k = record.y.shape[1], record.pulse.shape[1]
-    late = record.second + record.since_tap_s * sample_rate_hz  # of the second blow after the first, samples
-    at = np.arange(n) - late
-    rings = at >= 0
-    waves = np.exp(np.outer(at[rings] / sample_rate_hz, to.rig.poles)) * (to.rig.weight * amplitudes)
-    out = np.zeros((len(to.rig.filtered), n))
-    out[:, rings] = (to.rig.filtered @ waves.T).real
-    acts = ~rings & (at > -k)
-    if np.any(acts):
-        more = np.exp(np.outer(np.arange(SPLINE) / sample_rate_hz, to.rig.poles)) * (to.rig.weight * amplitudes)
-        shown = np.concatenate([record.pulse, (to.rig.filtered @ more.T).real], axis=1)
-        spline = make_interp_spline(np.arange(-k, SPLINE), shown, k=SPLINE, axis=1)
-        out[:, acts] = spline(at[acts])
-    return out
+    values, to = fitted.constants.at(record.group), fitted.responses[record.group]
+    return record, Variant(fitted.terms, fitted.amplitudes[number], values, to)
 
 
 def alike(a: Sensitivity, b: Sensitivity) -> bool:
     """Whether as many modes oscillate in both, so that the same coefficients belong to them."""
     return np.array_equal(a.rig.weight, b.rig.weight) and a.tied == b.tied
-
-
-def _inward(value: float, q: Quantity) -> float:
-    return float(np.log(value)) if q.log else float(value)
-
-
-def _outward(x: float, q: Quantity) -> float:
-    value = float(np.exp(x)) if q.log else x
-    return min(max(value, q.low), q.high)
 
 
 def fit(
@@ -348,7 +153,7 @@ def fit(
     """
     if held is not None:
         terms = held.terms
-    model = _Model(problem, terms)
+    model = Model(problem, terms, COMPETING_SUBSTEPS if competing else SUBSTEPS)
     records = problem.recordings.records
     if delays:
         records = tuple(replace(r, second=float(d)) for r, d in zip(records, delays, strict=True))
@@ -375,12 +180,10 @@ def fit(
 
 def relieved_of_laws(fitted: Fit) -> Problem:
     """Return a fit's problem without what laws, second blows and sensors added to the records."""
-    model = _Model(fitted.problem, fitted.terms)
-    records = []
-    for record, amplitudes in zip(fitted.records, fitted.amplitudes, strict=True):
-        variant = _Variant(fitted.terms, amplitudes, fitted.constants.at(record.group), fitted.responses[record.group])
-        records.append(replace(record, y=record.y - model.extra(record, [variant])[0]))
-    return replace(fitted.problem, recordings=replace(fitted.problem.recordings, records=tuple(records)))
+    runs = [_run(fitted, i) for i in range(len(fitted.records))]
+    added = Model(fitted.problem, fitted.terms).extra(runs)
+    records = tuple(replace(r, y=r.y - own) for r, own in zip(fitted.records, added, strict=True))
+    return replace(fitted.problem, recordings=replace(fitted.problem.recordings, records=records))
 
 
 _Found = tuple[float, float, list[Real], list[Real]]
@@ -410,7 +213,7 @@ class _Slopes:
 class _Solver:
     """Gauss-Newton with damping; the columns of each record's own coefficients are projected out."""
 
-    def __init__(self, model: _Model, fixed: NDArray[np.bool_]):
+    def __init__(self, model: Model, fixed: NDArray[np.bool_]):
         self.model, self.fixed, self.frozen = model, fixed, bool(fixed.all())
         self.common = len(model.rig_parameters)
         self.groups, self.each = model.problem.start.shape
@@ -420,8 +223,7 @@ class _Solver:
     def solve(self, state: _State, most_iterations: int, amplitudes: Sequence[Complex], reference: float | None) -> Fit:
         """Step until nothing is gained; where a fit competes with that of the objective ``reference``, nothing much."""
         model = self.model
-        constants = model.constants(state)
-        modes, to = model.modes(constants)
+        modes, to = model.modes(self._constants(state))
         self.exact = bool(amplitudes)
         state = self._first_amplitudes(state, modes, to, amplitudes)
         found = self._evaluate(state, modes, to)
@@ -493,7 +295,7 @@ class _Solver:
         if self.frozen:
             return modes, to
         try:
-            return self.model.modes(self.model.constants(state))
+            return self.model.modes(self._constants(state))
         except Overdamped:
             return [], []
 
@@ -517,59 +319,60 @@ class _Solver:
     def _first_amplitudes(
         self, state: _State, modes: list[Sensitivity], to: list[Response], amplitudes: Sequence[Complex]
     ) -> _State:
-        model = self.model
-        terms = model.with_free(state.free)
+        linear = [r.y for r in state.records]
+        if amplitudes and self.model.nonlinear:
+            added = self.model.extra(self._runs(state, to, amplitudes))
+            linear = [y - own for y, own in zip(linear, added, strict=True)]
         coefficients: list[Real] = []
-        for i, record in enumerate(state.records):
-            g = record.group
-            q_, r_ = model.nuisance.basis(modes[g], record)
-            y = record.y
-            if amplitudes and model.nonlinear:
-                variant = _Variant(terms, amplitudes[i], model.constants(state).at(g), to[g])
-                y = y - model.extra(record, [variant])[0]
+        for y, record in zip(linear, state.records, strict=True):
+            q_, r_ = self.model.nuisance.basis(modes[record.group], record)
             coefficients.append(np.asarray(np.linalg.lstsq(r_, q_.T @ y.ravel(), rcond=1e-12)[0], np.float64))
         return self._timed(replace(state, coefficients=tuple(coefficients)), modes)
 
+    def _constants(self, state: _State) -> Constants:
+        return Constants(self.model.arrangement, state.rig, state.load)
+
+    @staticmethod
+    def _amplitudes(state: _State, modes: Sequence[Sensitivity]) -> list[Complex]:
+        """Return the modal amplitudes of every record."""
+        return [
+            Nuisance.amplitudes(modes[r.group], c, r) for r, c in zip(state.records, state.coefficients, strict=True)
+        ]
+
+    def _runs(self, state: _State, to: Sequence[Response], amplitudes: Sequence[Complex]) -> list[Run]:
+        """Return with what each record is predicted."""
+        terms, constants = self.model.with_free(state.free), self._constants(state)
+        values = [constants.at(g) for g in range(self.groups)]
+        return [
+            (r, Variant(terms, a, values[r.group], to[r.group])) for r, a in zip(state.records, amplitudes, strict=True)
+        ]
+
     def _evaluate(self, state: _State, modes: list[Sensitivity], to: list[Response]) -> _Found:
         model = self.model
-        terms = model.with_free(state.free)
-        constants = model.constants(state)
-        values = [constants.at(g) for g in range(self.groups)]
-        residuals, added, total = [], [], 0.0
-        for i, record in enumerate(state.records):
-            g = record.group
-            r, a = model.residual(i, state, terms, modes[g], to[g], values[g])
-            residuals.append(r)
-            added.append(a)
-            total += float(np.vdot(r, r))
-        off = state.rig - model.declared
-        penalty = float(model.precision @ off**2)
-        return total + penalty, penalty, residuals, added
+        added = [np.zeros_like(r.y) for r in state.records]
+        if model.nonlinear:
+            added = model.extra(self._runs(state, to, self._amplitudes(state, modes)))
+        residuals = [
+            r.y - model.nuisance.columns(modes[r.group], r) @ c - own
+            for r, c, own in zip(state.records, state.coefficients, added, strict=True)
+        ]
+        penalty = float(model.precision @ (state.rig - model.declared) ** 2)
+        return sum(float(np.vdot(r, r)) for r in residuals) + penalty, penalty, residuals, added
 
     def _linearise(self, state: _State, modes: list[Sensitivity], to: list[Response], found: _Found) -> _Slopes:
         model = self.model
-        constants = model.constants(state)
+        free = len(model.free)
         normal = np.zeros((self.size, self.size))
-        terms = model.with_free(state.free)
         tangents = []
         at_free = self.common + self.groups * self.each
-        values = [constants.at(g) for g in range(self.groups)]
-        nearby = self._nearby(state, modes) if self.exact else []
         basis = model.coordinates.basis(state.rig)
-        for i, record in enumerate(state.records):
+        runs = self._runs(state, to, self._amplitudes(state, modes))
+        changed = self._changed(state, modes, runs, found[3])
+        for i, ((record, here), changes) in enumerate(zip(runs, changed, strict=True)):
             g = record.group
-            s, residual, base = modes[g], found[2][i], found[3][i]
+            s, residual = modes[g], found[2][i]
             columns = model.nuisance.columns(s, record)
-            c = state.coefficients[i]
-            here = _Variant(terms, Nuisance.amplitudes(s, c, record), values[g], to[g])
             slopes = slope_columns(s, here.amplitudes, record, model.rate)
-            steps, variants = self._parameter_steps(state.free, here)
-            if self.exact:
-                for more in self._amplitude_steps(record, c, s, here), self._load_steps(nearby[g], record, c, here):
-                    steps, variants = steps + more[0], variants + more[1]
-            changes = model.extra(record, variants) - base if variants else np.zeros((0, *base.shape))
-            changes = np.moveaxis(changes / np.array(steps)[:, None, None], 0, -1)
-            free = len(model.free)
             if self.exact:
                 columns, slopes = columns.copy(), slopes.copy()
                 modal = changes.shape[2] - free - self.each
@@ -579,7 +382,7 @@ class _Solver:
             tangent = np.concatenate([slopes, changes[:, :, :free]], axis=2).reshape(residual.size, -1)
             if model.strikes_twice:
                 later = replace(record, second=record.second + SECOND_STEP)
-                delayed = (model.extra(later, [here])[0] - base) / SECOND_STEP
+                delayed = (model.extra([(later, here)])[0] - found[3][i]) / SECOND_STEP
                 columns = np.concatenate([columns, delayed[:, :, None]], axis=2)
             kept = not self.exact and not model.strikes_twice
             q_, r_ = model.nuisance.basis(s, record) if kept else np.linalg.qr(columns.reshape(residual.size, -1))
@@ -595,6 +398,32 @@ class _Solver:
         normal[: self.common, : self.common] += basis.T @ np.diag(model.precision) @ basis
         return _Slopes(basis, normal, tuple(tangents))
 
+    def _changed(
+        self, state: _State, modes: list[Sensitivity], runs: Sequence[Run], added: Sequence[Real]
+    ) -> list[Real]:
+        """Return for every record (c, n, k) how what the terms add changes with the numbers they depend on.
+
+        With their parameters; where slopes are exact, with the modes' coefficients and the load's constants too.
+        """
+        nearby = self._nearby(state, modes) if self.exact else []
+        steps: list[list[float]] = []
+        moved: list[Run] = []
+        for (record, here), c in zip(runs, state.coefficients, strict=True):
+            own, variants = self._parameter_steps(state.free, here)
+            if self.exact:
+                for more in (
+                    self._amplitude_steps(record, c, modes[record.group], here),
+                    self._load_steps(nearby[record.group], record, c, here),
+                ):
+                    own, variants = own + more[0], variants + more[1]
+            steps.append(own)
+            moved += [(record, v) for v in variants]
+        predicted = iter(self.model.extra(moved))
+        return [
+            np.stack([(next(predicted) - base) / step for step in own], axis=-1) if own else np.zeros((*base.shape, 0))
+            for base, own in zip(added, steps, strict=True)
+        ]
+
     def _against(self, slopes: _Slopes, state: _State, residuals: Sequence[Real]) -> tuple[Real, list[Real]]:
         """Return the gradient, and what of each record's residual its own columns can take up."""
         gradient, targets = np.zeros(self.size), []
@@ -604,32 +433,31 @@ class _Solver:
         gradient[: self.common] -= slopes.basis.T @ (self.model.precision * (state.rig - self.model.declared))
         return gradient, targets
 
-    def _nearby(self, state: _State, modes: list[Sensitivity]) -> list[list[tuple[float, Sensitivity, _Variant]]]:
+    def _nearby(self, state: _State, modes: list[Sensitivity]) -> list[list[tuple[float, Sensitivity, Variant]]]:
         """Return for every load, and every constant that it has of its own, a step and the rig with that step made."""
-        model = self.model
-        found: list[list[tuple[float, Sensitivity, _Variant]]] = [[] for _ in modes]
+        model, problem = self.model, self.model.problem
+        noise, rate = problem.recordings.noise, problem.recordings.sample_rate_hz
+        found: list[list[tuple[float, Sensitivity, Variant]]] = [[] for _ in modes]
         for k in range(self.each):
             load = state.load.copy()
             steps = LOAD_STEP * np.maximum(np.abs(load[:, k]), LOAD_STEP)
             load[:, k] += steps
             constants = Constants(model.arrangement, state.rig, load)
-            for g, s in enumerate(modes):
+            rigs = linear_rigs(model.arrangement, constants.stacked(), problem.analog, noise, rate)
+            for g, (s, rig) in enumerate(zip(modes, rigs, strict=True)):
                 values = constants.at(g)
-                problem = model.problem
-                noise, rate = problem.recordings.noise, problem.recordings.sample_rate_hz
-                rig = linear_rig(model.arrangement, values, problem.analog, noise, rate)
                 to = response(model.arrangement, values, rig, problem.analog)
-                moved = replace(s, rig=rig)
-                found[g].append((float(steps[g]), moved, _Variant((), np.zeros(0, np.complex128), values, to)))
+                variant = Variant((), np.zeros(0, np.complex128), values, to)
+                found[g].append((float(steps[g]), replace(s, rig=rig), variant))
         return found
 
-    def _parameter_steps(self, free: Real, here: _Variant) -> tuple[list[float], list[_Variant]]:
+    def _parameter_steps(self, free: Real, here: Variant) -> tuple[list[float], list[Variant]]:
         """Return a step of each free parameter of the terms, and what it leads to."""
         steps, variants = [], []
         for k, (_, q) in enumerate(self.model.free):
             x = free.copy()
             step = PARAMETER_STEP * max(abs(x[k]), PARAMETER_STEP * abs(q.high - q.low) if not q.log else 1.0)
-            if abs(_outward(x[k] + step, q) - _outward(x[k], q)) < 1e-300:
+            if abs(outward(x[k] + step, q) - outward(x[k], q)) < 1e-300:
                 step = -step
             x[k] += step
             steps.append(step)
@@ -637,7 +465,7 @@ class _Solver:
         return steps, variants
 
     @staticmethod
-    def _amplitude_steps(record: Record, c: Real, s: Sensitivity, here: _Variant) -> tuple[list[float], list[_Variant]]:
+    def _amplitude_steps(record: Record, c: Real, s: Sensitivity, here: Variant) -> tuple[list[float], list[Variant]]:
         """Return a step of each coefficient that stands for a mode, and what it leads to."""
         modal = int(sum(w for j, w in enumerate(s.rig.weight) if j not in s.tied))
         step = AMPLITUDE_STEP * float(np.abs(c[:modal]).max())
@@ -650,8 +478,8 @@ class _Solver:
 
     @staticmethod
     def _load_steps(
-        nearby: Sequence[tuple[float, Sensitivity, _Variant]], record: Record, c: Real, here: _Variant
-    ) -> tuple[list[float], list[_Variant]]:
+        nearby: Sequence[tuple[float, Sensitivity, Variant]], record: Record, c: Real, here: Variant
+    ) -> tuple[list[float], list[Variant]]:
         """Return a step of each constant of the load, and what it leads to."""
         amplitudes = [Nuisance.amplitudes(s, c, record) for _, s, _ in nearby]
         variants = [replace(v, terms=here.terms, amplitudes=a) for (_, _, v), a in zip(nearby, amplitudes, strict=True)]
@@ -675,7 +503,7 @@ class _Solver:
         for k, (_, q) in enumerate(model.free):
             if q.log:
                 free[k] = min(max(free[k], state.free[k] - 1.0), state.free[k] + 1.0)
-            free[k] = _inward(_outward(free[k], q), q)
+            free[k] = inward(outward(free[k], q), q)
         coefficients, records = [], []
         for record, c, own, target in zip(state.records, state.coefficients, slopes.tangents, targets, strict=True):
             change = np.linalg.lstsq(own.r, target - own.cross @ step[own.where], rcond=1e-12)[0]
@@ -713,11 +541,8 @@ class _Solver:
                 scale = np.ones(len(at))
                 terms.append(term)
             covariances.append(covariance[np.ix_(at, at)] * np.outer(scale, scale))
-        amplitudes = tuple(
-            Nuisance.amplitudes(modes[r.group], c, r) for r, c in zip(state.records, state.coefficients, strict=True)
-        )
         return Fit(
-            model.problem, tuple(terms), model.arrangement, model.constants(state), tuple(modes), tuple(to),
-            state.coefficients, amplitudes, tuple(found[2]), found[0] - found[1], found[1], covariance,
-            tuple(covariances), state.records,
+            model.problem, tuple(terms), model.arrangement, self._constants(state), tuple(modes), tuple(to),
+            state.coefficients, tuple(self._amplitudes(state, modes)), tuple(found[2]), found[0] - found[1], found[1],
+            covariance, tuple(covariances), state.records,
         )  # fmt: skip

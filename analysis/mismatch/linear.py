@@ -64,43 +64,67 @@ def linear_rig(
     noise: Sequence[Colour],
     sample_rate_hz: float,
 ) -> LinearRig:
-    """Solve the eigenvalue problem of the rig with these constants.
+    """Solve the eigenvalue problem of the rig with these constants; see `linear_rigs`."""
+    stacked = {name: np.array([value]) for name, value in values.items()}
+    return linear_rigs(arrangement, stacked, analog, noise, sample_rate_hz)[0]
+
+
+def linear_rigs(
+    arrangement: Arrangement,
+    values: Mapping[str, Real],
+    analog: StateSpace,
+    noise: Sequence[Colour],
+    sample_rate_hz: float,
+) -> list[LinearRig]:
+    """Solve the eigenvalue problems of a rig with k sets of constants, (k,) of each.
 
     Shapes are scaled so that the first sensor that sees a mode well shows 1 before filter and whitening.
     """
     mass, damping, stiffness = arrangement.matrices(values)
-    n = len(mass)
-    a = np.zeros((2 * n, 2 * n))
-    a[:n, n:] = np.eye(n)
-    a[n:, :n], a[n:, n:] = -stiffness / mass[:, None], -damping / mass[:, None]
+    k, n = mass.shape
+    a = np.zeros((k, 2 * n, 2 * n))
+    a[:, n:, :n], a[:, n:, n:] = -stiffness / mass[:, :, None], -damping / mass[:, :, None]
     # displacements in units that make them as large as velocities: a well-scaled matrix
-    scale = np.sqrt(np.trace(stiffness / mass[:, None]) / n)
-    a[:n, n:] *= scale
-    a[n:, :n] /= scale
+    scale = np.sqrt(-np.trace(a[:, n:, :n], axis1=1, axis2=2) / n)[:, None, None]
+    a[:, :n, n:] = np.eye(n) * scale
+    a[:, n:, :n] /= scale
     s, right = np.linalg.eig(a)
     inverse = np.linalg.inv(right)
-    kept = np.flatnonzero(s.imag > -SMALL * np.abs(s))
-    kept = kept[np.argsort(np.abs(s[kept]))]
-    poles, shapes = s[kept], right[:n, kept] / scale
-    left = inverse[kept][:, n:].T / mass[:, None]
-    seen = [arrangement.vector(q.row, values) for q in arrangement.sensors]
-    rows = np.array(
-        [(v @ shapes) * poles ** DERIVATIVES[q.quantity] for v, q in zip(seen, arrangement.sensors, strict=True)]
-    )
-    # always the same sensor where two see a mode alike: gains stay smooth functions of the constants
-    clear = np.argmax(np.abs(rows) >= 0.5 * np.abs(rows).max(axis=0), axis=0)
-    best = rows[clear, np.arange(len(poles))]
-    shapes, left, rows = shapes / best, left * best, rows / best
-    filtered = rows * transfer(analog, poles)
-    gains = np.array([row * m.gain(poles, sample_rate_hz) for row, m in zip(filtered, noise, strict=True)])
-    direct = np.array(
-        [
-            v / mass if q.quantity == "acceleration" else np.zeros(n)
-            for v, q in zip(seen, arrangement.sensors, strict=True)
-        ]
-    )
-    struck = left[arrangement.bodies.index(arrangement.struck)]
-    return LinearRig(poles, shapes, left, struck, gains, rows, filtered, direct)
+    kept = s.imag > -SMALL * np.abs(s)
+    order = np.argsort(np.where(kept, np.abs(s), np.inf), axis=1)
+    counts = kept.sum(axis=1)
+    found: list[LinearRig | None] = [None] * k
+    for count in np.unique(counts):  # nearly always all have as many
+        at = np.flatnonzero(counts == count)
+        modes = order[at, :count]
+        poles = np.take_along_axis(s[at], modes, axis=1)
+        shapes = np.take_along_axis(right[at, :n], modes[:, None], axis=2) / scale[at]
+        left = np.take_along_axis(inverse[at, :, n:], modes[:, :, None], axis=1).swapaxes(1, 2) / mass[at, :, None]
+        seen = [arrangement.vector(q.row, values)[at] for q in arrangement.sensors]
+        rows = np.stack(
+            [
+                (v[:, None] @ shapes)[:, 0] * poles ** DERIVATIVES[q.quantity]
+                for v, q in zip(seen, arrangement.sensors, strict=True)
+            ],
+            axis=1,
+        )
+        # always the same sensor where two see a mode alike: gains stay smooth functions of the constants
+        clear = np.argmax(np.abs(rows) >= 0.5 * np.abs(rows).max(axis=1, keepdims=True), axis=1)
+        best = np.take_along_axis(rows, clear[:, None], axis=1)
+        shapes, left, rows = shapes / best, left * best, rows / best
+        filtered = rows * transfer(analog, poles)[:, None]
+        gains = np.stack([filtered[:, c] * m.gain(poles, sample_rate_hz) for c, m in enumerate(noise)], axis=1)
+        direct = np.stack(
+            [
+                v / mass[at] if q.quantity == "acceleration" else np.zeros((at.size, n))
+                for v, q in zip(seen, arrangement.sensors, strict=True)
+            ],
+            axis=1,
+        )
+        struck = left[:, arrangement.bodies.index(arrangement.struck)]
+        for i, rig in enumerate(at):
+            found[rig] = LinearRig(poles[i], shapes[i], left[i], struck[i], gains[i], rows[i], filtered[i], direct[i])
+    return found  # type: ignore[return-value]
 
 
 def transfer(system: StateSpace, s: Complex) -> Complex:
@@ -108,5 +132,6 @@ def transfer(system: StateSpace, s: Complex) -> Complex:
     n = len(system.b)
     if n == 0:
         return np.full(s.shape, system.d[0], np.complex128)
-    identity = np.eye(n)
-    return np.array([system.c[0] @ np.linalg.solve(z * identity - system.a, system.b) + system.d[0] for z in s])
+    away = s[..., None, None] * np.eye(n) - system.a
+    state = np.linalg.solve(away, system.b[:, None].astype(np.complex128))[..., 0]
+    return np.asarray(state @ system.c[0] + system.d[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,15 +48,15 @@ class Response:
 
     def to(self, element: int, force: Real, h: float, substeps: int) -> Real:
         """Return (c, n) the channels' response from rest to an extra force of an element at every substep."""
-        return responses([self], [element], force[None, None], h, substeps)[0]
+        return responses([self], [element], h, substeps)(force[None, None])[0]
 
 
-def responses(to: Sequence[Response], elements: Sequence[int], forces: Real, h: float, substeps: int) -> Real:
-    """Return (runs, c, n) the channels' responses from rest to forces (runs, elements, n) at every substep."""
+def responses(to: Sequence[Response], elements: Sequence[int], h: float, substeps: int) -> Callable[[Real], Real]:
+    """Return what turns forces (runs, elements, n) at every substep into the channels' responses (runs, c, n)."""
     weights = step_weights(np.stack([one.poles for one in to]), h)
     residues = np.stack([one.residues[elements] for one in to])
     direct = np.stack([one.direct[elements] for one in to])
-    return np.asarray(respond(forces, weights, residues, to[0].weight, direct, substeps), np.float64)
+    return lambda forces: np.asarray(respond(forces, weights, residues, to[0].weight, direct, substeps), np.float64)
 
 
 def response(arrangement: Arrangement, values: Mapping[str, float], rig: LinearRig, analog: StateSpace) -> Response:

@@ -8,7 +8,8 @@ All of it is inner products of a few columns, kept load by load.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,19 +19,19 @@ from scipy.stats import chi2
 
 from analysis.mismatch.baseline import Nuisance, Sensitivity, slope_columns
 from analysis.mismatch.excess import Excess, excess_by_frequency, excess_by_time
-from analysis.mismatch.fit import Fit, struck_again
+from analysis.mismatch.fit import Fit
 from analysis.mismatch.free_form import free_terms
-from analysis.mismatch.linear import LinearRig, linear_rig
-from analysis.mismatch.problem import Term, acted_on, law_parameters
-from analysis.mismatch.response import response, whiten
+from analysis.mismatch.model import struck_again
+from analysis.mismatch.problem import Term
+from analysis.mismatch.response import Response, response, whiten
+from analysis.mismatch.signatures import RecordSignatures, Signatures
 from sim_backend.arrangement import LOAD, Element
 from sim_backend.mechanisms.mechanism import Mechanism, Scale
-from sim_backend.modal_march import MEMORY, along
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-SUBSTEPS = 2
+PARTS = 2  # in which records are gone through side by side
 EARLY_S = 2.5e-3  # of a record: where amplitudes are read
 BLOW_FROM_S, BLOW_TO_S = 1.0e-3, 40e-3  # after the tap: where a second blow is looked for
 SHARES = np.geomspace(5e-4, 0.5, 60)  # of a second blow
@@ -129,128 +130,7 @@ def trials(fit: Fit, known: Sequence[Mechanism]) -> list[Term]:
     return found
 
 
-class _Columns:
-    """What trials do to a record, before projection."""
-
-    def __init__(self, fit: Fit):
-        self.fit, self.problem = fit, fit.problem
-        self.rate = fit.problem.recordings.sample_rate_hz
-        self.h = 1 / self.rate / SUBSTEPS
-        self.to = [
-            response(fit.arrangement, fit.constants.at(g), m.rig, fit.problem.analog) for g, m in enumerate(fit.modes)
-        ]
-        self.motion: dict[int, tuple[Real, Real]] = {}
-        self.changed: dict[tuple[int, int], tuple[Complex, ...]] = {}
-        self.struck = fit.arrangement.bodies.index(fit.arrangement.struck)
-        self.kept: dict[complex, Complex] = {}
-        self.peak = max(float(np.abs(r.raw).max()) for r in fit.problem.recordings.records)
-
-    def begin(self, number: int) -> None:
-        """Go on to another record."""
-        self.number = number
-        self.record = self.fit.records[number]
-        self.amplitudes = self.fit.amplitudes[number]
-        self.motion = {}
-        self.samples = self.record.y.shape[1]
-        to = self.to[self.record.group]
-        t = np.arange(self.samples) / self.rate
-        self.t = t
-        self.waves = np.exp(np.outer(t, to.rig.poles)) * (to.rig.weight * self.amplitudes)
-        self.clean = (to.rig.filtered @ self.waves.T).real
-
-    def of(self, term: Term, index: int) -> tuple[Real, Real | None]:
-        """Return the shared column (c, n), and columns (c, n, k) whose coefficients are the record's own."""
-        m = term.mechanism
-        if m.law is not None or m.shape is not None:
-            return self._law(term), None
-        if m.distort is not None:
-            values = dict(term.values)
-            own = max(float(np.abs(self.record.raw).max()), float(np.abs(self.clean).max()))
-            values["peak"] = self.peak if values.get("of_session") else own
-            return whiten(m.distort(self.clean, values, self.rate) - self.clean, self.problem.recordings.noise), None
-        if m.extend is not None:
-            return self._extended(term, index)
-        return np.zeros((len(self.clean), self.samples)), self._lines(term)
-
-    def _law(self, term: Term) -> Real:
-        to = self.to[self.record.group]
-        values = self.fit.constants.at(self.record.group)
-        out = np.zeros((len(self.clean), self.samples))
-        run_up = self.record.run_up
-        lead = run_up / self.rate
-        for place in acted_on(term, self.fit.arrangement):
-            if place not in self.motion:
-                t: Real = np.arange((self.samples - 1 + run_up) * SUBSTEPS + 1) * self.h - lead
-                self.motion[place] = to.motion(self.amplitudes, place, t)
-            d, v = self.motion[place]
-            if term.mechanism.shape is not None:
-                since = self.record.start_s - lead + self.h * np.arange(d.size)
-                force = term.mechanism.shape(d, v, np.asarray(since, np.float64), term.values)
-            else:
-                p = law_parameters(term, self.fit.arrangement.elements[place], values, self.record, self.h)
-                force = along(term.mechanism.law, p, d, v, self.record.start_s - lead, self.h, np.zeros(MEMORY))
-            out += to.to(place, force, self.h, SUBSTEPS)[:, run_up:]
-        return whiten(out, self.problem.recordings.noise)
-
-    def _extended(self, term: Term, index: int) -> tuple[Real, Real | None]:
-        """First-order change of poles and gains, and the added bodies' own ringing."""
-        key = (index, self.record.group)
-        base = self.to[self.record.group].rig
-        if key not in self.changed:
-            self.changed[key] = self._change(term, base)
-        poles, gains, own_poles, own_gains, own_left = self.changed[key]
-        if term.mechanism.tied:
-            b = (
-                self.amplitudes[0]
-                * own_left
-                / base.left[self.struck, 0]
-                * np.exp((own_poles - base.poles[0]) * self.record.since_tap_s)
-            )
-            waves = np.stack([self._wave(complex(s)) for s in own_poles], axis=1) * (2 * b)
-            shared = (gains @ self.waves.T + ((base.gains * poles) @ self.waves.T) * self.t + own_gains @ waves.T).real
-            return shared, None
-        shared = (gains @ self.waves.T + ((base.gains * poles) @ self.waves.T) * self.t).real
-        own = []
-        for s, g in zip(own_poles, own_gains.T, strict=True):
-            wave = self._wave(complex(s))
-            own += [(g[:, None] * wave).real, (g[:, None] * wave).imag]
-        return shared, np.stack(own, axis=-1) if own else None
-
-    def _wave(self, s: complex) -> Complex:
-        """exp(s t), kept: the same few are asked for in every record."""
-        if s not in self.kept or self.kept[s].size < self.samples:
-            self.kept[s] = np.exp(self.t * s)
-        return self.kept[s][: self.samples]
-
-    def _change(self, term: Term, base: LinearRig) -> tuple[Complex, ...]:
-        problem, mechanism = self.problem, term.mechanism
-        arrangement = mechanism.extend(self.fit.arrangement, term.values)  # type: ignore[misc]
-        values = arrangement.declared() | self.fit.constants.at(self.record.group)
-        rig = linear_rig(arrangement, values, problem.analog, problem.recordings.noise, self.rate)
-        taken: list[int] = []
-        for s in base.poles:
-            order = np.argsort(np.abs(rig.poles - s))
-            taken.append(next(int(i) for i in order if int(i) not in taken))
-        rest = [i for i in range(len(rig.poles)) if i not in taken]
-        left = rig.left[self.struck, rest]
-        return (
-            rig.poles[taken] - base.poles,
-            rig.gains[:, taken] - base.gains,
-            rig.poles[rest],
-            rig.gains[:, rest],
-            left,
-        )
-
-    def _lines(self, term: Term) -> Real:
-        own = []
-        for hz in term.mechanism.lines(term.values):  # type: ignore[misc]
-            wave = self._wave(2j * np.pi * hz)
-            gains = np.array([m.gain(np.array([2j * np.pi * hz]), self.rate)[0] for m in self.problem.recordings.noise])
-            own += [(gains[:, None] * wave).real, (gains[:, None] * wave).imag]
-        return np.stack(own, axis=-1)
-
-
-def screen(fit: Fit, known: Sequence[Mechanism], progress: Callable[[int, int], None] | None = None) -> Screening:
+def screen(fit: Fit, known: Sequence[Mechanism]) -> Screening:
     """Score every mechanism against the residual of a fit.
 
     Parameters
@@ -265,35 +145,15 @@ def screen(fit: Fit, known: Sequence[Mechanism], progress: Callable[[int, int], 
     named = [t for t in terms if t not in ringing]
     free = trials(fit, free_terms(len(fit.problem.recordings.noise)))
     shared = named + free
-    problem, records = fit.problem, fit.problem.recordings.records
+    problem = fit.problem
     slow = problem.slow
     lines = [hz for t in fit.terms if t.mechanism.lines is not None for hz in t.mechanism.lines(t.values)]
     if lines:
         slow = np.append(slow, 2j * np.pi * np.array(lines))
-    nuisance = Nuisance(problem.recordings, slow)
-    columns = _Columns(fit)
-    common = fit.constants.rig.size
-    groups, each = fit.constants.load.shape
-    known_size = common + groups * each
-    size = known_size + len(shared) + 1
-    gram = np.zeros((size, size))
-    tests = _RingingTests(ringing, len(shared), known_size)
-    for number, record in enumerate(records):
-        columns.begin(number)
-        s: Sensitivity = fit.modes[record.group]
-        q, _ = nuisance.basis(s, record)
-        slopes = slope_columns(s, fit.amplitudes[number], record, columns.rate).reshape(record.y.size, -1)
-        made = [columns.of(t, i)[0].ravel() for i, t in enumerate(shared)]
-        residual = fit.residuals[number].ravel()
-        block = np.column_stack([slopes, *made, residual])
-        block -= q @ (q.T @ block)
-        where = np.r_[
-            np.arange(common), common + record.group * each + np.arange(each), known_size + np.arange(len(shared) + 1)
-        ]
-        gram[np.ix_(where, where)] += block.T @ block
-        tests.add(columns, np.column_stack([block[:, : common + each], block[:, -1]]), q, where[: common + each])
-        if progress is not None:
-            progress(number + 1, len(records))
+    signatures = Signatures(fit, ringing)
+    known_size = fit.constants.rig.size + fit.constants.load.size
+    sums = _summed(signatures, shared, slow)
+    gram, tests = sums.gram, sums.tests
     precision = np.array(
         [
             1 / p.uncertainty**2 if np.isfinite(p.uncertainty) else 0.0
@@ -314,7 +174,7 @@ def screen(fit: Fit, known: Sequence[Mechanism], progress: Callable[[int, int], 
     scores += tests.scores(precision)
     for mechanism in known:
         if mechanism.blow:
-            scores.append(_second_blow(fit, mechanism, nuisance, columns))
+            scores.append(_second_blow(fit, mechanism, Nuisance(problem.recordings, slow), signatures.to))
     cosines = inner / np.outer(np.sqrt(power), np.sqrt(power))
     rest = _free(cosines, z, len(named), [t.mechanism for t in free])
     bins = excess_by_frequency(fit)
@@ -325,20 +185,63 @@ def screen(fit: Fit, known: Sequence[Mechanism], progress: Callable[[int, int], 
     return Screening(tuple(scores), p_value, labels, cosines[: len(named), : len(named)], rest, bins)
 
 
+@dataclass(slots=True)
+class _Sums:
+    """Inner products of all columns over some records, and the tests of what rings by itself."""
+
+    gram: Real
+    tests: _RingingTests
+
+
+def _summed(signatures: Signatures, shared: Sequence[Term], slow: Complex) -> _Sums:
+    """Return the sums over all records: always in the same parts, done side by side."""
+    count = len(signatures.fit.records)
+    parts = [range(i, min(i + count // PARTS + 1, count)) for i in range(0, count, count // PARTS + 1)]
+    with ThreadPoolExecutor(PARTS) as pool:
+        first, *others = pool.map(lambda numbers: _part(signatures, shared, slow, numbers), parts)
+    for other in others:
+        first.gram += other.gram
+        first.tests.take(other.tests)
+    return first
+
+
+def _part(signatures: Signatures, shared: Sequence[Term], slow: Complex, numbers: Sequence[int]) -> _Sums:
+    fit = signatures.fit
+    nuisance = Nuisance(fit.problem.recordings, slow)
+    common = fit.constants.rig.size
+    groups, each = fit.constants.load.shape
+    known = common + groups * each
+    gram = np.zeros((known + len(shared) + 1, known + len(shared) + 1))
+    tests = _RingingTests(signatures.terms, known)
+    for number in numbers:
+        record = signatures.of(number)
+        group = record.record.group
+        s: Sensitivity = fit.modes[group]
+        q, _ = nuisance.basis(s, record.record)
+        slopes = slope_columns(s, fit.amplitudes[number], record.record, signatures.rate).reshape(len(q), -1)
+        made = record.shared(shared).reshape(len(shared), -1).T
+        block = np.column_stack([slopes, made, fit.residuals[number].ravel()])
+        block -= q @ (q.T @ block)
+        where = np.r_[np.arange(common), common + group * each + np.arange(each), known + np.arange(len(shared) + 1)]
+        gram[np.ix_(where, where)] += block.T @ block
+        tests.add(record, np.column_stack([block[:, : common + each], block[:, -1]]), q, where[: common + each])
+    return _Sums(gram, tests)
+
+
 class _RingingTests:
     """Tests of what rings on by itself in every record (added bodies, tones), beside its effect on the rig's modes."""
 
-    def __init__(self, terms: Sequence[Term], first: int, known_size: int):
-        self.terms, self.first, self.known = terms, first, known_size
+    def __init__(self, terms: Sequence[Term], known_size: int):
+        self.terms, self.known = terms, known_size
         self.gain = np.zeros(len(terms))
         self.dof = np.zeros(len(terms), int)
         self.gram = np.zeros((len(terms), known_size + 2, known_size + 2))
 
-    def add(self, columns: _Columns, block: Real, q: Real, where: NDArray[np.int64]) -> None:
+    def add(self, record: RecordSignatures, block: Real, q: Real, where: NDArray[np.int64]) -> None:
         """Take in a record: ``block`` holds the constants' slopes at ``where`` and the residual, projected by q."""
         if not self.terms:
             return
-        made = [columns.of(t, self.first + i) for i, t in enumerate(self.terms)]
+        made = [record.ringing(i) for i in range(len(self.terms))]
         own = [np.zeros((block.shape[0], 0)) if o is None else o.reshape(block.shape[0], -1) for _, o in made]
         starts = np.cumsum([0] + [o.shape[1] for o in own])
         x = np.column_stack([*own, *(c.ravel() for c, _ in made)])
@@ -367,6 +270,12 @@ class _RingingTests:
                 self.dof[i] += int(kept.sum())
                 small -= across.T @ across
             self.gram[i][np.ix_(local, local)] += small
+
+    def take(self, other: _RingingTests) -> None:
+        """Add what another one was given of further records."""
+        self.gain += other.gain
+        self.dof += other.dof
+        self.gram += other.gram
 
     def scores(self, precision: Real) -> list[Score]:
         """One for each term."""
@@ -436,14 +345,14 @@ def _overall(scores: Sequence[Score], others: Sequence[float], cosines: Real, on
     return float(-math.expm1(tests * math.log1p(-min(least, 1 - 1e-12))))
 
 
-def _second_blow(fit: Fit, mechanism: Mechanism, nuisance: Nuisance, columns: _Columns) -> Score:
+def _second_blow(fit: Fit, mechanism: Mechanism, nuisance: Nuisance, responses: Sequence[Response]) -> Score:
     """Likelihood of a second blow of one share of the first in all records, its delay anywhere in each."""
     recordings = fit.problem.recordings
     rate = recordings.sample_rate_hz
     evidence = np.zeros(SHARES.size)
     delays, per_record = [], []
     for number, record in enumerate(fit.records):
-        to = columns.to[record.group]
+        to = responses[record.group]
         samples = record.y.shape[1]
         soonest = record.pulse.shape[1] - record.since_tap_s * rate  # so that all of the pulse is in the record
         h = whiten(struck_again(to, fit.amplitudes[number], replace(record, second=soonest), rate), recordings.noise)

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mismatch.baseline import Nuisance
-from analysis.mismatch.fit import SUBSTEPS, Fit
+from analysis.mismatch.fit import Fit
+from analysis.mismatch.model import SUBSTEPS
 from analysis.mismatch.response import response, whiten
 
 Real = NDArray[np.float64]

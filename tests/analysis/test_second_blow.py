@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from analysis.mismatch.baseline import Sensitivity
-from analysis.mismatch.fit import struck_again
 from analysis.mismatch.linear import LinearRig
+from analysis.mismatch.model import struck_again
 from analysis.mismatch.records import Record
 
 RATE = 25e3

@@ -90,7 +90,8 @@ class Arrangement:
 
     def vector(self, row: Row, values: Mapping[str, float] | Mapping[str, Real]) -> Real:
         """Return (..., n) the coefficients of a row in the order of the bodies, for values of any one shape."""
-        out = np.zeros((*np.shape(next(iter(values.values()))), len(self.bodies)))
+        shape = np.asarray(next(iter(values.values()))).shape
+        out = np.zeros((*shape, len(self.bodies)))
         for body, coefficient in row:
             out[..., self.bodies.index(body)] = values[coefficient] if isinstance(coefficient, str) else coefficient
         return out

@@ -46,6 +46,7 @@ LEFT_LEVEL = 1e-3  # p-value below which what is left over counts
 TEMPERATURE = 2.0  # by which differences of chi-squared are divided: laws are never exactly right
 HELD_OUT_EVIDENCE = 4.0  # that a further mechanism must have in the impacts that took no part
 FAR_OFF, FAR_OFF_LEAST = 0.1, 100.0  # share of all misfit, and chi-squared, left over by a fit that is not gone on with
+UNNAMED = 12.0  # evidence by which something without a name must lead for nothing to be named
 CONTRADICTED = 25.0  # chi-squared of k_c(P) against a force law from which on it is out
 NEARLY_AS_GOOD = 0.7  # share of the best first evidence with which another first mechanism is tried as well
 WORSE = 1.05  # misfit of held-out impacts over that of the others from which on a better start is looked for
@@ -96,6 +97,8 @@ class Contest:
         The best fit there is, even if it does not explain enough.
     left_over, left_p_value
         Chi-squared beyond chance that the best fit leaves, and its p-value.
+    unnamed
+        Evidence of the best single force or channel that has no name, less that of all mechanisms accepted.
     """
 
     problem: Problem
@@ -108,6 +111,7 @@ class Contest:
     best: Fit
     left_over: float
     left_p_value: float
+    unnamed: float
 
 
 def split(problem: Problem) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -210,7 +214,25 @@ def _path(
             break
         if screening.unexplained > (MOST_TERMS - len(current.terms)) * gained:
             break  # even if every further one gained as much
+    lean, kept = _without_idle_ones(current, rounds)
+    if lean is not current:
+        current, rounds, screening = lean, kept, screen(lean, known)
     return _outcome(begun, current, screening, tuple(rounds))
+
+
+def _without_idle_ones(fitted: Fit, rounds: list[Round]) -> tuple[Fit, list[Round]]:
+    """Leave out earlier mechanisms that gain little beside the later ones: alone they only stood in for these."""
+    kept = list(rounds)
+    for place in reversed([i for i, r in enumerate(rounds) if r.accepted is not None][:-1]):
+        entry = kept[place].accepted
+        at = sum(r.accepted is not None for r in kept[:place])
+        others = fitted.terms[:at] + fitted.terms[at + 1 :]
+        with suppress(ValueError, np.linalg.LinAlgError):
+            without = _to_the_end(_competing(fitted.problem, others, fitted, ()))
+            gain = without.objective - fitted.objective
+            if evidence(gain, entry.own, len(entry.score.term.mechanism.parameters)) < LEAST_GAIN:  # type: ignore[union-attr]
+                fitted, kept[place] = without, replace(kept[place], accepted=None)
+    return fitted, kept
 
 
 def _far_off(begun: Begun, fitted: Fit) -> bool:
@@ -225,11 +247,22 @@ def _outcome(begun: Begun, best: Fit, screening: Screening, rounds: tuple[Round,
     left = screening.unexplained if begun.p_value < LEVEL else 0.0
     explained = begun.baseline.objective - best.objective
     patched = screening.p_value < LEFT_LEVEL and left > may_be_left(len(best.terms)) * (explained + left)
-    chosen = best if best.terms and not patched else None
+    unnamed = _lead_of_the_unnamed(begun, best, rounds)
+    chosen = best if best.terms and not patched and unnamed < UNNAMED else None
     return Contest(
         begun.problem, begun.training, begun.held_out, begun.baseline, rounds, begun.p_value, chosen, best, left,
-        screening.p_value,
+        screening.p_value, unnamed,
     )  # fmt: skip
+
+
+def _lead_of_the_unnamed(begun: Begun, best: Fit, rounds: Sequence[Round]) -> float:
+    """Return by how much a single force or channel without a name has more evidence than all that is named together."""
+    free = begun.screening.free.best_alone
+    named = begun.baseline.objective - best.objective
+    for place, (entry, before) in enumerate((r.accepted, r.before) for r in rounds if r.accepted is not None):
+        gain = before.objective - entry.fit.objective  # type: ignore[union-attr]
+        named -= gain - entry.evidence + (LEAST_GAIN if place else 0.0)
+    return evidence(free, 0, 1) - named
 
 
 def may_be_left(terms: int) -> float:

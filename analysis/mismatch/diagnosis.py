@@ -53,7 +53,10 @@ NOISE_DIFFERENCE = 0.1  # of sessions that are diagnosed together
 SCATTER_EVIDENCE = 30.0  # that constants of its own for every impact must have
 MOST_OF_IT = 0.5  # of what is left over, that scatter must take up to be looked at further
 MOST_SCATTER = 0.01  # relative standard deviation of k_c between impacts of a load that counts as scatter
-SOMETHING_ELSE = -12.0  # evidence of what is not listed where nothing is left over
+UNLISTED = 0.25  # odds of what is not listed over what is, before the data
+LIKENESS = 400.0  # chi-squared up to which what is not listed is as a rule like something listed
+STRONG_LIKENESS = 0.02  # odds of it however strong it is
+LEAD = 8.0  # evidence by which something without a name must lead to be as likely as what is named
 LOAD_DRIFT = "load_drift"  # the one mechanism that ring-downs do not show
 STRONGER_TAP = 1.5  # over the strongest so far, for the next experiment
 MOST_FORCE_RATIO = 0.9  # of the preload: beyond, the surfaces would part
@@ -398,17 +401,11 @@ def _named(fit: Fit, number: int, step: Round, contest: Contest) -> Named:
     mechanism = term.mechanism
     entries = [e for e in step.entries if e.fit is not None]
     strength = {e.id: e.evidence + stiffness_evidence(e.score.term.mechanism, e.fit) for e in entries}
-    left = contest.left_over if contest.left_p_value < LEFT_LEVEL else 0.0
-    explained = contest.baseline.objective - fit.objective
-    allowed = may_be_left(len(fit.terms)) * (explained + left)
-    share = left / allowed if left > 0 else 0.0  # 1 where it would just not be named
-    strength["something else"] = strength[mechanism.id] + SOMETHING_ELSE * (1 - min(share, 1.0))
     top = max(strength.values())
     weights = {k: math.exp((v - top) / 2 / TEMPERATURE) for k, v in strength.items()}
-    total = sum(weights.values()) * (1 + _odds_of_nothing(contest.p_value))
-    rivals = tuple(
-        k for k in weights if k not in (mechanism.id, "something else") and weights[k] > 0.02 * weights[mechanism.id]
-    )
+    total = sum(weights.values()) + weights[mechanism.id] * _odds_of_something_else(fit, step, contest)
+    total *= 1 + _odds_of_nothing(contest.p_value)
+    rivals = tuple(k for k in weights if k != mechanism.id and weights[k] > 0.02 * weights[mechanism.id])
     alike = _looking_alike(step, mechanism.id, rivals)
     if mechanism.lines is not None and mechanism.strength is not None:
         amplitude, error = tone_amplitude(fit)
@@ -426,6 +423,21 @@ def _named(fit: Fit, number: int, step: Round, contest: Contest) -> Named:
         alike if accepted is not None else (),
         _fixed(term),
     )
+
+
+def _odds_of_something_else(fit: Fit, step: Round, contest: Contest) -> float:
+    """Return how likely it is that what is not listed is at work, over that the mechanism accepted in a step is.
+
+    The weaker an effect, the more there is that looks like it: of a chi-squared below `LIKENESS` nearly anything does.
+    """
+    gain = step.before.objective - step.accepted.fit.objective  # type: ignore[union-attr]
+    odds = STRONG_LIKENESS + UNLISTED * min(1.0, LIKENESS / max(gain, 1.0)) + math.exp((contest.unnamed - LEAD) / 2)
+    left = contest.left_over if contest.left_p_value < LEFT_LEVEL else 0.0
+    if left > 0:
+        explained = contest.baseline.objective - fit.objective
+        share = left / (may_be_left(len(fit.terms)) * (explained + left))  # 1 where it would just not be named
+        odds = min(odds, 1.0) ** (1 - min(share, 1.0))
+    return float(odds)
 
 
 def _odds_of_nothing(p_value: float) -> float:

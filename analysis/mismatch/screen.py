@@ -66,12 +66,13 @@ class Score:
 
 @dataclass(frozen=True, slots=True)
 class FreeForm:
-    """What forces and channels of any shape would take away together, and how much of it by component."""
+    """What forces and channels of any shape would take away: together, by component, and the best one alone."""
 
     gain: float
     dof: int
     p_value: float
     by_component: dict[str, float]
+    best_alone: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,7 +308,7 @@ def _free(cosines: Real, z: Real, first: int, free: Sequence[Mechanism]) -> Free
         kept = first + np.flatnonzero([m.component == component for m in free])
         alone, own_dof = gain(kept)
         by[component] = alone - own_dof
-    return FreeForm(total, dof, float(chi2.sf(total, dof)), by)
+    return FreeForm(total, dof, float(chi2.sf(total, dof)), by, float(np.max(z[everything] ** 2)))
 
 
 def _eliminated(gram: Real, count: int, precision: Real) -> Real:

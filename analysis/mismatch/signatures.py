@@ -73,7 +73,7 @@ class RecordSignatures:
         self.record, self.amplitudes = fit.records[number], fit.amplitudes[number]
         self.to = session.to[self.record.group]
         self.values = fit.constants.at(self.record.group)
-        self.t = np.arange(self.record.y.shape[1]) / session.rate
+        self.t: Real = np.arange(self.record.y.shape[1]) / session.rate
         self.waves = np.exp(np.outer(self.t, self.to.rig.poles)) * (self.to.rig.weight * self.amplitudes)
         self.clean = (self.to.rig.filtered @ self.waves.T).real
 
@@ -95,7 +95,7 @@ class RecordSignatures:
         h = 1 / rate / SUBSTEPS
         lead = run_up / rate
         begun = self.record.start_s - lead
-        t: Real = np.arange((self.t.size - 1 + run_up) * SUBSTEPS + 1) * h
+        t = np.asarray(np.arange((self.t.size - 1 + run_up) * SUBSTEPS + 1) * h, np.float64)
         elements = self.session.fit.arrangement.elements
         acting: dict[int, list[int]] = {}
         for i, term in enumerate(terms):
@@ -108,7 +108,7 @@ class RecordSignatures:
             for out, i in zip(forces[:, 0], at, strict=True):
                 mechanism = terms[i].mechanism
                 if mechanism.shape is not None:
-                    out[:] = mechanism.shape(d, v, begun + t, terms[i].values)
+                    out[:] = mechanism.shape(d, v, np.asarray(begun + t, np.float64), terms[i].values)
                 else:
                     p = law_parameters(terms[i], elements[place], self.values, self.record, h)
                     out[:] = along(mechanism.law, p, d, v, begun, h, np.zeros(MEMORY))

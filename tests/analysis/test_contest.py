@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.mismatch import contest
+from analysis.mismatch import contest, diagnosis
 from analysis.mismatch.coordinates import MOST_RATIO, believable
 from analysis.mismatch.problem import Term
 from analysis.mismatch.screen import Score
@@ -68,3 +68,89 @@ def test_a_force_law_that_the_growth_of_the_stiffness_contradicts_is_out(exponen
     assert (against > contest.CONTRADICTED) == out
     assert against == pytest.approx(((exponent - 1 / 3) / 0.03) ** 2, abs=1e-6)
     assert contest.stiffness_evidence(mechanisms()["micro_slip"], fitted) == 0.0
+
+
+def taken(name: str, before: float, after: float, gained: float) -> Any:
+    """Return a round that accepted a mechanism of one parameter."""
+    term = SimpleNamespace(mechanism=SimpleNamespace(id=name, parameters=(None,)))
+    accepted = SimpleNamespace(
+        id=name, fit=SimpleNamespace(objective=after), evidence=gained, own=0, score=SimpleNamespace(term=term)
+    )
+    return contest.Round(SimpleNamespace(objective=before), None, (), accepted)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("free", "explained"), [(790.0, True), (830.0, False)])
+def test_nothing_is_named_where_something_without_a_name_is_clearly_better(free: float, explained: bool) -> None:
+    screening: Any = SimpleNamespace(
+        unexplained=0.0, p_value=0.5, free=SimpleNamespace(best_alone=free), scores=(), bins=None
+    )
+    begun: Any = SimpleNamespace(
+        problem=None,
+        training=(),
+        held_out=(),
+        baseline=SimpleNamespace(objective=1800.0),
+        screening=screening,
+        p_value=0.0,
+    )
+    best: Any = SimpleNamespace(objective=1000.0, terms=("one",))
+    found = contest._outcome(begun, best, screening, (taken("a", 1800.0, 1000.0, 793.0),))
+    assert found.unnamed == pytest.approx(free - np.log(free) - 793.0)
+    assert (found.chosen is best) == explained
+
+
+def test_mechanisms_that_only_stood_in_for_later_ones_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    left = {("a", "b", "c"): 1000.0, ("a", "c"): 1500.0, ("b", "c"): 1004.0, ("c",): 1600.0}
+
+    def fitted(terms: tuple[str, ...]) -> Any:
+        return SimpleNamespace(problem=None, terms=terms, objective=left[terms])
+
+    monkeypatch.setattr(contest, "_competing", lambda problem, terms, *_: fitted(terms))
+    monkeypatch.setattr(contest, "_to_the_end", lambda found: found)
+    rounds = [taken("a", 9e3, 4e3, 5e3), taken("b", 4e3, 2e3, 2e3), taken("c", 2e3, 1e3, 1e3)]
+    lean, kept = contest._without_idle_ones(fitted(("a", "b", "c")), rounds)
+    assert lean.terms == ("b", "c")
+    assert [r.accepted.id for r in kept if r.accepted is not None] == ["b", "c"]
+
+
+def test_the_weaker_an_effect_the_likelier_something_that_is_not_listed() -> None:
+    fit: Any = SimpleNamespace(objective=1000.0, terms=("one",))
+
+    def odds(gain: float, unnamed: float = -50.0, left: float = 0.0) -> float:
+        outcome: Any = SimpleNamespace(
+            unnamed=unnamed, left_over=left, left_p_value=0.0, baseline=SimpleNamespace(objective=1000.0 + gain)
+        )
+        return diagnosis._odds_of_something_else(fit, taken("a", 1000.0 + gain, 1000.0, gain), outcome)
+
+    assert odds(100.0) > odds(900.0) > odds(1e4) > 0
+    assert 1 / (1 + odds(900.0)) < 0.9 < 1 / (1 + odds(1e4))
+    assert odds(1e4, unnamed=diagnosis.LEAD) > 1
+    assert odds(1e4, left=10.0) > odds(1e4)
+    allowed = contest.may_be_left(1)
+    assert odds(1e4, left=1e4 * allowed / (1 - allowed)) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("left", "further"), [(250.0, 0), (150.0, 1)])
+def test_no_further_mechanism_is_looked_for_where_too_much_is_left(
+    monkeypatch: pytest.MonkeyPatch, left: float, further: int
+) -> None:
+    accepted = taken("a", 1000.0, 900.0, 95.0).accepted
+    accepted.fit = SimpleNamespace(objective=900.0, terms=("one",))
+    screening: Any = SimpleNamespace(
+        unexplained=left, p_value=0.0, scores=(), free=SimpleNamespace(best_alone=0.0), bins=None
+    )
+    looked: list[int] = []
+
+    def none_more(*_: Any) -> tuple[()]:
+        looked.append(1)
+        return ()
+
+    monkeypatch.setattr(contest, "screen", lambda *_: screening)
+    monkeypatch.setattr(contest, "_to_the_end", lambda found: found)
+    monkeypatch.setattr(contest, "_full_fits", none_more)
+    baseline: Any = SimpleNamespace(objective=1000.0, terms=())
+    begun: Any = SimpleNamespace(
+        problem=None, training=(), held_out=(), baseline=baseline, screening=screening, p_value=0.0
+    )
+    found = contest._path(begun, (accepted,), [], lambda _: None)
+    assert len(looked) == further
+    assert found.chosen is None

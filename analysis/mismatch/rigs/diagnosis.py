@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import signal
 from threadpoolctl import threadpool_limits
 
-from analysis.mismatch.diagnosis import SOMETHING_ELSE, Location, Named, NextExperiment
+from analysis.mismatch.diagnosis import Location, Named, NextExperiment
 from analysis.mismatch.intervals import NORMAL_95, Interval
 from analysis.mismatch.rigs.contest import LEFT_OVER, LEVEL, TIE, Entry, Outcome, Round, confounded, held_out_rms, run
 from analysis.mismatch.rigs.described import DescribedRig
@@ -27,6 +27,7 @@ from sim_backend.mechanisms.mechanism import Mechanism
 
 Real = NDArray[np.float64]
 
+SOMETHING_ELSE: Final = -12.0  # evidence of what is not listed where nothing is left over
 CERTAIN: Final = -6.0  # evidence against an explanation, beside steady responses, from which on it is told apart
 ALIKE: Final = 2.0  # factor in misfit within which two explanations count as alike
 CLOSE: Final = 10.0  # factor in misfit within which an explanation is a rival that an experiment should rule out

@@ -51,3 +51,25 @@ def test_a_delayed_channel_is_not_taken_for_a_mass_that_turns(tmp_path: Path) ->
     make(1, card, tmp_path)
     found = diagnose_session(read_session(tmp_path / f"{card.name}.h5"), [mechanisms()["rocking"]])
     assert found.verdict == "unexplained"
+
+
+@pytest.mark.parametrize(
+    ("effect", "imitation"), [("cubed_rate_damping", "quadratic_damping"), ("tube_spring_damping", "frame_compliance")]
+)
+def test_an_imitation_that_a_simple_force_without_a_name_beats_is_not_stated_with_confidence(
+    tmp_path: Path, effect: str, imitation: str
+) -> None:
+    card = Card(7, "outside", (effect,), (30.0,))
+    make(3, card, tmp_path)
+    found = diagnose_session(read_session(tmp_path / f"{card.name}.h5"), [mechanisms()[imitation]])
+    assert found.verdict != "consistent"
+    assert all(m.probability < 0.8 for m in found.mechanisms)
+
+
+def test_what_has_a_name_is_not_beaten_by_the_same_force_without_one(tmp_path: Path) -> None:
+    card = Card(7, "single", ("quadratic_damping",), (60.0,))
+    make(3, card, tmp_path)
+    found = diagnose_session(read_session(tmp_path / f"{card.name}.h5"), [mechanisms()["quadratic_damping"]])
+    assert [m.id for m in found.mechanisms] == ["quadratic_damping"]
+    assert found.contest.unnamed < 6
+    assert found.mechanisms[0].probability > 0.9

@@ -19,6 +19,7 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from analysis.mismatch import contest
 from analysis.mismatch.diagnosis import diagnose_session, tester_problem
@@ -48,10 +49,14 @@ CASES = (
 """What is hidden, its d, and what is struck from the list."""
 
 
-def plan_of(seed: int) -> Plan:
-    """Return the first plan from this seed on that has the loads and impacts, with records of the right length."""
+def plan_of(seed: int, effect: str) -> Plan:
+    """Return the first plan from this seed on that has the loads and impacts, with records of the right length.
+
+    Where the effect is a contact law, k_c grows with load as it does by this law.
+    """
+    exponent = effect_named(effect).exponent if effect else None
     while True:
-        plan = random_plan(np.random.default_rng(seed))
+        plan = random_plan(np.random.default_rng(seed), exponent=exponent)
         if plan.loads.size == LOADS and plan.group.size == IMPACTS:
             return replace(plan, samples=SAMPLES - PRETRIGGER)
         seed += 1
@@ -71,11 +76,12 @@ def measure(path: Path, without: str) -> dict[str, object]:
     """Diagnose a session in this process."""
     known = [m for m in mechanisms().values() if m.id != without]
     session = read_session(path)
-    problem = tester_problem(session)
-    baseline = fit(problem.only(contest.split(problem)[0]))
-    begin = time.perf_counter()
-    contest.screen(baseline, known)
-    screened = time.perf_counter() - begin
+    with threadpool_limits(limits=1, user_api="blas"):
+        problem = tester_problem(session)
+        baseline = fit(problem.only(contest.split(problem)[0]))
+        begin = time.perf_counter()
+        contest.screen(baseline, known)
+        screened = time.perf_counter() - begin
     begin = time.perf_counter()
     answer = diagnose_session(session, known)
     return {
@@ -96,10 +102,10 @@ def main() -> None:
         print(json.dumps(measure(Path(chosen.one[0]), chosen.one[1])))
         return
     rows = []
-    plan = plan_of(1000 * chosen.seed)
     with tempfile.TemporaryDirectory() as folder:
         for number, (effect, d, without) in enumerate((CASES[0], *CASES)):
             path = Path(folder) / f"{number}.h5"
+            plan = plan_of(1000 * chosen.seed, effect)
             write(path, plan, effect, d, chosen.seed + number)
             command = [sys.executable, __file__, "--one", str(path), without]
             row = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)

@@ -37,7 +37,7 @@ from analysis.mismatch.records import channel_noise, joined, tester_recordings
 from analysis.mismatch.tones import tone_amplitude
 from analysis.session import AnalysisError, session_modes
 from analysis.settings import AnalysisSettings
-from analysis.stiffness import ResonanceError, contact_from_pole
+from analysis.stiffness import ResonanceError, contact_from_pole, springs_from_system_mode
 from daq.records import RigDescription, Session, Shot
 from rig.settings import Filter
 from sim_backend.arrangement import tester
@@ -50,6 +50,7 @@ Real = NDArray[np.float64]
 MASS_UNCERTAINTY = 5e-4  # relative, as weighed
 SPRING_UNCERTAINTY = 0.01  # relative, as identified
 NOISE_DIFFERENCE = 0.1  # of sessions that are diagnosed together
+LOST_COUNT = 0.2  # oscillations of the system mode in a record by which the declared springs may be off to begin with
 SCATTER_EVIDENCE = 30.0  # that constants of its own for every impact must have
 MOST_OF_IT = 0.5  # of what is left over, that scatter must take up to be looked at further
 MOST_SCATTER = 0.01  # relative standard deviation of k_c between impacts of a load that counts as scatter
@@ -139,16 +140,33 @@ def tester_problem(*sessions: Session) -> Problem:
     start = np.array([one.contact[k] for one in usable for k in sorted(one.contact)])
     highpass = rig.highpass_hz if rig.filter_family == "butterworth" else math.nan
     slow = slow_filter_poles(highpass, int(rig.highpass_order))
-    return Problem(joined(parts), arrangement, declared_filter(rig), slow, start)
+    recordings = joined(parts)
+    duration = max(r.y.shape[1] for r in recordings.records) / recordings.sample_rate_hz
+    springs = _springs_to_begin_with(usable, duration)
+    return Problem(recordings, arrangement, declared_filter(rig), slow, start, rig_start=springs)
+
+
+def _springs_to_begin_with(usable: Sequence[_Usable], duration_s: float) -> dict[str, float]:
+    """Return springs (N/m) as the system mode shows them, where with the declared ones a fit would lose count of it."""
+    rig = usable[0].session.rig
+    f1 = float(np.median([hz for one in usable for hz in one.system_hz] or [math.nan]))
+    kc = float(np.median([k for one in usable for k, _ in one.contact.values()]))
+    try:
+        k1, k2 = springs_from_system_mode(f1, kc, rig.m1_kg, rig.m2_kg, rig.k2_n_per_m / rig.k1_n_per_m)
+    except ResonanceError:
+        return {}
+    off = f1 * (math.sqrt(rig.k1_n_per_m / k1) - 1)
+    return {"k1": k1, "k2": k2} if abs(off) * duration_s > LOST_COUNT else {}
 
 
 @dataclass(frozen=True, slots=True)
 class _Usable:
-    """What of a session can be fitted: load (N) and linear contact (N/m, N s/m) of each load set."""
+    """What of a session can be fitted: load (N) and linear contact (N/m, N s/m) of each load set; system resonances."""
 
     session: Session
     loads_n: dict[int, float]
     contact: dict[int, tuple[float, float]]
+    system_hz: tuple[float, ...]
 
     @property
     def shots(self) -> list[Shot]:
@@ -186,7 +204,8 @@ def _usable(session: Session) -> _Usable:
         loads[load_set] = 1e-3 * _load(session, load_set)
     if sum(len(session.accepted(k)) for k in contact) < 4:
         raise AnalysisError(f"{name}: a diagnosis needs at least four accepted impacts that show both modes")
-    return _Usable(session, loads, contact)
+    system = tuple(m.system.frequency_hz.value for m in modes.values() if m.system is not None)
+    return _Usable(session, loads, contact, system)
 
 
 def _common_noise(usable: Sequence[_Usable]) -> tuple[Colour, ...] | None:

@@ -160,6 +160,8 @@ def fit(
     elif begin is not None and model.strikes_twice:
         records = tuple(replace(r, second=b.second) for r, b in zip(records, begin.records, strict=True))
     rig, load = model.declared.copy(), np.array(problem.start, np.float64)
+    if not terms:
+        rig = np.array([problem.rig_start.get(p.name, p.value) for p in model.rig_parameters])
     if begin is not None:
         known = dict(zip(begin.constants.names()[0], begin.constants.rig, strict=True))
         rig = np.array([known.get(p.name, p.value) for p in model.rig_parameters])

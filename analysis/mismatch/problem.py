@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,8 @@ class Problem:
         (groups, k) starting values of the constants that differ from load to load.
     scattered
         Whether these differ from impact to impact instead: every record is a group of its own.
+    rig_start
+        Starting values of constants of the rig for the linear rig alone, where the declared ones are too far off.
     """
 
     recordings: Recordings
@@ -39,6 +41,7 @@ class Problem:
     slow: Complex
     start: Real
     scattered: bool = False
+    rig_start: Mapping[str, float] = field(default_factory=dict)
 
     def apart(self) -> Problem:
         """Return the same problem with constants of its own for every impact in the place of every load."""

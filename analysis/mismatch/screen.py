@@ -243,27 +243,28 @@ class _RingingTests:
         if not self.terms:
             return
         made = [record.ringing(i) for i in range(len(self.terms))]
-        own = [np.zeros((block.shape[0], 0)) if o is None else o.reshape(block.shape[0], -1) for _, o in made]
-        starts = np.cumsum([0] + [o.shape[1] for o in own])
-        x = np.column_stack([*own, *(c.ravel() for c, _ in made)])
-        x -= q @ (q.T @ x)
-        seen = x.T @ block
+        starts = np.cumsum([0] + [len(o) for _, o in made])
+        x = np.concatenate([*(o for _, o in made), [c for c, _ in made]]).reshape(-1, block.shape[0])
+        seen, taken = x @ block, x @ q  # what q takes up is subtracted from the products, not from x
         inner = block.T @ block
+
+        def products(a: NDArray[np.int64], b: NDArray[np.int64]) -> Real:
+            return np.asarray(x[a] @ x[b].T - taken[a] @ taken[b].T, np.float64)
+
         local = np.r_[where, self.known, self.known + 1]
         for i in range(len(self.terms)):
-            o, c = slice(starts[i], starts[i + 1]), starts[-1] + i
-            mine, column = x[:, o], x[:, c]
+            o, c = np.arange(starts[i], starts[i + 1]), np.array([starts[-1] + i])
             small = np.zeros((local.size, local.size))
             rest = np.r_[np.arange(where.size), where.size + 1]
             small[np.ix_(rest, rest)] = inner
-            small[where.size, rest] = small[rest, where.size] = seen[c]
-            small[where.size, where.size] = column @ column
-            if mine.shape[1]:
-                across = np.insert(seen[o], where.size, mine.T @ column, axis=1)
-                power = mine.T @ mine
+            small[where.size, rest] = small[rest, where.size] = seen[c[0]]
+            small[where.size, where.size] = products(c, c)[0, 0]
+            if o.size:
+                across = np.insert(seen[o], where.size, products(o, c)[:, 0], axis=1)
+                power = products(o, o)
+                if not np.all(np.diag(power) > FREE_FLOOR * np.sum(x[o] ** 2, axis=1)):
+                    continue  # the rig rings at this frequency itself
                 scale = np.sqrt(np.diag(power))
-                if not scale.min() > 0:
-                    continue
                 values, vectors = np.linalg.eigh(power / np.outer(scale, scale))
                 kept = values > 1e-8
                 across = (vectors[:, kept] / np.sqrt(values[kept])).T @ (across / scale[:, None])

@@ -115,8 +115,8 @@ class RecordSignatures:
             respond = responses([self.to] * len(at), [place], h, SUBSTEPS)
             found[at] += respond(forces)[:, :, run_up:]
 
-    def ringing(self, index: int) -> tuple[Real, Real | None]:
-        """Return what the session's term does: (c, n), and columns (c, n, k) of coefficients of the record's own."""
+    def ringing(self, index: int) -> tuple[Real, Real]:
+        """Return what the session's term does: (c, n), and waves (k, c, n) of coefficients of the record's own."""
         term = self.session.terms[index]
         if term.mechanism.extend is None:
             return np.zeros_like(self.clean), self._lines(term)
@@ -130,18 +130,15 @@ class RecordSignatures:
                 / base.left[self.session.struck, 0]
                 * np.exp((own_poles - base.poles[0]) * self.record.since_tap_s)
             )
-            return shared + (own_gains @ (np.exp(np.outer(own_poles, self.t)) * (2 * b)[:, None])).real, None
-        own = []
-        for s, g in zip(own_poles, own_gains.T, strict=True):
-            wave = np.exp(self.t * s)
-            own += [(g[:, None] * wave).real, (g[:, None] * wave).imag]
-        return shared, np.stack(own, axis=-1) if own else None
+            rung = (own_gains @ (np.exp(np.outer(own_poles, self.t)) * (2 * b)[:, None])).real
+            return shared + rung, np.zeros((0, *shared.shape))
+        return shared, self._waves(own_poles, own_gains.T)
 
     def _lines(self, term: Term) -> Real:
-        own = []
-        for hz in term.mechanism.lines(term.values):  # type: ignore[misc]
-            s = 2j * np.pi * hz
-            wave = np.exp(self.t * s)
-            gains = np.array([m.gain(np.array([s]), self.session.rate)[0] for m in self.noise])
-            own += [(gains[:, None] * wave).real, (gains[:, None] * wave).imag]
-        return np.stack(own, axis=-1)
+        poles = 2j * np.pi * np.array(term.mechanism.lines(term.values))  # type: ignore[misc]
+        return self._waves(poles, np.stack([m.gain(poles, self.session.rate) for m in self.noise], axis=1))
+
+    def _waves(self, poles: Complex, gains: Complex) -> Real:
+        """Return (2 k, c, n) cosine and sine of each pole with its gains (k, c)."""
+        waves = gains[:, :, None] * np.exp(np.outer(poles, self.t))[:, None]
+        return np.stack([waves.real, waves.imag], axis=1).reshape(-1, *waves.shape[1:])

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from analysis.mismatch import diagnosis
 from analysis.mismatch.diagnosis import Interval, diagnose_session
+from analysis.mismatch.fit import fit
+from analysis.mismatch.lengthening import misfit
 from daq.session_file import read_session
 from mesotap.proof.generator.deck import Card, make
 from mesotap.proof.parameters import true_parameters
@@ -73,3 +78,19 @@ def test_what_has_a_name_is_not_beaten_by_the_same_force_without_one(tmp_path: P
     assert [m.id for m in found.mechanisms] == ["quadratic_damping"]
     assert found.contest.unnamed < 6
     assert found.mechanisms[0].probability > 0.9
+
+
+@pytest.mark.parametrize("error", [-0.3, -0.1, 0.2])
+def test_springs_declared_far_off_are_found(tmp_path: Path, error: float) -> None:
+    card = Card(2, "null", (), ())
+    make(5, card, tmp_path)
+    session = read_session(tmp_path / f"{card.name}.h5")
+    true = session.rig
+    wrong = replace(true, k1_n_per_m=(1 + error) * true.k1_n_per_m, k2_n_per_m=(1 + error) * true.k2_n_per_m)
+    with np.errstate(all="ignore"):  # of trial steps
+        found = fit(diagnosis.tester_problem(replace(session, rig=wrong)))
+    assert misfit(found) < 1.05
+    springs = [
+        v for name, v in zip(found.constants.names()[0], found.constants.rig, strict=True) if name in ("k1", "k2")
+    ]
+    assert sum(springs) == pytest.approx(true.k1_n_per_m + true.k2_n_per_m, rel=0.01)

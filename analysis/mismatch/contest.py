@@ -48,6 +48,7 @@ HELD_OUT_EVIDENCE = 4.0  # that a further mechanism must have in the impacts tha
 FAR_OFF, FAR_OFF_LEAST = 0.1, 100.0  # share of all misfit, and chi-squared, left over by a fit that is not gone on with
 UNNAMED = 12.0  # evidence by which something without a name must lead for nothing to be named
 CONTRADICTED = 25.0  # chi-squared of k_c(P) against a force law from which on it is out
+BEYOND_DOUBT = 200.0  # evidence in the fitted impacts, from which on the others need only not lose by it
 NEARLY_AS_GOOD = 0.7  # share of the best first evidence with which another first mechanism is tried as well
 WORSE = 1.05  # misfit of held-out impacts over that of the others from which on a better start is looked for
 UNTIE = 1000.0  # chi-squared from which on a tie between an added body's ringing and the tap may be too strict
@@ -522,9 +523,12 @@ def blow_delays(problem: Problem, fitted: Fit) -> tuple[float, ...]:
 
 
 def _better_held_out(problem: Problem, held: Sequence[int], before: Fit, added: Entry) -> bool:
-    """Whether held-out impacts gain more than the added mechanism's own numbers in them would by chance."""
+    """Whether held-out impacts gain more than the added mechanism's own numbers in them would by chance.
+
+    Where it is beyond doubt in the others it need only not be contradicted: few and weak taps may show nothing of it.
+    """
     if added.fit is None or not held:
         return False
     gain = held_out_fit(problem, held, before).chi_squared - held_out_fit(problem, held, added.fit).chi_squared
     own = added.own * len(held) // len(before.problem.recordings.records)
-    return gain > 0 and evidence(gain, own) > HELD_OUT_EVIDENCE
+    return gain > 0 and (evidence(gain, own) > HELD_OUT_EVIDENCE or added.evidence > BEYOND_DOUBT)

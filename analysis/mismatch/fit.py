@@ -60,6 +60,8 @@ class Fit:
         Of each record (c, n), whitened.
     records
         What was fitted, with the time of the tap and of a second blow as they were found.
+    substeps
+        Of a sample, in which extra forces were computed: what is predicted with the fit is computed likewise.
     """
 
     problem: Problem
@@ -76,6 +78,7 @@ class Fit:
     covariance: Real
     term_covariances: tuple[Real, ...]
     records: tuple[Record, ...]
+    substeps: int = SUBSTEPS
 
     @property
     def objective(self) -> float:
@@ -106,7 +109,7 @@ def extra_forces(fitted: Fit, number: int, samples: int) -> tuple[Real, list[int
 
     ``samples`` from where the record's run-up begins; a negative number goes back in time.
     """
-    return Model(fitted.problem, fitted.terms).forces(_run(fitted, number), samples)
+    return Model(fitted.problem, fitted.terms, fitted.substeps).forces(_run(fitted, number), samples)
 
 
 def _run(fitted: Fit, number: int) -> Run:
@@ -153,7 +156,8 @@ def fit(
     """
     if held is not None:
         terms = held.terms
-    model = Model(problem, terms, COMPETING_SUBSTEPS if competing else SUBSTEPS)
+    substeps = held.substeps if held is not None else COMPETING_SUBSTEPS if competing else SUBSTEPS
+    model = Model(problem, terms, substeps)
     records = problem.recordings.records
     if delays:
         records = tuple(replace(r, second=float(d)) for r, d in zip(records, delays, strict=True))
@@ -183,7 +187,7 @@ def fit(
 def relieved_of_laws(fitted: Fit) -> Problem:
     """Return a fit's problem without what laws, second blows and sensors added to the records."""
     runs = [_run(fitted, i) for i in range(len(fitted.records))]
-    added = Model(fitted.problem, fitted.terms).extra(runs)
+    added = Model(fitted.problem, fitted.terms, fitted.substeps).extra(runs)
     records = tuple(replace(r, y=r.y - own) for r, own in zip(fitted.records, added, strict=True))
     return replace(fitted.problem, recordings=replace(fitted.problem.recordings, records=records))
 
@@ -546,5 +550,5 @@ class _Solver:
         return Fit(
             model.problem, tuple(terms), model.arrangement, self._constants(state), tuple(modes), tuple(to),
             state.coefficients, tuple(self._amplitudes(state, modes)), tuple(found[2]), found[0] - found[1], found[1],
-            covariance, tuple(covariances), state.records,
+            covariance, tuple(covariances), state.records, model.substeps,
         )  # fmt: skip

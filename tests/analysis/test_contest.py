@@ -154,3 +154,18 @@ def test_no_further_mechanism_is_looked_for_where_too_much_is_left(
     found = contest._path(begun, (accepted,), [], lambda _: None)
     assert len(looked) == further
     assert found.chosen is None
+
+
+@pytest.mark.parametrize(
+    ("gain", "found", "better"),
+    [(9.0, 50.0, True), (3.0, 50.0, False), (3.0, 500.0, True), (-1.0, 500.0, False), (-1.0, 50.0, False)],
+)
+def test_held_out_impacts_must_gain_or_not_lose_by_what_is_beyond_doubt(
+    monkeypatch: pytest.MonkeyPatch, gain: float, found: float, better: bool
+) -> None:
+    before: Any = SimpleNamespace(
+        chi_squared=100.0, problem=SimpleNamespace(recordings=SimpleNamespace(records=(1, 2)))
+    )
+    added: Any = SimpleNamespace(fit=SimpleNamespace(chi_squared=100.0 - gain), own=0, evidence=found)
+    monkeypatch.setattr(contest, "held_out_fit", lambda problem, held, fitted: fitted)
+    assert contest._better_held_out(None, (3,), before, added) == better  # type: ignore[arg-type]

@@ -18,6 +18,7 @@ from analysis.mismatch.contest import (
     LEVEL,
     LOOK_ALIKE,
     TEMPERATURE,
+    UNNAMED,
     Contest,
     Entry,
     Round,
@@ -57,7 +58,6 @@ MOST_SCATTER = 0.01  # relative standard deviation of k_c between impacts of a l
 UNLISTED = 0.25  # odds of what is not listed over what is, before the data
 LIKENESS = 400.0  # chi-squared up to which what is not listed is as a rule like something listed
 STRONG_LIKENESS = 0.02  # odds of it however strong it is
-LEAD = 8.0  # evidence by which something without a name must lead to be as likely as what is named
 LOAD_DRIFT = "load_drift"  # the one mechanism that ring-downs do not show
 STRONGER_TAP = 1.5  # over the strongest so far, for the next experiment
 MOST_FORCE_RATIO = 0.9  # of the preload: beyond, the surfaces would part
@@ -450,7 +450,7 @@ def _odds_of_something_else(fit: Fit, step: Round, contest: Contest) -> float:
     The weaker an effect, the more there is that looks like it: of a chi-squared below `LIKENESS` nearly anything does.
     """
     gain = step.before.objective - step.accepted.fit.objective  # type: ignore[union-attr]
-    odds = STRONG_LIKENESS + UNLISTED * min(1.0, LIKENESS / max(gain, 1.0)) + math.exp((contest.unnamed - LEAD) / 2)
+    odds = STRONG_LIKENESS + UNLISTED * min(1.0, LIKENESS / max(gain, 1.0)) + math.exp((contest.unnamed - UNNAMED) / 2)
     left = contest.left_over if contest.left_p_value < LEFT_LEVEL else 0.0
     if left > 0:
         explained = contest.baseline.objective - fit.objective

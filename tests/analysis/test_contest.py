@@ -79,7 +79,7 @@ def taken(name: str, before: float, after: float, gained: float) -> Any:
     return contest.Round(SimpleNamespace(objective=before), None, (), accepted)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("free", "explained"), [(790.0, True), (830.0, False)])
+@pytest.mark.parametrize(("free", "explained"), [(800.0, True), (815.0, False)])
 def test_nothing_is_named_where_something_without_a_name_is_clearly_better(free: float, explained: bool) -> None:
     screening: Any = SimpleNamespace(
         unexplained=0.0, p_value=0.5, free=SimpleNamespace(best_alone=free), scores=(), bins=None
@@ -123,7 +123,7 @@ def test_the_weaker_an_effect_the_likelier_something_that_is_not_listed() -> Non
 
     assert odds(100.0) > odds(900.0) > odds(1e4) > 0
     assert 1 / (1 + odds(900.0)) < 0.9 < 1 / (1 + odds(1e4))
-    assert odds(1e4, unnamed=diagnosis.LEAD) > 1
+    assert odds(1e4, unnamed=contest.UNNAMED) > 1
     assert odds(1e4, left=10.0) > odds(1e4)
     allowed = contest.may_be_left(1)
     assert odds(1e4, left=1e4 * allowed / (1 - allowed)) == pytest.approx(1.0)

@@ -25,6 +25,7 @@ from analysis.mismatch.screen import Score, Screening, screen
 from sim_backend.mechanisms.mechanism import Mechanism
 
 Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 LEVEL = 0.01  # of the test whether anything is missing
 HELD_OUT_EVERY = 4  # every fourth impact is held out
@@ -354,8 +355,15 @@ def _rings(fitted: Fit) -> bool:
 
 
 def _competing(problem: Problem, terms: Sequence[Term], begin: Fit | None, delays: Sequence[float]) -> Fit:
-    """Fit a model so well that it can be compared with others."""
-    return fit(problem, terms, begin=begin, delays=delays, most_iterations=COMPETING_ITERATIONS, competing=True)
+    """Fit a model so well that it can be compared with others.
+
+    Beside laws it is begun with the amplitudes that these left, unless a body changes the modes.
+    """
+    amplitudes: tuple[Complex, ...] = ()
+    if begin is not None and any(t.nonlinear for t in begin.terms) and len(terms) > len(begin.terms):
+        bodies = [sum(t.mechanism.extend is not None for t in some) for some in (terms, begin.terms)]
+        amplitudes = begin.amplitudes if bodies[0] == bodies[1] else ()
+    return fit(problem, terms, begin, None, delays, COMPETING_ITERATIONS, amplitudes, competing=True)
 
 
 def _to_the_end(fitted: Fit) -> Fit:

@@ -169,3 +169,25 @@ def test_held_out_impacts_must_gain_or_not_lose_by_what_is_beyond_doubt(
     added: Any = SimpleNamespace(fit=SimpleNamespace(chi_squared=100.0 - gain), own=0, evidence=found)
     monkeypatch.setattr(contest, "held_out_fit", lambda problem, held, fitted: fitted)
     assert contest._better_held_out(None, (3,), before, added) == better  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("begun", "wanted", "taken_over"),
+    [
+        (("contact_loss",), ("contact_loss", "double_hit"), True),
+        (("contact_loss",), ("contact_loss", "frame_compliance"), False),
+        (("contact_loss",), ("frame_compliance", "contact_loss"), False),
+        (("frame_compliance",), ("frame_compliance", "contact_loss"), False),
+        ((), ("contact_loss",), False),
+    ],
+)
+def test_a_fit_beside_laws_begins_at_the_amplitudes_they_left(
+    monkeypatch: pytest.MonkeyPatch, begun: tuple[str, ...], wanted: tuple[str, ...], taken_over: bool
+) -> None:
+    def terms(names: tuple[str, ...]) -> tuple[Term, ...]:
+        return tuple(Term(mechanisms()[name], {}) for name in names)
+
+    begin: Any = SimpleNamespace(terms=terms(begun), amplitudes=("as they were",))
+    monkeypatch.setattr(contest, "fit", lambda problem, terms, begin, held, delays, most, amplitudes, **_: amplitudes)
+    found: Any = contest._competing(None, terms(wanted), begin, ())  # type: ignore[arg-type]
+    assert found == (begin.amplitudes if taken_over else ())

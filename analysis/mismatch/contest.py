@@ -186,7 +186,7 @@ def _path(
     baseline = current = begun.baseline
     screening = begun.screening
     rounds: list[Round] = []
-    explained = 0.0
+    explained, ended = 0.0, True
     while len(current.terms) < MOST_TERMS:
         if rounds:
             entries = _full_fits(current, screening, known, progress)
@@ -199,7 +199,8 @@ def _path(
         if not enough:
             break
         current = best.fit  # type: ignore[union-attr, assignment]
-        if not _far_off(begun, current):
+        ended = not _far_off(begun, current)
+        if ended:
             progress("fitting to the end")
             current = _to_the_end(current)
         gained = baseline.objective - current.objective - explained
@@ -210,7 +211,7 @@ def _path(
             progress("looking for the earlier ones again")
             again = _looked_for_again(current)
             if again is not current:
-                current, explained = again, baseline.objective - again.objective
+                current, explained, ended = again, baseline.objective - again.objective, True
                 screening = screen(current, known)
         if screening.p_value > LEFT_LEVEL:
             break
@@ -218,8 +219,12 @@ def _path(
             break  # even if every further one gained as much
     lean, kept = _without_idle_ones(current, rounds)
     if lean is not current:
-        current, rounds, screening = lean, kept, screen(lean, known)
-    return _outcome(begun, current, screening, tuple(rounds))
+        current, rounds, screening, ended = lean, kept, screen(lean, known), True
+    found = _outcome(begun, current, screening, tuple(rounds))
+    if found.chosen is not None and not ended:
+        current = _to_the_end(current)
+        found = _outcome(begun, current, screen(current, known), tuple(rounds))
+    return found
 
 
 def _without_idle_ones(fitted: Fit, rounds: list[Round]) -> tuple[Fit, list[Round]]:

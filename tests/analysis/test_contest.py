@@ -191,3 +191,25 @@ def test_a_fit_beside_laws_begins_at_the_amplitudes_they_left(
     monkeypatch.setattr(contest, "fit", lambda problem, terms, begin, held, delays, most, amplitudes, **_: amplitudes)
     found: Any = contest._competing(None, terms(wanted), begin, ())  # type: ignore[arg-type]
     assert found == (begin.amplitudes if taken_over else ())
+
+
+def test_what_is_named_is_fitted_to_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    free = SimpleNamespace(best_alone=0.0)
+    # before, forces of any shape seemed to explain much more than the mechanism; then nothing is left over
+    before, after = (
+        SimpleNamespace(unexplained=u, p_value=p, scores=(), free=free, bins=None)
+        for u, p in ((900.0, 0.0), (0.0, 0.9))
+    )
+    accepted = taken("a", 1000.0, 900.0, 95.0).accepted
+    accepted.fit = SimpleNamespace(objective=900.0, terms=("one",), end=False)
+    monkeypatch.setattr(contest, "screen", lambda *_: after)
+    monkeypatch.setattr(
+        contest, "_to_the_end", lambda fitted: SimpleNamespace(objective=895.0, terms=("one",), end=True)
+    )
+    begun: Any = SimpleNamespace(
+        problem=None, training=(), held_out=(), baseline=SimpleNamespace(objective=1000.0, terms=()), screening=before,
+        p_value=0.0,
+    )  # fmt: skip
+    found: Any = contest._path(begun, (accepted,), [], lambda _: None)
+    assert contest._far_off(begun, accepted.fit)
+    assert found.chosen.end

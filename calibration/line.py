@@ -218,6 +218,11 @@ def checked(points: CalibrationPoints) -> tuple[FloatArray, FloatArray]:
     return load, voltage
 
 
+def _rounded(x: FloatArray) -> FloatArray:
+    """Return scaled loads (n,), those of one weight equal."""
+    return np.asarray(np.round(x / _SAME_WEIGHT), dtype=np.float64)
+
+
 class _LeastSquares:
     """Polynomial through (n,) scaled loads and voltages, with what its covariance is made of."""
 
@@ -230,7 +235,7 @@ class _LeastSquares:
         self.dof = len(x) - order - 1
         self.residual_std = math.sqrt(self.sum_of_squares / self.dof) if self.dof > 0 else 0.0
         self._design = design
-        self._weights, self._which = np.unique(x, return_inverse=True)
+        self._weights, self._which = np.unique(_rounded(x), return_inverse=True)
 
     def _by_weight(self) -> FloatArray:
         """(n, w) which reading has which weight; a reading without weight has none, and no error of it."""
@@ -265,7 +270,7 @@ def _estimate(value: float, reading: float, weights: float, raw: float, dof: int
 
 def _curvature(x: FloatArray, voltage: FloatArray, weight_std_mv: float) -> float | None:
     """Two-sided p value of a quadratic term; None with fewer than three weights or no degree of freedom left."""
-    if len(np.unique(x)) < 3 or len(x) < 4:
+    if len(np.unique(_rounded(x))) < 3 or len(x) < 4:
         return None
     parabola = _LeastSquares(x, voltage, order=2)
     n = float(parabola.normal_inverse[2, 2])

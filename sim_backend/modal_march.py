@@ -32,6 +32,7 @@ REST = 4  # places taken by preload (N), stiffness (N/m), damping (N s/m) and ti
 MEMORY = 24  # most numbers that a law may remember
 SLOTS = 4  # most laws at work together
 SMALL, TERMS = 0.1, 8  # |s h| below which the weights are summed as series, of so many terms
+EXACT = 64  # steps after which powers of e^(s h) begin anew
 CORRECTIONS = 2  # passes over each step: the law's force depends on where the step ends
 
 
@@ -176,6 +177,18 @@ def along(law, p, d, v, t0, h, memory):  # type: ignore[no-untyped-def]
         for m in range(MEMORY):
             before[m] = after[m]
     return extra
+
+
+@njit([_COMPLEX_TABLE(types.Array(types.complex128, 1, "C"), float64, int64)], cache=True, nogil=True)
+def waves(poles, h, count):  # type: ignore[no-untyped-def]
+    """Return (count, poles) ``e^(s n h)``, by powers that begin anew every `EXACT` steps."""
+    out = np.empty((count, len(poles)), np.complex128)
+    for j in range(len(poles)):
+        turn, now = np.exp(poles[j] * h), 1.0 + 0.0j
+        for n in range(count):
+            now = np.exp(poles[j] * (n * h)) if n % EXACT == 0 else now * turn
+            out[n, j] = now
+    return out
 
 
 @njit(

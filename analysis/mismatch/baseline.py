@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from analysis.mismatch.linear import LinearRig, linear_rigs
 from analysis.mismatch.records import PULSE_MIDDLE_S, Record, Recordings
 from sim_backend.arrangement import LOAD, Arrangement
+from sim_backend.modal_march import waves
 from sim_backend.state_space import StateSpace
 
 Real = NDArray[np.float64]
@@ -69,6 +70,11 @@ class Sensitivity:
     def reference(self) -> int:
         """The lowest mode that is not tied."""
         return next(j for j in range(len(self.rig.poles)) if j not in self.tied)
+
+    @property
+    def coefficients(self) -> int:
+        """Numbers that are free in a record for the modes that are not tied."""
+        return int(sum(w for j, w in enumerate(self.rig.weight) if j not in self.tied))
 
     def since_tap(self, amplitudes: Complex, record: Record) -> float:
         """Return how long before the record's first sample a tap struck that gave the reference mode its phase, s.
@@ -125,6 +131,7 @@ class Nuisance:
         self._rate = recordings.sample_rate_hz
         own = [m.ringing(self._rate) for m in recordings.noise]
         self._ringing = [np.append(ringing, [s] if np.isfinite(s) else []) for s in own]
+        self._rung: dict[int, Real] = {}
         self._made: OrderedDict[tuple[int, int, float], _Made] = OrderedDict()
 
     def columns(self, s: Sensitivity, record: Record) -> Real:
@@ -150,27 +157,37 @@ class Nuisance:
         return self._made[key]
 
     def _columns(self, s: Sensitivity, record: Record) -> Real:
-        modes = s.rig
-        t = np.arange(record.y.shape[1]) / self._rate
-        waves = np.exp(np.outer(t, modes.poles))
-        shown = modes.gains[:, None, :] * waves[None]
+        modes, n = s.rig, record.y.shape[1]
+        shown = modes.gains[:, None, :] * waves(modes.poles, 1 / self._rate, n)
         if s.tied:
             shown[:, :, s.reference] += shown[:, :, list(s.tied)] @ s.ties(record.since_tap_s)
-        parts = []
+        if n not in self._rung:
+            self._rung[n] = self._ringing_columns(n)
+        rung, modal = self._rung[n], s.coefficients
+        out = np.empty((*shown.shape[:2], modal + rung.shape[2]))
+        at = 0
         for j, w in enumerate(modes.weight):
             if j in s.tied:
                 continue
-            parts.append(w * shown[:, :, j].real)
+            out[:, :, at] = w * shown[:, :, j].real
             if w == 2.0:
-                parts.append(-w * shown[:, :, j].imag)
+                out[:, :, at + 1] = -w * shown[:, :, j].imag
+            at += int(w)
+        out[:, :, modal:] = rung
+        return out
+
+    def _ringing_columns(self, n: int) -> Real:
+        """Return (c, n, k) of what rings by itself in each channel."""
+        t = np.arange(n) / self._rate
+        parts = []
         for c, ringing in enumerate(self._ringing):
             for pole in ringing:
                 wave = np.exp(t * pole)
                 for part in (wave.real, wave.imag) if abs(pole.imag) > SMALL * abs(pole) else (wave.real,):
-                    column = np.zeros(shown.shape[:2])
+                    column = np.zeros((len(self._ringing), n))
                     column[c] = part
                     parts.append(column)
-        return np.stack(parts, axis=-1)
+        return np.stack(parts, axis=-1) if parts else np.zeros((len(self._ringing), n, 0))
 
     @staticmethod
     def amplitudes(s: Sensitivity, coefficients: Real, record: Record) -> Complex:
@@ -187,7 +204,7 @@ class Nuisance:
 
     def rung(self, s: Sensitivity, coefficients: Real) -> list[Complex]:
         """Return the complex amplitude in each channel of everything that rings by itself, (poles,) each."""
-        at, found = int(sum(w for j, w in enumerate(s.rig.weight) if j not in s.tied)), []
+        at, found = s.coefficients, []
         for ringing in self._ringing:
             own = np.zeros(ringing.size, np.complex128)
             for i, pole in enumerate(ringing):
@@ -246,14 +263,14 @@ def _natural(constants: Constants, name: str) -> float:
 def slope_columns(s: Sensitivity, amplitudes: Complex, record: Record, sample_rate_hz: float) -> Real:
     """Return (c, n, k): what a unit change of each constant does to a record with these modal amplitudes."""
     t = np.arange(record.y.shape[1]) / sample_rate_hz
-    waves = np.exp(np.outer(t, s.rig.poles)) * (s.rig.weight * amplitudes)
+    rung = waves(s.rig.poles, 1 / sample_rate_hz, t.size) * (s.rig.weight * amplitudes)
     # d(g b e^(s t)) = (dg + g db / b + g t ds) b e^(s t)
     relative = s.gain_slopes.copy()
     if s.tied:
         relative[:, :, list(s.tied)] += s.rig.gains[:, list(s.tied)] * s.tie_slopes(record.since_tap_s)[:, None, :]
     growing = s.rig.gains[None] * s.pole_slopes[:, None, :]
     shape = (relative.shape[0], relative.shape[1], t.size)
-    fixed_part = (relative.reshape(-1, waves.shape[1]) @ waves.T).real.reshape(shape)
-    growing_part = (growing.reshape(-1, waves.shape[1]) @ waves.T).real.reshape(shape)
+    fixed_part = (relative.reshape(-1, rung.shape[1]) @ rung.T).real.reshape(shape)
+    growing_part = (growing.reshape(-1, rung.shape[1]) @ rung.T).real.reshape(shape)
     columns: Real = np.moveaxis(fixed_part + growing_part * t, 0, -1)
     return columns

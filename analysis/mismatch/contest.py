@@ -34,6 +34,7 @@ FINALISTS = 5  # mechanisms that are fitted in full
 CLOSE = 0.25  # share of the best score's gain that earns a full fit
 LEAST_COST = 2.0  # of a free number, chi-squared: Akaike's
 COMPETING_ITERATIONS = 12  # of a fit while fits compete; the one that wins goes on
+SERIOUS = 0.5  # share of the best evidence that another mechanism must be able to reach to be fitted on
 STARTS = 5  # of the fit of an added body
 EXPLAINED = 1.01  # misfit below which nothing much is left
 HOPEFUL, HOPEFUL_LOST = 0.7, 0.3  # share of the best evidence that earns further starts; where nothing explains much
@@ -53,6 +54,8 @@ BEYOND_DOUBT = 200.0  # evidence in the fitted impacts, from which on the others
 NEARLY_AS_GOOD = 0.7  # share of the best first evidence with which another first mechanism is tried as well
 WORSE = 1.05  # misfit of held-out impacts over that of the others from which on a better start is looked for
 UNTIE = 1000.0  # chi-squared from which on a tie between an added body's ringing and the tap may be too strict
+MOST_EFFORT = 1200.0  # of a sample, after which nothing further is looked for
+USUAL_SAMPLES = 120_000  # a session with fewer is given the effort of one with so many
 LOOK_ALIKE = 0.9  # cosine of two signatures
 
 
@@ -147,6 +150,10 @@ class Begun:
         """That the linear rig made the recordings."""
         return self.screening.p_value
 
+    def worn_out(self, contests: int) -> bool:
+        """Whether the effort that so many contests about these recordings are worth has been spent on them."""
+        return self.problem.effort.spent > contests * MOST_EFFORT * max(self.problem.samples, USUAL_SAMPLES)
+
 
 def begin_contest(
     problem: Problem, known: Sequence[Mechanism], progress: Callable[[str], None] = lambda stage: None
@@ -160,36 +167,48 @@ def begin_contest(
 
 
 def run_contest(
-    begun: Begun, known: Sequence[Mechanism], progress: Callable[[str], None] = lambda stage: None
+    begun: Begun,
+    known: Sequence[Mechanism],
+    progress: Callable[[str], None] = lambda stage: None,
+    contests: int = 1,
 ) -> Contest:
     """Find the mechanisms that the recordings hold beyond the linear rig.
 
-    Where what seemed best at first leads to no explanation, what was nearly as good is tried in its place.
+    Where what seemed best at first leads to no explanation, what was nearly as good is tried in its place; nothing
+    further is looked for when all is spent that so many ``contests`` about these recordings are worth.
     """
     if begun.p_value >= LEVEL:
         return _outcome(begun, begun.baseline, begun.screening, ())
-    entries = _full_fits(begun.baseline, begun.screening, known, progress)
-    found = _path(begun, entries, known, progress)
-    if found.chosen is None and len(entries) > 1:
+
+    def worn_out() -> bool:
+        return begun.worn_out(contests)
+
+    entries = _full_fits(begun.baseline, begun.screening, known, progress, worn_out)
+    found = _path(begun, entries, known, progress, worn_out)
+    if found.chosen is None and len(entries) > 1 and not worn_out():
         first, second = entries[:2]
         if second.fit is not None and second.evidence > NEARLY_AS_GOOD * first.evidence:
             progress(f"again, with {name_of(second.score)} first")
-            again = _path(begun, entries[1:], known, progress)
+            again = _path(begun, entries[1:], known, progress, worn_out)
             found = found if again.chosen is None else again
     return found
 
 
 def _path(
-    begun: Begun, entries: tuple[Entry, ...], known: Sequence[Mechanism], progress: Callable[[str], None]
+    begun: Begun,
+    entries: tuple[Entry, ...],
+    known: Sequence[Mechanism],
+    progress: Callable[[str], None],
+    worn_out: Callable[[], bool],
 ) -> Contest:
     """Take the best entry, then what is best beside it, as long as that pays."""
     baseline = current = begun.baseline
     screening = begun.screening
     rounds: list[Round] = []
     explained, ended = 0.0, True
-    while len(current.terms) < MOST_TERMS:
+    while len(current.terms) < MOST_TERMS and not (rounds and worn_out()):
         if rounds:
-            entries = _full_fits(current, screening, known, progress)
+            entries = _full_fits(current, screening, known, progress, worn_out)
         best = entries[0] if entries else None
         least = max(LEAST_GAIN, LEAST_SHARE * explained) if rounds else FIRST_GAIN
         enough = best is not None and best.fit is not None and best.evidence > least
@@ -207,7 +226,7 @@ def _path(
         explained += gained
         progress("looking at what is left")
         screening = screen(current, known)
-        if screening.p_value < LEFT_LEVEL and len(current.terms) > 1:
+        if screening.p_value < LEFT_LEVEL and len(current.terms) > 1 and not worn_out():
             progress("looking for the earlier ones again")
             again = _looked_for_again(current)
             if again is not current:
@@ -217,7 +236,7 @@ def _path(
             break
         if screening.unexplained > (MOST_TERMS - len(current.terms)) * gained:
             break  # even if every further one gained as much
-    lean, kept = _without_idle_ones(current, rounds)
+    lean, kept = _without_idle_ones(current, rounds) if _nearly_enough(begun, screening) else (current, rounds)
     if lean is not current:
         current, rounds, screening, ended = lean, kept, screen(lean, known), True
     found = _outcome(begun, current, screening, tuple(rounds))
@@ -247,6 +266,11 @@ def _far_off(begun: Begun, fitted: Fit) -> bool:
     all_of_it = begun.screening.unexplained
     left = all_of_it - (begun.baseline.objective - fitted.objective)
     return left > max(FAR_OFF * all_of_it, FAR_OFF_LEAST)
+
+
+def _nearly_enough(begun: Begun, screening: Screening) -> bool:
+    """Whether no more is left than a single mechanism might leave over."""
+    return screening.p_value > LEFT_LEVEL or screening.unexplained < 2 * may_be_left(1) * begun.screening.unexplained
 
 
 def _outcome(begun: Begun, best: Fit, screening: Screening, rounds: tuple[Round, ...]) -> Contest:
@@ -281,7 +305,11 @@ def may_be_left(terms: int) -> float:
 
 
 def _full_fits(
-    current: Fit, screening: Screening, known: Sequence[Mechanism], progress: Callable[[str], None]
+    current: Fit,
+    screening: Screening,
+    known: Sequence[Mechanism],
+    progress: Callable[[str], None],
+    worn_out: Callable[[], bool],
 ) -> tuple[Entry, ...]:
     """Fit the best screened mechanisms in full, each with those already accepted."""
     present = {t.mechanism.id for t in current.terms}
@@ -290,27 +318,29 @@ def _full_fits(
         if score.term.mechanism.id not in present and screened_gain(score) > 0:
             tried.setdefault(score.term.mechanism.id, []).append(score)
     ranked = [scores[0] for scores in tried.values()]
-    entries, explained = [], False
+    entries, explained, best = [], False, 0.0
     fitted: set[str] = set()
     for place, score in enumerate(ranked):
         close = screened_gain(score) > CLOSE * screened_gain(ranked[0])
         certain = score.p_value < LEVEL / max(len(ranked), 1)
-        if place >= FINALISTS or not ((close and certain) or place == 0):
+        if place >= FINALISTS or (place and (not (close and certain) or worn_out())):
             entries.append(Entry(score, None, screened_gain(score)))
             continue
         progress(f"fitting {name_of(score)}")
         fitted.add(score.term.mechanism.id)
         begun = [(started(s), current) for s in _variants(tried[score.term.mechanism.id])]
-        found = _entry(current, score, begun, explained)
+        found = _entry(current, score, begun, explained, current.objective - SERIOUS * best)
+        best = max(best, found.evidence)
         explained = explained or (found.fit is not None and misfit(found.fit) < STRONG)
         entries.append(found)
     first = max((e.evidence for e in entries if e.fit is not None), default=0.0)
     lost = all(misfit(e.fit) > EXPLAINED for e in entries if e.fit is not None)
     for i, entry in enumerate(entries):
         hopeful = entry.fit is None or entry.evidence > (HOPEFUL_LOST if lost else HOPEFUL) * first
-        if entry.id in fitted and entry.score.term.mechanism.body is not None and hopeful:
+        if entry.id in fitted and entry.score.term.mechanism.body is not None and hopeful and not worn_out():
             progress(f"fitting {name_of(entry.score)} from elsewhere")
-            again = _entry(current, entry.score, _elsewhere(current, tried[entry.id]), explained)
+            elsewhere = _elsewhere(current, tried[entry.id])
+            again = _entry(current, entry.score, elsewhere, explained, current.objective - entry.evidence)
             entries[i] = max(entry, again, key=lambda e: e.evidence)
     entries.sort(key=lambda e: (e.fit is None, -(e.evidence + stiffness_evidence(e.score.term.mechanism, e.fit))))
     return tuple(entries)
@@ -325,9 +355,11 @@ def _variants(scores: Sequence[Score]) -> list[Score]:
     return [s for s in best.values() if s is scores[0] or screened_gain(s) > HOPEFUL * screened_gain(scores[0])]
 
 
-def _entry(current: Fit, score: Score, begun: Sequence[tuple[Term, Fit | None]], explained: bool) -> Entry:
+def _entry(
+    current: Fit, score: Score, begun: Sequence[tuple[Term, Fit | None]], explained: bool, to_beat: float
+) -> Entry:
     """Return the best of the full fits of a mechanism that begin at these values and rigs."""
-    fitted = _best(current.problem, current.terms, begun, score.delays)
+    fitted = _best(current.problem, current.terms, begun, score.delays, to_beat)
     if fitted is None or not _rings(fitted) or stiffness_evidence(score.term.mechanism, fitted) < -CONTRADICTED:
         return Entry(score, None, 0.0)
     if fitted.only_laws and not explained and misfit(fitted) > STRONG:
@@ -341,15 +373,19 @@ def _entry(current: Fit, score: Score, begun: Sequence[tuple[Term, Fit | None]],
 
 
 def _best(
-    problem: Problem, others: tuple[Term, ...], begun: Sequence[tuple[Term, Fit | None]], delays: Sequence[float] = ()
+    problem: Problem,
+    others: tuple[Term, ...],
+    begun: Sequence[tuple[Term, Fit | None]],
+    delays: Sequence[float] = (),
+    to_beat: float = math.inf,
 ) -> Fit | None:
     """Fit a term beside others from some values and rigs, for a few steps each; go on with the best."""
     fits = []
     for term, begin in begun:
         with suppress(ValueError, np.linalg.LinAlgError):  # it cannot be joined with what is there already
-            fits.append(_competing(problem, (*others, term), begin, delays))
+            fits.append(_competing(problem, (*others, term), begin, delays, to_beat))
     best = min(fits, key=lambda f: (not _rings(f), f.objective), default=None)
-    if best is None or any(t.nonlinear for t in best.terms):
+    if best is None or any(t.nonlinear for t in best.terms) or best.objective > to_beat:
         return best
     return fit(problem, best.terms, begin=best, competing=True)
 
@@ -359,7 +395,13 @@ def _rings(fitted: Fit) -> bool:
     return all(believable(t, fitted.constants.at(0)) for t in fitted.terms)
 
 
-def _competing(problem: Problem, terms: Sequence[Term], begin: Fit | None, delays: Sequence[float]) -> Fit:
+def _competing(
+    problem: Problem,
+    terms: Sequence[Term],
+    begin: Fit | None,
+    delays: Sequence[float],
+    to_beat: float = math.inf,
+) -> Fit:
     """Fit a model so well that it can be compared with others.
 
     Beside laws it is begun with the amplitudes that these left, unless a body changes the modes.
@@ -368,7 +410,7 @@ def _competing(problem: Problem, terms: Sequence[Term], begin: Fit | None, delay
     if begin is not None and any(t.nonlinear for t in begin.terms) and len(terms) > len(begin.terms):
         bodies = [sum(t.mechanism.extend is not None for t in some) for some in (terms, begin.terms)]
         amplitudes = begin.amplitudes if bodies[0] == bodies[1] else ()
-    return fit(problem, terms, begin, None, delays, COMPETING_ITERATIONS, amplitudes, competing=True)
+    return fit(problem, terms, begin, None, delays, COMPETING_ITERATIONS, amplitudes, competing=True, to_beat=to_beat)
 
 
 def _to_the_end(fitted: Fit) -> Fit:

@@ -53,6 +53,7 @@ SPRING_UNCERTAINTY = 0.01  # relative, as identified
 NOISE_DIFFERENCE = 0.1  # of sessions that are diagnosed together
 LOST_COUNT = 0.2  # oscillations of the system mode in a record by which the declared springs may be off to begin with
 SCATTER_EVIDENCE = 30.0  # that constants of its own for every impact must have
+SCATTER_STEPS = 2  # of the fit that tells whether it does: scatter is small
 MOST_OF_IT = 0.5  # of what is left over, that scatter must take up to be looked at further
 MOST_SCATTER = 0.01  # relative standard deviation of k_c between impacts of a load that counts as scatter
 UNLISTED = 0.25  # odds of what is not listed over what is, before the data
@@ -315,7 +316,7 @@ def _contest(problem: Problem, known: Sequence[Mechanism], progress: Callable[[s
     plain = run_contest(begun, known, progress)
     if plain.chosen is not None or (plain.best.terms and not _scatter_is_left(plain)):
         return plain
-    again = run_contest(apart, known, progress)
+    again = run_contest(apart, known, progress, contests=2)
     return plain if again.chosen is None else again
 
 
@@ -345,7 +346,7 @@ def _scatter_is_left(plain: Contest) -> bool:
     best = plain.best
     amplitudes = best.amplitudes if any(t.nonlinear for t in best.terms) else ()
     begin = replace(best, constants=_own_constants(best))
-    apart = fit(best.problem.apart(), best.terms, begin, amplitudes=amplitudes, competing=True)
+    apart = fit(best.problem.apart(), best.terms, begin, None, (), SCATTER_STEPS, amplitudes, competing=True)
     return best.objective - apart.objective > MOST_OF_IT * plain.left_over
 
 

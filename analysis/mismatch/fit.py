@@ -7,6 +7,7 @@ uncertainties and the mechanisms' parameters. Gauss and Newton's method; what be
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -29,12 +30,14 @@ TOGETHER = 8  # iterations in which constants and amplitudes are stepped togethe
 CONVERGED = 0.02  # change of chi-squared below which a fit is done
 LITTLE, LITTLE_SHARE = 5.0, 3e-3  # change of chi-squared below which a competing fit is done; share of the difference
 HOPELESS, HOPELESS_AFTER = 1.3, 6  # objective over that to be beaten at which a competing fit is given up; steps
+BEATEN, BEATEN_AFTER = 4.0, 5  # last steps' gains that may still come for a competing fit; steps from which on
 AS_EXPECTED = 0.5  # share of its expected gain that a step must have for its slopes to be used once more
 MOST_TRIES = 6  # of a step with more and more damping
 SECOND_STEP = 0.05  # of differences, samples
 MOST_SAMPLES = 0.5  # that a second blow may move in one step
 LOAD_STEP = 1e-5  # of differences, relative
 PARAMETER_STEP = 1e-4  # of differences, relative to the parameter (or its range where it is small)
+EVALUATED, LINEARISED = 3.0, 5.0  # effort of a linear rig's residual and slopes, of a sample
 AMPLITUDE_STEP = 1e-3  # of differences, relative to the record's largest amplitude
 
 
@@ -51,7 +54,8 @@ class Fit:
     chi_squared
         Sum of squares of the whitened residuals; ``penalty`` is what the declared constants add to it.
     covariance
-        Of the session's constants, those of each load, and the terms' parameters, in this order.
+        Of the session's constants, those of each load, and the terms' parameters, in this order; zero where the fit
+        only competed.
     term_covariances
         For each term: covariance (k, k) of its parameters (of the logarithm where one is fitted as such).
     amplitudes, coefficients
@@ -133,6 +137,7 @@ def fit(
     amplitudes: Sequence[Complex] = (),
     kept: Sequence[str] = (),
     competing: bool = False,
+    to_beat: float = math.inf,
 ) -> Fit:
     """Fit a model.
 
@@ -153,6 +158,8 @@ def fit(
         Names of constants of the rig that stay where they begin.
     competing
         The fit is only compared with others: it ends where a step gains little beside the difference to ``begin``.
+    to_beat
+        Objective of another fit: a competing one that comes nearer too slowly to reach it is given up.
     """
     if held is not None:
         terms = held.terms
@@ -181,7 +188,7 @@ def fit(
     free = model.start_free()
     state = _State(rig, load, free, tuple(np.zeros(0) for _ in records), records)
     reference = begin.objective if competing and begin is not None else None
-    return _Solver(model, fixed).solve(state, most_iterations, amplitudes, reference)
+    return _Solver(model, fixed).solve(state, most_iterations, amplitudes, reference, to_beat)
 
 
 def relieved_of_laws(fitted: Fit) -> Problem:
@@ -225,22 +232,33 @@ class _Solver:
         self.groups, self.each = model.problem.start.shape
         self.size = self.common + self.groups * self.each + len(model.free)
         self.exact = False
+        # a step need not know its slopes as well as the fit's end its value
+        self.coarse = Model(model.problem, model.terms, COMPETING_SUBSTEPS) if model.marched else model
 
-    def solve(self, state: _State, most_iterations: int, amplitudes: Sequence[Complex], reference: float | None) -> Fit:
+    def solve(
+        self,
+        state: _State,
+        most_iterations: int,
+        amplitudes: Sequence[Complex],
+        reference: float | None,
+        to_beat: float,
+    ) -> Fit:
         """Step until nothing is gained; where a fit competes with that of the objective ``reference``, nothing much."""
         model = self.model
         modes, to = model.modes(self._constants(state))
         self.exact = bool(amplitudes)
         state = self._first_amplitudes(state, modes, to, amplitudes)
         found = self._evaluate(state, modes, to)
-        damping, stalled, iteration = 0.0, 0, 0
+        damping, stalled, iteration, gain = 0.0, 0, 0, math.inf
         slopes: _Slopes | None = None
         while iteration < most_iterations:
             fresh = slopes is None
             if reference is not None and iteration >= HOPELESS_AFTER and found[0] > HOPELESS * reference:
                 break
+            if reference is not None and iteration >= BEATEN_AFTER and found[0] - BEATEN * gain > to_beat:
+                break
             if slopes is None:
-                slopes = self._linearise(state, modes, to, found)
+                slopes = self._linearise(state, modes, to, found, self.coarse)
                 iteration += 1
             gradient, targets = self._against(slopes, state, found[2])
             accepted = False
@@ -276,7 +294,7 @@ class _Solver:
                 self.exact = True
             if not as_expected:
                 slopes = None
-        return self._finished(state, modes, to, found, slopes)
+        return self._finished(state, modes, to, found, known=reference is None)
 
     def _tried(
         self, state: _State, modes: list[Sensitivity], to: list[Response], late: bool
@@ -355,6 +373,7 @@ class _Solver:
 
     def _evaluate(self, state: _State, modes: list[Sensitivity], to: list[Response]) -> _Found:
         model = self.model
+        model.problem.effort.spent += EVALUATED * model.problem.samples
         added = [np.zeros_like(r.y) for r in state.records]
         if model.nonlinear:
             added = model.extra(self._runs(state, to, self._amplitudes(state, modes)))
@@ -365,47 +384,52 @@ class _Solver:
         penalty = float(model.precision @ (state.rig - model.declared) ** 2)
         return sum(float(np.vdot(r, r)) for r in residuals) + penalty, penalty, residuals, added
 
-    def _linearise(self, state: _State, modes: list[Sensitivity], to: list[Response], found: _Found) -> _Slopes:
-        model = self.model
+    def _linearise(
+        self, state: _State, modes: list[Sensitivity], to: list[Response], found: _Found, model: Model
+    ) -> _Slopes:
+        """Return the slopes of all records; those of what the terms add are computed as ``model`` does."""
+        model.problem.effort.spent += LINEARISED * model.problem.samples
         free = len(model.free)
         normal = np.zeros((self.size, self.size))
-        tangents = []
+        tangents: list[_Tangent] = []
         at_free = self.common + self.groups * self.each
         basis = model.coordinates.basis(state.rig)
         runs = self._runs(state, to, self._amplitudes(state, modes))
-        changed = self._changed(state, modes, runs, found[3])
+        added = found[3] if model.substeps == self.model.substeps or not runs else model.extra(runs)
+        changed = self._changed(state, modes, runs, added, model)
+        delayed = self._delayed(runs, added, model) if model.strikes_twice else []
         for i, ((record, here), changes) in enumerate(zip(runs, changed, strict=True)):
-            g = record.group
-            s, residual = modes[g], found[2][i]
-            columns = model.nuisance.columns(s, record)
+            s, n = modes[record.group], record.y.size
+            own = model.nuisance.columns(s, record)
             slopes = slope_columns(s, here.amplitudes, record, model.rate)
             if self.exact:
-                columns, slopes = columns.copy(), slopes.copy()
+                own, slopes = own.copy(), slopes.copy()
                 modal = changes.shape[2] - free - self.each
-                columns[:, :, :modal] += changes[:, :, free : free + modal]
+                own[:, :, :modal] += changes[:, :, free : free + modal]
                 slopes[:, :, self.common :] += changes[:, :, free + modal :]
             slopes[:, :, : self.common] = slopes[:, :, : self.common] @ basis
-            tangent = np.concatenate([slopes, changes[:, :, :free]], axis=2).reshape(residual.size, -1)
+            common = np.concatenate([slopes, changes[:, :, :free]], axis=2).reshape(n, -1)
             if model.strikes_twice:
-                later = replace(record, second=record.second + SECOND_STEP)
-                delayed = (model.extra([(later, here)])[0] - found[3][i]) / SECOND_STEP
-                columns = np.concatenate([columns, delayed[:, :, None]], axis=2)
+                own = np.concatenate([own, delayed[i][:, :, None]], axis=2)
             kept = not self.exact and not model.strikes_twice
-            q_, r_ = model.nuisance.basis(s, record) if kept else np.linalg.qr(columns.reshape(residual.size, -1))
-            cross = q_.T @ tangent
-            tangent = tangent - q_ @ cross
-            where = np.r_[
-                np.arange(self.common),
-                self.common + g * self.each + np.arange(self.each),
-                at_free + np.arange(free),
-            ]
-            normal[np.ix_(where, where)] += tangent.T @ tangent
-            tangents.append(_Tangent(where, q_, r_, cross, tangent))
+            q_, r_ = model.nuisance.basis(s, record) if kept else np.linalg.qr(own.reshape(n, -1))
+            cross = q_.T @ common
+            common = common - q_ @ cross
+            at_load = self.common + record.group * self.each
+            where = np.r_[: self.common, at_load : at_load + self.each, at_free : at_free + free]
+            normal[np.ix_(where, where)] += common.T @ common
+            tangents.append(_Tangent(where, q_, r_, cross, common))
         normal[: self.common, : self.common] += basis.T @ np.diag(model.precision) @ basis
         return _Slopes(basis, normal, tuple(tangents))
 
+    @staticmethod
+    def _delayed(runs: Sequence[Run], added: Sequence[Real], model: Model) -> list[Real]:
+        """Return for every record (c, n) how it changes with the time of the second blow, per sample."""
+        later = [(replace(r, second=r.second + SECOND_STEP), here) for r, here in runs]
+        return [(a - b) / SECOND_STEP for a, b in zip(model.extra(later), added, strict=True)]
+
     def _changed(
-        self, state: _State, modes: list[Sensitivity], runs: Sequence[Run], added: Sequence[Real]
+        self, state: _State, modes: list[Sensitivity], runs: Sequence[Run], added: Sequence[Real], model: Model
     ) -> list[Real]:
         """Return for every record (c, n, k) how what the terms add changes with the numbers they depend on.
 
@@ -424,7 +448,7 @@ class _Solver:
                     own, variants = own + more[0], variants + more[1]
             steps.append(own)
             moved += [(record, v) for v in variants]
-        predicted = iter(self.model.extra(moved))
+        predicted = iter(model.extra(moved))
         return [
             np.stack([(next(predicted) - base) / step for step in own], axis=-1) if own else np.zeros((*base.shape, 0))
             for base, own in zip(added, steps, strict=True)
@@ -473,7 +497,7 @@ class _Solver:
     @staticmethod
     def _amplitude_steps(record: Record, c: Real, s: Sensitivity, here: Variant) -> tuple[list[float], list[Variant]]:
         """Return a step of each coefficient that stands for a mode, and what it leads to."""
-        modal = int(sum(w for j, w in enumerate(s.rig.weight) if j not in s.tied))
+        modal = s.coefficients
         step = AMPLITUDE_STEP * float(np.abs(c[:modal]).max())
         variants = []
         for j in range(modal):
@@ -520,13 +544,12 @@ class _Solver:
             records.append(record)
         return _State(rig, load, free, tuple(coefficients), tuple(records))
 
-    def _finished(
-        self, state: _State, modes: list[Sensitivity], to: list[Response], found: _Found, slopes: _Slopes | None
-    ) -> Fit:
+    def _finished(self, state: _State, modes: list[Sensitivity], to: list[Response], found: _Found, known: bool) -> Fit:
+        """Return the fit; how well its parameters are ``known`` is only computed where it is asked for."""
         model = self.model
         covariance = np.zeros((self.size, self.size))
-        if not self.frozen:
-            normal = (slopes or self._linearise(state, modes, to, found)).normal
+        if known and not self.frozen:
+            normal = self._linearise(state, modes, to, found, model).normal
             scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
             covariance = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
             basis = np.eye(self.size)

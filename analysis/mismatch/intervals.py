@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.mismatch.fit import Fit, fit
+from analysis.mismatch.fit import Fit, fit, relieved_of_laws
 from sim_backend.mechanisms.mechanism import Derived, Quantity
 
 Real = NDArray[np.float64]
@@ -36,7 +36,7 @@ def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
     """Return the intervals of the parameters of a fit's term, and of what follows from them.
 
     Added bodies that the data hold only loosely get theirs from the profile: where chi-squared has risen to its 95 %
-    point with the first parameter held and all else fitted anew.
+    point with the first parameter held and all else, but for what force laws add to the records, fitted anew.
     """
     term = fitted.terms[number]
     quantities = [q for q in term.mechanism.parameters if q.name in term.values]
@@ -52,8 +52,9 @@ def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
         found[q.name] = Interval(value, max(low, q.low), min(high, q.high), q.unit)
     ends: list[dict[str, float] | None] = []
     if term.mechanism.extend is not None and quantities and quantities[0].log and errors[0] > UNSURE:
-        lower, lowest = _end(fitted, number, quantities[0], -1.0, fitted.objective)
-        upper, _ = _end(fitted, number, quantities[0], 1.0, lowest)
+        linear, place = _relieved(fitted, number)
+        lower, lowest = _end(linear, place, quantities[0], -1.0, linear.objective)
+        upper, _ = _end(linear, place, quantities[0], 1.0, lowest)
         ends = [lower, upper]
         found |= {q.name: _between(found[q.name].value, ends, q) for q in quantities}
     for more in term.mechanism.derived:
@@ -61,6 +62,14 @@ def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
         own = [_derived(more, place, quantities, covariance) for place in places]
         found[more.name] = replace(own[0], low=min(i.low for i in own), high=max(i.high for i in own))
     return found
+
+
+def _relieved(fitted: Fit, number: int) -> tuple[Fit, int]:
+    """Return the fit of all that is linear to what force laws leave of the records, and the place of a term in it."""
+    if not any(t.nonlinear for t in fitted.terms):
+        return fitted, number
+    linear = [t for t in fitted.terms if not t.nonlinear]
+    return fit(relieved_of_laws(fitted), linear, begin=fitted), linear.index(fitted.terms[number])
 
 
 def _derived(more: Derived, values: dict[str, float], quantities: list[Quantity], covariance: Real) -> Interval:

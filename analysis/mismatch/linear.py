@@ -40,6 +40,8 @@ class LinearRig:
         (c, p) what each channel shows of each mode: whitened, after the filter alone, before it.
     direct
         (c, n) acceleration in each channel at once for unit forces on the bodies.
+    weight
+        (p,) 2 for a conjugate pair, 1 for a real pole.
     """
 
     poles: Complex
@@ -50,11 +52,7 @@ class LinearRig:
     raw_gains: Complex
     filtered: Complex
     direct: Real
-
-    @property
-    def weight(self) -> Real:
-        """(p,) 2 for a conjugate pair, 1 for a real pole."""
-        return np.where(np.abs(self.poles.imag) > SMALL * np.abs(self.poles), 2.0, 1.0)
+    weight: Real
 
 
 def linear_rig(
@@ -122,8 +120,11 @@ def linear_rigs(
             axis=1,
         )
         struck = left[:, arrangement.bodies.index(arrangement.struck)]
+        weight = np.where(np.abs(poles.imag) > SMALL * np.abs(poles), 2.0, 1.0)
         for i, rig in enumerate(at):
-            found[rig] = LinearRig(poles[i], shapes[i], left[i], struck[i], gains[i], rows[i], filtered[i], direct[i])
+            found[rig] = LinearRig(
+                poles[i], shapes[i], left[i], struck[i], gains[i], rows[i], filtered[i], direct[i], weight[i]
+            )
     return found  # type: ignore[return-value]
 
 

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,14 @@ from analysis.mismatch.records import Record
 from analysis.mismatch.response import Response, response, responses, whiten
 from sim_backend.arrangement import LOAD
 from sim_backend.mechanisms.mechanism import Quantity
-from sim_backend.modal_march import MEMORY, SLOTS, march, no_law, step_weights
+from sim_backend.modal_march import MEMORY, SLOTS, march, no_law, step_weights, waves
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 SUBSTEPS = 4
 COMPETING_SUBSTEPS = 2  # while fits compete; the one that wins goes on with `SUBSTEPS`
+UNMARCHED = 0.5  # effort of what a term without a force law adds, of a sample
 TOGETHER = 32  # runs that are carried along in one call
 SPLINE = 5  # degree in which a tap's pulse is shifted by parts of a sample
 
@@ -122,6 +124,8 @@ class Model:
         for i, (record, _) in enumerate(runs):
             alike.setdefault((record.y.shape[1], record.run_up), []).append(i)
         batches = [at[i : i + TOGETHER] for at in alike.values() for i in range(0, len(at), TOGETHER)]
+        each = self.substeps if self.marched else UNMARCHED
+        self.problem.effort.spent += each * sum(record.y.shape[1] for record, _ in runs)
         carried = self._carried([[runs[i] for i in at] for at in batches]) if self.marched else None
         found: list[Real] = [np.zeros(0)] * len(runs)
         for k, at in enumerate(batches):
@@ -190,9 +194,7 @@ class Model:
                 added += next(iter(term.values.values())) * struck_again(to, amplitudes, record, self.rate)
         distorted = [t for t in variant.terms if t.mechanism.distort is not None]
         if distorted:
-            t = np.arange(added.shape[1]) / self.rate
-            waves = np.exp(np.outer(t, to.rig.poles)) * (to.rig.weight * amplitudes)
-            clean = (to.rig.filtered @ waves.T).real + added
+            clean = rung(to, amplitudes, 1 / self.rate, added.shape[1]) + added
             shown = clean
             for term in distorted:
                 shown = term.mechanism.distort(shown, self._seen(term, record, clean), self.rate)  # type: ignore[misc]
@@ -222,17 +224,29 @@ def struck_again(to: Response, amplitudes: Complex, record: Record, sample_rate_
     n, k = record.y.shape[1], record.pulse.shape[1]
     late = record.second + record.since_tap_s * sample_rate_hz  # of the second blow after the first, samples
     at = np.arange(n) - late
-    rings = at >= 0
-    waves = np.exp(np.outer(at[rings] / sample_rate_hz, to.rig.poles)) * (to.rig.weight * amplitudes)
     out = np.zeros((len(to.rig.filtered), n))
-    out[:, rings] = (to.rig.filtered @ waves.T).real
-    acts = ~rings & (at > -k)
+    first = min(max(math.ceil(late), 0), n)  # sample from which on the modes ring
+    begun = amplitudes * np.exp((first - late) / sample_rate_hz * to.rig.poles)
+    out[:, first:] = rung(to, begun, 1 / sample_rate_hz, n - first)
+    acts = (at < 0) & (at > -k)
     if np.any(acts):
-        more = np.exp(np.outer(np.arange(SPLINE) / sample_rate_hz, to.rig.poles)) * (to.rig.weight * amplitudes)
-        shown = np.concatenate([record.pulse, (to.rig.filtered @ more.T).real], axis=1)
-        spline = make_interp_spline(np.arange(-k, SPLINE), shown, k=SPLINE, axis=1)
-        out[:, acts] = spline(at[acts])
+        shown = np.concatenate([record.pulse, rung(to, amplitudes, 1 / sample_rate_hz, SPLINE)], axis=1)
+        out[:, acts] = shown @ _shifted(k, float(late), n)
     return out
+
+
+def rung(to: Response, amplitudes: Complex, h: float, n: int) -> Real:
+    """Return (c, n) what the channels show of modes left to themselves with these amplitudes, before whitening."""
+    shown: Real = (to.rig.filtered * (to.rig.weight * amplitudes) @ waves(to.rig.poles, h, n).T).real
+    return shown
+
+
+@lru_cache(maxsize=4)  # the variants of a record follow each other
+def _shifted(k: int, late: float, n: int) -> Real:
+    """Return (k + SPLINE, m) the spline through samples from -k on, at those of n samples where the pulse acts."""
+    at = np.arange(n) - late
+    spline = make_interp_spline(np.arange(-k, SPLINE), np.eye(k + SPLINE), k=SPLINE)
+    return np.asarray(spline(at[(at < 0) & (at > -k)])).T
 
 
 def inward(value: float, q: Quantity) -> float:

@@ -17,6 +17,13 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
+@dataclass(slots=True)
+class Effort:
+    """Work done, in samples through which an extra force was carried; it is the same whatever the machine."""
+
+    spent: float = 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class Problem:
     """Recordings and the linear rig they are held against.
@@ -33,6 +40,8 @@ class Problem:
         Whether these differ from impact to impact instead: every record is a group of its own.
     rig_start
         Starting values of constants of the rig for the linear rig alone, where the declared ones are too far off.
+    effort
+        What has been spent on the problem and on all its parts.
     """
 
     recordings: Recordings
@@ -42,6 +51,12 @@ class Problem:
     start: Real
     scattered: bool = False
     rig_start: Mapping[str, float] = field(default_factory=dict)
+    effort: Effort = field(default_factory=lambda: Effort(), compare=False)
+
+    @property
+    def samples(self) -> int:
+        """Samples of a channel, all records together."""
+        return sum(r.y.shape[1] for r in self.recordings.records)
 
     def apart(self) -> Problem:
         """Return the same problem with constants of its own for every impact in the place of every load."""

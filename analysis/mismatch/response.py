@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +44,8 @@ class Response:
 
     def motion(self, amplitudes: Complex, element: int, t: Real) -> tuple[Real, Real]:
         """Return deformation (m) and its rate (m/s) of an element at the times t, both (n,)."""
-        waves = np.exp(np.outer(t, self.rig.poles)) * (self.rig.weight * amplitudes)
-        return (waves @ self.seen[element]).real.copy(), (waves @ self.rate[element]).real.copy()
+        shown = np.exp(np.outer(t, self.rig.poles)) * (self.rig.weight * amplitudes)
+        return (shown @ self.seen[element]).real.copy(), (shown @ self.rate[element]).real.copy()
 
     def to(self, element: int, force: Real, h: float, substeps: int) -> Real:
         """Return (c, n) the channels' response from rest to an extra force of an element at every substep."""
@@ -67,35 +68,37 @@ def response(arrangement: Arrangement, values: Mapping[str, float], rig: LinearR
     filter_poles, filter_residues = _fractions(analog)
     own = transfer(analog, rig.poles)
     residues = np.empty((len(rows), len(rig.gains), len(rig.poles) + len(filter_poles)), np.complex128)
-    direct = np.empty((len(rows), len(rig.gains)))
-    for i, row in enumerate(rows):
-        for c in range(len(rig.gains)):
-            through = -float(rig.direct[c] @ row)
-            parts = rig.raw_gains[c] * drive[i]
-            residues[i, c, : len(rig.poles)] = parts * own
-            at = np.array([_value(parts, rig, s) + through for s in filter_poles], np.complex128)
-            residues[i, c, len(rig.poles) :] = filter_residues * at
-            direct[i, c] = through * (analog.d[0] if len(analog.d) else 1.0)
+    through = -(rows @ rig.direct.T)
+    parts = drive[:, None] * rig.raw_gains
+    residues[:, :, : len(rig.poles)] = parts * own
+    residues[:, :, len(rig.poles) :] = filter_residues * (_value(parts, rig, filter_poles) + through[:, :, None])
+    direct = through * (analog.d[0] if len(analog.d) else 1.0)
     # what of the drive the modes themselves have taken up is in `drive`; the channels' response starts from unit forces
     weight = np.concatenate([rig.weight, np.where(np.abs(filter_poles.imag) > 0, 2.0, 1.0)])
     poles = np.concatenate([rig.poles, filter_poles])
     return Response(rig, seen, seen * rig.poles, drive, poles, weight, residues, direct)
 
 
-def _value(parts: Complex, rig: LinearRig, s: complex) -> complex:
-    """Transfer function of the rig at s from its residues."""
+def _value(parts: Complex, rig: LinearRig, s: Complex) -> Complex:
+    """Transfer functions (..., k) of the rig at each s (k,) from their residues (..., p)."""
     pairs = rig.weight == 2.0
-    total = np.sum(parts / (s - rig.poles)) + np.sum(np.conj(parts[pairs]) / (s - np.conj(rig.poles[pairs])))
-    return complex(total)
+    own, mirrored = 1 / (s - rig.poles[:, None]), 1 / (s - np.conj(rig.poles[pairs, None]))
+    return np.asarray(parts @ own + np.conj(parts[..., pairs]) @ mirrored)
 
 
 def _fractions(system: StateSpace) -> tuple[Complex, Complex]:
     """Poles (one of each pair) and residues of a filter."""
     if len(system.b) == 0:
         return np.zeros(0, np.complex128), np.zeros(0, np.complex128)
-    s, right = np.linalg.eig(system.a)
+    return _fractions_of(system.a.tobytes(), system.b.tobytes(), system.c[0].tobytes())
+
+
+@lru_cache(maxsize=8)
+def _fractions_of(*system: bytes) -> tuple[Complex, Complex]:
+    a, b, c = (np.frombuffer(numbers) for numbers in system)
+    s, right = np.linalg.eig(a.reshape(b.size, b.size))
     left = np.linalg.inv(right)
-    residues = (system.c[0] @ right) * (left @ system.b)
+    residues = (c @ right) * (left @ b)
     kept = s.imag >= -1e-9 * np.abs(s)
     poles = np.where(np.abs(s.imag) < 1e-9 * np.abs(s), s.real + 0j, s)
     return poles[kept], residues[kept]

@@ -10,7 +10,7 @@ import pytest
 
 from analysis.mismatch import contest, diagnosis
 from analysis.mismatch.coordinates import MOST_RATIO, believable
-from analysis.mismatch.problem import Term
+from analysis.mismatch.problem import Effort, Term
 from analysis.mismatch.screen import Score
 from sim_backend.mechanisms.mechanism import mechanisms
 
@@ -20,11 +20,14 @@ def entry(name: str, evidence: float) -> Any:
     return SimpleNamespace(id=name, fit=object(), evidence=evidence, score=SimpleNamespace(term=term))
 
 
-@pytest.mark.parametrize(("second", "explains", "taken"), [(80.0, "b", "b"), (60.0, "b", "a"), (80.0, "", "a")])
+@pytest.mark.parametrize(
+    ("second", "explains", "worn_out", "taken"),
+    [(80.0, "b", False, "b"), (60.0, "b", False, "a"), (80.0, "", False, "a"), (80.0, "b", True, "a")],
+)
 def test_where_the_best_first_mechanism_leads_nowhere_one_nearly_as_good_is_tried(
-    monkeypatch: pytest.MonkeyPatch, second: float, explains: str, taken: str
+    monkeypatch: pytest.MonkeyPatch, second: float, explains: str, worn_out: bool, taken: str
 ) -> None:
-    begun: Any = SimpleNamespace(p_value=1e-6, baseline=None, screening=None)
+    begun: Any = SimpleNamespace(p_value=1e-6, baseline=None, screening=None, worn_out=lambda contests: worn_out)
     monkeypatch.setattr(contest, "_full_fits", lambda *_: (entry("a", 100.0), entry("b", second)))
 
     def path(begun: object, entries: Any, *_: object) -> Any:
@@ -33,6 +36,20 @@ def test_where_the_best_first_mechanism_leads_nowhere_one_nearly_as_good_is_trie
     monkeypatch.setattr(contest, "_path", path)
     found: Any = contest.run_contest(begun, [])
     assert found.first == taken
+
+
+def test_a_session_is_worth_an_effort_in_proportion_to_its_samples_and_a_small_one_no_less_than_a_usual_one() -> None:
+    def worn_out(samples: int, spent: float, contests: int) -> bool:
+        problem: Any = SimpleNamespace(samples=samples, effort=Effort(spent))
+        nothing: Any = None
+        return contest.Begun(problem, (), (), nothing, nothing).worn_out(contests)
+
+    usual = contest.MOST_EFFORT * contest.USUAL_SAMPLES
+    assert worn_out(1000, 1.01 * usual, 1)
+    assert not worn_out(1000, 0.99 * usual, 1)
+    assert not worn_out(1000, 1.99 * usual, 2)
+    assert not worn_out(3 * contest.USUAL_SAMPLES, 2.99 * usual, 1)
+    assert worn_out(3 * contest.USUAL_SAMPLES, 3.01 * usual, 1)
 
 
 def test_sliders_one_and_many_are_both_begun_where_both_are_near() -> None:
@@ -151,7 +168,7 @@ def test_no_further_mechanism_is_looked_for_where_too_much_is_left(
     begun: Any = SimpleNamespace(
         problem=None, training=(), held_out=(), baseline=baseline, screening=screening, p_value=0.0
     )
-    found = contest._path(begun, (accepted,), [], lambda _: None)
+    found = contest._path(begun, (accepted,), [], lambda _: None, lambda: False)
     assert len(looked) == further
     assert found.chosen is None
 
@@ -210,6 +227,6 @@ def test_what_is_named_is_fitted_to_its_end(monkeypatch: pytest.MonkeyPatch) -> 
         problem=None, training=(), held_out=(), baseline=SimpleNamespace(objective=1000.0, terms=()), screening=before,
         p_value=0.0,
     )  # fmt: skip
-    found: Any = contest._path(begun, (accepted,), [], lambda _: None)
+    found: Any = contest._path(begun, (accepted,), [], lambda _: None, lambda: False)
     assert contest._far_off(begun, accepted.fit)
     assert found.chosen.end

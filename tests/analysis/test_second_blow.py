@@ -55,7 +55,7 @@ def test_a_second_blow_is_the_first_one_again_while_it_acts_and_after(delay: flo
 def test_the_phase_of_the_lowest_mode_tells_when_the_tap_struck(struck_s: float, sign: float) -> None:
     slow = -8.0 + 2j * np.pi * 330.0
     one = np.ones((1, 1), np.complex128)
-    rig = LinearRig(np.array([slow]), one, one, np.array([DRIVE]), one, one, one, np.ones((1, 1)))
+    rig = LinearRig(np.array([slow]), one, one, np.array([DRIVE]), one, one, one, np.ones((1, 1)), np.array([2.0]))
     none = np.zeros((0, 1), np.complex128)
     record = Record("", np.zeros((1, 1)), np.zeros((1, 1)), 0.9e-3, 0, 0.1, 0)
     amplitude = np.array([sign * 3.1 * DRIVE * np.exp(slow * (record.start_s - struck_s))])
@@ -66,7 +66,7 @@ def test_the_phase_of_the_lowest_mode_tells_when_the_tap_struck(struck_s: float,
 def test_a_tap_is_not_looked_for_far_from_the_trigger() -> None:
     slow = 2j * np.pi * 330.0
     one = np.ones((1, 1), np.complex128)
-    rig = LinearRig(np.array([slow]), one, one, np.array([1.0 + 0j]), one, one, one, np.ones((1, 1)))
+    rig = LinearRig(np.array([slow]), one, one, np.array([1.0 + 0j]), one, one, one, np.ones((1, 1)), np.array([2.0]))
     none = np.zeros((0, 1), np.complex128)
     record = Record("", np.zeros((1, 1)), np.zeros((1, 1)), 0.9e-3, 0, 0.1, 0)
     amplitude = np.array([np.exp(slow * (record.start_s - 0.8e-3))])

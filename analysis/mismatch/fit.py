@@ -54,8 +54,8 @@ class Fit:
     chi_squared
         Sum of squares of the whitened residuals; ``penalty`` is what the declared constants add to it.
     covariance
-        Of the session's constants, those of each load, and the terms' parameters, in this order; zero where the fit
-        only competed.
+        Of the session's constants, those of each load, and the terms' parameters, in this order; zero where a fit
+        with force laws only competed.
     term_covariances
         For each term: covariance (k, k) of its parameters (of the logarithm where one is fitted as such).
     amplitudes, coefficients
@@ -294,7 +294,7 @@ class _Solver:
                 self.exact = True
             if not as_expected:
                 slopes = None
-        return self._finished(state, modes, to, found, known=reference is None)
+        return self._finished(state, modes, to, found, known=reference is None or not model.nonlinear)
 
     def _tried(
         self, state: _State, modes: list[Sensitivity], to: list[Response], late: bool

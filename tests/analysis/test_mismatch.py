@@ -15,7 +15,7 @@ from analysis.mismatch.diagnosis import Diagnosis, diagnose_session
 from daq.session_file import read_session
 from mesotap.diagnosis_files import diagnosis_answer
 from sim_backend.mechanisms.mechanism import AtRest, mechanisms
-from sim_backend.modal_march import MEMORY, along, respond, step_weights
+from sim_backend.modal_march import MEMORY, along, respond, step_weights, waves
 
 DATA = Path(os.environ.get("MESOTAP_DATA", Path(__file__).parents[3] / "shared" / "data")) / "concealed-practice"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"no practice sessions at {DATA}")
@@ -80,6 +80,15 @@ def test_every_mechanism_of_the_contract_is_listed() -> None:
         "clipping": "sensor chain", "mains_hum": "sensor chain", "load_drift": "load cell",
     }  # fmt: skip
     assert {m.id: m.component for m in mechanisms().values()} == expected
+
+
+@pytest.mark.parametrize("s", [-30.0 + 4000.0j, -2e4 + 6e4j, -5.0 + 0.0j, 0.0j, 12.0 - 3e3j])
+def test_powers_of_a_step_are_the_exponential(s: complex) -> None:
+    h, n = 4e-5, 5000
+    exact = np.exp(s * h * np.arange(n))
+    found = waves(np.array([s, 2 * s]), h, n)
+    assert np.abs(found[:, 0] - exact).max() < 1e-12 * np.abs(exact).max()
+    assert np.abs(found[:, 1] - exact**2).max() < 1e-11 * np.abs(exact**2).max()
 
 
 def _response_of_a_mode(s: complex, h: float, force: np.ndarray) -> np.ndarray:

@@ -50,15 +50,15 @@ def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
         if not error > 0:
             low, high = q.low, q.high  # the data do not hold it at all
         found[q.name] = Interval(value, max(low, q.low), min(high, q.high), q.unit)
-    ends: list[dict[str, float] | None] = []
+    reached: list[dict[str, float]] = []
     if term.mechanism.extend is not None and quantities and quantities[0].log and errors[0] > UNSURE:
         linear, place = _relieved(fitted, number)
-        lower, lowest = _end(linear, place, quantities[0], -1.0, linear.objective)
-        upper, _ = _end(linear, place, quantities[0], 1.0, lowest)
-        ends = [lower, upper]
+        lower, lowest, least = _end(linear, place, quantities[0], -1.0, linear.objective)
+        upper, _, most = _end(linear, place, quantities[0], 1.0, lowest)
+        ends, reached = [lower, upper], [least, most]
         found |= {q.name: _between(found[q.name].value, ends, q) for q in quantities}
     for more in term.mechanism.derived:
-        places = [dict(term.values), *({**term.values, **end} for end in ends if end)]
+        places = [dict(term.values), *({**term.values, **place} for place in reached)]
         own = [_derived(more, place, quantities, covariance) for place in places]
         found[more.name] = replace(own[0], low=min(i.low for i in own), high=max(i.high for i in own))
     return found
@@ -98,11 +98,16 @@ def _between(value: float, ends: list[dict[str, float] | None], q: Quantity) -> 
 
 def _end(
     fitted: Fit, number: int, along: Quantity, direction: float, lowest: float
-) -> tuple[dict[str, float] | None, float]:
+) -> tuple[dict[str, float] | None, float, dict[str, float]]:
     """Follow the profile in a direction, each fit begun at the last one that is still inside.
 
-    Return the parameters where it has risen enough (None where it does not within reach), and the lowest objective met.
+    Return the parameters where it has risen enough (None where it does not within reach), the lowest objective met, and
+    the parameters at the furthest place that is not outside.
     """
+
+    def here(at: Fit) -> dict[str, float]:
+        return {k: float(v) for k, v in at.terms[number].values.items()}
+
     near, rose, reach, far = 0.0, math.sqrt(max(fitted.objective - lowest, 0.0)), STRIDE, math.inf
     inside, end = fitted, None
     for _ in range(MOST_TRIES):
@@ -113,9 +118,9 @@ def _end(
         if moved is not None:
             lowest = min(lowest, moved.objective)
             root = math.sqrt(max(moved.objective - lowest, 0.0))
-            end = {k: float(v) for k, v in moved.terms[number].values.items()}
-        if abs(root - NORMAL_95) < ENOUGH:
-            return end, lowest
+            end = here(moved)
+        if moved is not None and abs(root - NORMAL_95) < ENOUGH:
+            return end, lowest, here(moved)
         if root > NORMAL_95:
             far = reach
         else:
@@ -125,7 +130,7 @@ def _end(
             reach = near + min(max(share, 0.2), 0.8) * (far - near)
         else:
             reach = near + min(max(STRIDE, near), LONGEST_STRIDE)
-    return (end if math.isfinite(far) else None), lowest
+    return (end if math.isfinite(far) else None), lowest, here(inside)
 
 
 def _fixed_at(fitted: Fit, number: int, along: Quantity, factor: float) -> Fit | None:

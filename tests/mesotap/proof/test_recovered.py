@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from analysis.mismatch import diagnosis
+from analysis.mismatch.contest import started
 from analysis.mismatch.diagnosis import Interval, diagnose_session
 from analysis.mismatch.fit import fit
 from analysis.mismatch.lengthening import misfit
+from analysis.mismatch.screen import screen
 from daq.session_file import read_session
 from mesotap.proof.generator.deck import Card, make
 from mesotap.proof.parameters import true_parameters
@@ -42,6 +44,29 @@ def test_a_part_of_unknown_mass_gets_an_interval_that_says_so(tmp_path: Path) ->
     assert found["mount_frequency_hz"].high < 1.1 * found["mount_frequency_hz"].low
     assert found["attached_mass_kg"].high < 3 * truth["attached_mass_kg"]
     assert found["attached_mass_kg"].low < 0.1 * truth["attached_mass_kg"]
+
+
+def test_the_interval_of_a_mass_beside_a_force_law_is_its_profile(tmp_path: Path) -> None:
+    card = Card(0, "two", ("quadratic_damping", "attached_mass"), (60.0, 30.0))
+    truth = make(2, card, tmp_path)
+    known = [mechanisms()[effect] for effect in card.effects]
+    found = diagnose_session(read_session(tmp_path / f"{card.name}.h5"), known)
+    named = {m.id: m.parameters for m in found.mechanisms}
+    assert set(named) == set(card.effects)
+    for name, true in true_parameters(truth, "attached_mass").items():
+        assert named["attached_mass"][name].low < true < named["attached_mass"][name].high, name
+
+
+def test_the_fit_of_an_added_body_knows_its_errors_even_where_it_only_competed(tmp_path: Path) -> None:
+    card = Card(0, "single", ("frame_compliance",), (30.0,))
+    make(3, card, tmp_path)
+    problem = diagnosis.tester_problem(read_session(tmp_path / f"{card.name}.h5"))
+    frame = mechanisms()["frame_compliance"]
+    with np.errstate(all="ignore"):
+        linear = fit(problem)
+        begin = next(s for s in screen(linear, [frame]).scores if s.term.mechanism.id == frame.id)
+        found = fit(problem, [started(begin)], linear, competing=True)
+    assert np.all(np.diag(found.term_covariances[0]) > 0)
 
 
 @pytest.mark.parametrize(("effect", "d", "seed"), [("tube_spring_cubic", 300.0, 1), ("contact_creep", 300.0, 2)])

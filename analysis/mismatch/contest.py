@@ -269,7 +269,7 @@ def _far_off(begun: Begun, fitted: Fit) -> bool:
 
 
 def _nearly_enough(begun: Begun, screening: Screening) -> bool:
-    """Whether no more is left than a single mechanism might leave over."""
+    """Whether so little is left, twice what one mechanism may leave over, that leaving one out could matter."""
     return screening.p_value > LEFT_LEVEL or screening.unexplained < 2 * may_be_left(1) * begun.screening.unexplained
 
 

@@ -51,7 +51,7 @@ class Problem:
     start: Real
     scattered: bool = False
     rig_start: Mapping[str, float] = field(default_factory=dict)
-    effort: Effort = field(default_factory=lambda: Effort(), compare=False)
+    effort: Effort = field(default_factory=Effort, compare=False)
 
     @property
     def samples(self) -> int:

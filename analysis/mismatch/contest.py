@@ -323,7 +323,8 @@ def _full_fits(
     for place, score in enumerate(ranked):
         close = screened_gain(score) > CLOSE * screened_gain(ranked[0])
         certain = score.p_value < LEVEL / max(len(ranked), 1)
-        if place >= FINALISTS or (place and (not (close and certain) or worn_out())):
+        promising = certain and (close or screened_gain(score) > best)  # more than what has been fitted so far gained
+        if place >= FINALISTS or (place and (not promising or worn_out())):
             entries.append(Entry(score, None, screened_gain(score)))
             continue
         progress(f"fitting {name_of(score)}")

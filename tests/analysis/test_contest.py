@@ -52,6 +52,27 @@ def test_a_session_is_worth_an_effort_in_proportion_to_its_samples_and_a_small_o
     assert worn_out(3 * contest.USUAL_SAMPLES, 3.01 * usual, 1)
 
 
+@pytest.mark.parametrize(("gained", "fitted"), [(-5.0, ["double_hit", "channel_skew"]), (2000.0, ["double_hit"])])
+def test_where_the_best_screened_gains_little_the_next_that_promises_more_is_fitted_too(
+    monkeypatch: pytest.MonkeyPatch, gained: float, fitted: list[str]
+) -> None:
+    scores = [Score(Term(mechanisms()[n], {}), g, 1, 1.0, 0.0) for n, g in (("double_hit", 5e3), ("channel_skew", 1e3))]
+    asked: list[str] = []
+
+    def fit_of(current: object, score: Score, *_: object) -> contest.Entry:
+        asked.append(score.term.mechanism.id)
+        chi_squared = SimpleNamespace(chi_squared=1.0, residuals=(np.zeros(1),))
+        return contest.Entry(score, chi_squared, gained)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(contest, "_variants", lambda _: [])
+    monkeypatch.setattr(contest, "_entry", fit_of)
+    monkeypatch.setattr(contest, "stiffness_evidence", lambda *_: 0.0)
+    current: Any = SimpleNamespace(terms=(), objective=1e4, penalty=0.0)
+    screening: Any = SimpleNamespace(scores=scores)
+    contest._full_fits(current, screening, [], lambda _: None, lambda: False)
+    assert asked == fitted
+
+
 def test_sliders_one_and_many_are_both_begun_where_both_are_near() -> None:
     slip = mechanisms()["micro_slip"]
 

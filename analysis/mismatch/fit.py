@@ -32,6 +32,8 @@ LITTLE, LITTLE_SHARE = 5.0, 3e-3  # change of chi-squared below which a competin
 HOPELESS, HOPELESS_AFTER = 1.3, 6  # objective over that to be beaten at which a competing fit is given up; steps
 BEATEN, BEATEN_AFTER = 4.0, 5  # last steps' gains that may still come for a competing fit; steps from which on
 AS_EXPECTED = 0.5  # share of its expected gain that a step must have for its slopes to be used once more
+OVERSTATED = 2.0  # objective over that without a force law from which on the law begins weaker
+WEAKER, MOST_WEAKENINGS = 0.3, 6  # factor, and beginnings
 MOST_TRIES = 6  # of a step with more and more damping
 SECOND_STEP = 0.05  # of differences, samples
 MOST_SAMPLES = 0.5  # that a second blow may move in one step
@@ -247,8 +249,7 @@ class _Solver:
         model = self.model
         modes, to = model.modes(self._constants(state))
         self.exact = bool(amplitudes)
-        state = self._first_amplitudes(state, modes, to, amplitudes)
-        found = self._evaluate(state, modes, to)
+        state, found = self._first(state, modes, to, amplitudes, math.inf if reference is None else reference)
         damping, stalled, iteration, gain = 0.0, 0, 0, math.inf
         slopes: _Slopes | None = None
         while iteration < most_iterations:
@@ -339,6 +340,30 @@ class _Solver:
         names = [p.name for p in self.model.rig_parameters]
         heavy = all(state.rig[names.index(m)] > 0 for m in masses if m in names)
         return bool(np.all(np.isfinite(values)) and heavy and np.all(state.load[:, 0] > 0))
+
+    def _first(
+        self, state: _State, modes: list[Sensitivity], to: list[Response], amplitudes: Sequence[Complex], without: float
+    ) -> tuple[_State, _Found]:
+        """Return where the fit begins.
+
+        A force law whose screened strength makes all far worse than it is ``without`` begins weaker: the constants that
+        are to change with it have not yet done so.
+        """
+        last = len(self.model.terms) - 1
+        strength = [
+            (k, q) for k, (i, q) in enumerate(self.model.free)
+            if i == last and q.name == self.model.terms[i].mechanism.strength
+        ]  # fmt: skip
+        for tries_left in reversed(range(MOST_WEAKENINGS)):
+            begun = self._first_amplitudes(state, modes, to, amplitudes)
+            found = self._evaluate(begun, modes, to)
+            if not tries_left or not strength or found[0] <= OVERSTATED * without:
+                break
+            free = state.free.copy()
+            for k, q in strength:
+                free[k] = inward(outward(free[k], q) * WEAKER, q)
+            state = replace(state, free=free)
+        return begun, found
 
     def _first_amplitudes(
         self, state: _State, modes: list[Sensitivity], to: list[Response], amplitudes: Sequence[Complex]

@@ -30,6 +30,7 @@ SUBSTEPS = 4
 COMPETING_SUBSTEPS = 2  # while fits compete; the one that wins goes on with `SUBSTEPS`
 UNMARCHED = 0.5  # effort of what a term without a force law adds, of a sample
 TOGETHER = 32  # runs that are carried along in one call
+BEYOND = 10  # samples that a record is continued at its ends for what a channel does to it
 SPLINE = 5  # degree in which a tap's pulse is shifted by parts of a sample
 
 
@@ -193,12 +194,15 @@ class Model:
             if term.mechanism.blow:
                 added += next(iter(term.values.values())) * struck_again(to, amplitudes, record, self.rate)
         distorted = [t for t in variant.terms if t.mechanism.distort is not None]
-        if distorted:
-            clean = rung(to, amplitudes, 1 / self.rate, added.shape[1]) + added
-            shown = clean
+        if distorted:  # some look beyond the record's ends, where the modes ring as well
+            begun = amplitudes * np.exp(-BEYOND / self.rate * to.rig.poles)
+            clean = np.pad(added, ((0, 0), (BEYOND, BEYOND)), mode="edge")
+            clean += rung(to, begun, 1 / self.rate, clean.shape[1])
+            shown, inside = clean, slice(BEYOND, -BEYOND)
             for term in distorted:
-                shown = term.mechanism.distort(shown, self._seen(term, record, clean), self.rate)  # type: ignore[misc]
-            added += shown - clean
+                seen = self._seen(term, record, clean[:, inside])
+                shown = term.mechanism.distort(shown, seen, self.rate)  # type: ignore[misc]
+            added += (shown - clean)[:, inside]
 
     def _seen(self, term: Term, record: Record, clean: Real) -> dict[str, float]:
         """Values of a channel's distortion with the peak it is measured by."""

@@ -17,8 +17,9 @@ def distort(y: Real, values: Values, sample_rate_hz: float) -> Real:
     whole = round(delay)
     at = -(delay - whole)
     weights = np.array([np.prod([(at - k) / (j - k) for k in TAPS if k != j]) for j in TAPS])
-    padded = np.pad(np.roll(y[-1], whole), 5, mode="edge")
-    out[-1] = np.convolve(padded, weights[::-1], mode="valid")
+    reach = abs(whole) + TAPS.size // 2
+    shifted = np.pad(y[-1], reach, mode="edge")[abs(whole) - whole :][: out.shape[1] + TAPS.size - 1]
+    out[-1] = np.convolve(shifted, weights[::-1], mode="valid")
     return out
 
 

@@ -84,12 +84,16 @@ _LAWS = types.UniTuple(types.FunctionType(LAW), SLOTS)
             float64,
             int64,
             _TABLE,
+            types.Array(int64, 1, "C"),
+            _COMPLEX_TABLE,
         )
     ],
     cache=True,
     nogil=True,
 )
-def march(laws, element, p, seen, rate, drive, weights, start, pairs, t0, h, steps, memory):  # type: ignore[no-untyped-def]
+def march(  # type: ignore[no-untyped-def]
+    laws, element, p, seen, rate, drive, weights, start, pairs, t0, h, steps, memory, struck, blow
+):
     """Return the extra force of each element in some runs, (runs, elements, steps + 1), N, from the start on.
 
     Parameters
@@ -111,6 +115,8 @@ def march(laws, element, p, seen, rate, drive, weights, start, pairs, t0, h, ste
         (runs,) time since the tap of the start, s.
     memory
         (laws, MEMORY) the laws' memories at t0.
+    struck, blow
+        (runs,) step at which each rig is struck again (-1: never), and (runs, poles) what the modes gain by it.
     """
     runs, elements, poles = seen.shape
     slots = len(element)
@@ -129,7 +135,7 @@ def march(laws, element, p, seen, rate, drive, weights, start, pairs, t0, h, ste
                     total = w[0, j] * ahead[j]
                     for i in range(elements):
                         total += drive[run, i, j] * (w[1, j] * now[i] + curved * w[3, j] * (last[i] - 2 * now[i]))
-                    base[j] = total
+                    base[j] = total + blow[run, j] if n == struck[run] else total
                 for i in range(elements):
                     new[i] = now[i] + curved * (now[i] - last[i])
             for _ in range(1 if n == 0 else CORRECTIONS):

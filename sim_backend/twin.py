@@ -94,6 +94,7 @@ def twin_record(
         tuple(laws), acting, p[None], deformation[None], (deformation * modes.poles)[None], drive[None],
         step_weights(modes.poles, h)[None], np.zeros((1, len(modes.poles)), np.complex128), modes.weight,
         np.array([-onset_s]), h, (samples - 1) * SUBSTEPS, np.zeros((SLOTS, MEMORY)),
+        np.array([-1]), np.zeros((1, len(modes.poles)), np.complex128),
     )[0]  # fmt: skip
     acceleration = np.zeros((len(arrangement.sensors), samples))
     lower = np.zeros(samples)

@@ -226,7 +226,7 @@ def _path(
         explained += gained
         progress("looking at what is left")
         screening = screen(current, known)
-        if screening.p_value < LEFT_LEVEL and len(current.terms) > 1 and not worn_out():
+        if screening.p_value < LEFT_LEVEL and len(current.terms) > 1:
             progress("looking for the earlier ones again")
             again = _looked_for_again(current)
             if again is not current:
@@ -425,14 +425,14 @@ def _to_the_end(fitted: Fit) -> Fit:
 def _looked_for_again(fitted: Fit) -> Fit:
     """Begin each earlier mechanism anew beside the later ones: alone it may have gone far to stand in for them."""
     for i, term in enumerate(fitted.terms[:-1]):
-        if term.mechanism.blow or term.mechanism.lines is not None:
+        if term.mechanism.lines is not None:
             continue
         others = fitted.terms[:i] + fitted.terms[i + 1 :]
         with suppress(ValueError, np.linalg.LinAlgError):
             without = _competing(fitted.problem, others, fitted, ())
             score = max(screen(without, [term.mechanism]).scores, key=screened_gain)
             terms = (*others[:i], started(score), *others[i:])
-            found = _competing(fitted.problem, terms, without, ())
+            found = _competing(fitted.problem, terms, without, score.delays)
             if found.objective < fitted.objective - LEAST_GAIN and _rings(found):
                 fitted = min(_to_the_end(found), fitted, key=lambda f: f.objective)
     return fitted

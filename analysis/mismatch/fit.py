@@ -36,6 +36,7 @@ OVERSTATED = 2.0  # objective over that without a force law from which on the la
 WEAKER, MOST_WEAKENINGS = 0.3, 6  # factor, and beginnings
 MOST_TRIES = 6  # of a step with more and more damping
 SECOND_STEP = 0.05  # of differences, samples
+LOG_STEP = 1.0  # by which the logarithm of a law's parameter changes at most in a step
 MOST_SAMPLES = 0.5  # that a second blow may move in one step
 LOAD_STEP = 1e-5  # of differences, relative
 PARAMETER_STEP = 1e-4  # of differences, relative to the parameter (or its range where it is small)
@@ -264,7 +265,7 @@ class _Solver:
             gradient, targets = self._against(slopes, state, found[2])
             accepted = False
             for _ in range(MOST_TRIES if fresh else 1):
-                step = self._step(slopes.normal, gradient, damping)
+                step = self._step(slopes.normal, gradient, damping, state.free)
                 trial = self._tried(self._moved(state, step, slopes, targets), modes, to, iteration > TOGETHER)
                 if trial is not None and trial[3][0] <= found[0] + 1e-6:
                     accepted = True
@@ -540,14 +541,29 @@ class _Solver:
         variants = [replace(v, terms=here.terms, amplitudes=a) for (_, _, v), a in zip(nearby, amplitudes, strict=True)]
         return [step for step, _, _ in nearby], variants
 
-    def _step(self, normal: Real, gradient: Real, damping: float) -> Real:
+    def _step(self, normal: Real, gradient: Real, damping: float, free: Real) -> Real:
+        """Return the damped step; parameters of laws that it would lead too far end there, and the others know it."""
         step = np.zeros(self.size)
         if self.frozen:
             return step
-        at = np.flatnonzero(~self.fixed)
-        scale = np.sqrt(np.maximum(np.diag(normal)[at], 1e-300))
-        scaled = normal[np.ix_(at, at)] / np.outer(scale, scale) + damping * np.eye(at.size)
-        step[at] = np.linalg.lstsq(scaled, gradient[at] / scale, rcond=1e-13)[0] / scale
+        at_free = self.size - free.size
+        lowest, highest = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        for k, (_, q) in enumerate(self.model.free, at_free):
+            x = free[k - at_free]
+            most = LOG_STEP if q.log else math.inf
+            lowest[k], highest[k] = max(inward(q.low, q) - x, -most), min(inward(q.high, q) - x, most)
+        open_ = ~self.fixed
+        while open_.any():
+            at, ended = np.flatnonzero(open_), np.flatnonzero(~open_)
+            scale = np.sqrt(np.maximum(np.diag(normal)[at], 1e-300))
+            scaled = normal[np.ix_(at, at)] / np.outer(scale, scale) + damping * np.eye(at.size)
+            left = gradient[at] - normal[np.ix_(at, ended)] @ step[ended]
+            step[at] = np.linalg.lstsq(scaled, left / scale, rcond=1e-13)[0] / scale
+            beyond = at[(step[at] < lowest[at]) | (step[at] > highest[at])]
+            if beyond.size == 0:
+                break
+            step[beyond] = np.clip(step[beyond], lowest[beyond], highest[beyond])
+            open_[beyond] = False
         return step
 
     def _moved(self, state: _State, step: Real, slopes: _Slopes, targets: Sequence[Real]) -> _State:
@@ -555,10 +571,7 @@ class _Solver:
         rig = model.coordinates.moved(state.rig, step[: self.common])
         load = state.load + step[self.common : self.common + self.groups * self.each].reshape(self.groups, self.each)
         free = state.free + step[self.common + self.groups * self.each :]
-        for k, (_, q) in enumerate(model.free):
-            if q.log:
-                free[k] = min(max(free[k], state.free[k] - 1.0), state.free[k] + 1.0)
-            free[k] = inward(outward(free[k], q), q)
+        free = np.array([inward(outward(x, q), q) for x, (_, q) in zip(free, model.free, strict=True)])
         coefficients, records = [], []
         for record, c, own, target in zip(state.records, state.coefficients, slopes.tangents, targets, strict=True):
             change = np.linalg.lstsq(own.r, target - own.cross @ step[own.where], rcond=1e-12)[0]

@@ -170,11 +170,12 @@ class Model:
                 row[: len(numbers)] = numbers
         to = [v.to for _, v in runs]
         begun = [v.before(r.run_up / self.rate).amplitudes for r, v in runs]
+        struck = [self._struck(r, v, h) for r, v in runs] if h > 0 else [(-1, 0 * v.amplitudes) for _, v in runs]
         given = (
             tuple(laws), place, p, np.stack([r.seen[used] for r in to]), np.stack([r.rate[used] for r in to]),
             np.stack([r.drive[used] for r in to]), step_weights(np.stack([r.rig.poles for r in to]), h),
             np.stack(begun), to[0].rig.weight, np.array([r.start_s - r.run_up / self.rate for r, _ in runs]), h, steps,
-            np.zeros((SLOTS, MEMORY)),
+            np.zeros((SLOTS, MEMORY)), np.array([at for at, _ in struck]), np.stack([blow for _, blow in struck]),
         )  # fmt: skip
         return lambda: march(*given), used
 
@@ -186,6 +187,15 @@ class Model:
         h = math.copysign(1 / self.rate / self.substeps, samples)
         marched, used = self._march([run], h, abs(samples) * self.substeps)
         return marched()[0], used, h
+
+    def _struck(self, record: Record, variant: Variant, h: float) -> tuple[int, Complex]:
+        """Return the step from the run-up's beginning on at which a second blow is over (-1: none), and its modes."""
+        share = sum(next(iter(t.values.values())) for t in variant.terms if t.mechanism.blow)
+        if not share:
+            return -1, 0 * variant.amplitudes
+        over = (second_over(record, self.rate) + record.run_up) / self.rate
+        at = max(math.ceil(over / h), 1)
+        return at, share * variant.amplitudes * np.exp(variant.to.rig.poles * (at * h - over))
 
     def _struck_and_distorted(self, added: Real, record: Record, variant: Variant) -> None:
         """Add (c, n) a second blow and what the sensor chain makes of the record."""
@@ -220,13 +230,18 @@ def _carry(task: _Task) -> Real:
     return responded(marched())[:, :, run_up:]
 
 
+def second_over(record: Record, sample_rate_hz: float) -> float:
+    """Return where in a record the second blow is over, samples."""
+    return record.second + record.since_tap_s * sample_rate_hz
+
+
 def struck_again(to: Response, amplitudes: Complex, record: Record, sample_rate_hz: float) -> Real:
     """Return (c, n) the response to a second blow as large as the first, m/s2 before whitening.
 
     While its pulse acts it is what the channels showed while the first one did; afterwards the modes ring as fitted.
     """
     n, k = record.y.shape[1], record.pulse.shape[1]
-    late = record.second + record.since_tap_s * sample_rate_hz  # of the second blow after the first, samples
+    late = second_over(record, sample_rate_hz)
     at = np.arange(n) - late
     out = np.zeros((len(to.rig.filtered), n))
     first = min(max(math.ceil(late), 0), n)  # sample from which on the modes ring

@@ -54,7 +54,7 @@ BEYOND_DOUBT = 200.0  # evidence in the fitted impacts, from which on the others
 NEARLY_AS_GOOD = 0.7  # share of the best first evidence with which another first mechanism is tried as well
 WORSE = 1.05  # misfit of held-out impacts over that of the others from which on a better start is looked for
 UNTIE = 1000.0  # chi-squared from which on a tie between an added body's ringing and the tap may be too strict
-MOST_EFFORT = 1200.0  # of a sample, after which nothing further is looked for
+MOST_EFFORT = 700.0  # of a sample, after which nothing further is looked for
 USUAL_SAMPLES = 120_000  # a session with fewer is given the effort of one with so many
 LOOK_ALIKE = 0.9  # cosine of two signatures
 
@@ -150,7 +150,7 @@ class Begun:
         """That the linear rig made the recordings."""
         return self.screening.p_value
 
-    def worn_out(self, contests: int) -> bool:
+    def worn_out(self, contests: float) -> bool:
         """Whether the effort that so many contests about these recordings are worth has been spent on them."""
         return self.problem.effort.spent > contests * MOST_EFFORT * max(self.problem.samples, USUAL_SAMPLES)
 
@@ -170,7 +170,7 @@ def run_contest(
     begun: Begun,
     known: Sequence[Mechanism],
     progress: Callable[[str], None] = lambda stage: None,
-    contests: int = 1,
+    contests: float = 1.0,
 ) -> Contest:
     """Find the mechanisms that the recordings hold beyond the linear rig.
 
@@ -228,9 +228,10 @@ def _path(
         screening = screen(current, known)
         if screening.p_value < LEFT_LEVEL and len(current.terms) > 1:
             progress("looking for the earlier ones again")
-            again = _looked_for_again(current)
+            again = _looked_for_again(begun, current)
             if again is not current:
-                current, explained, ended = again, baseline.objective - again.objective, True
+                current, explained = again, baseline.objective - again.objective
+                ended = not _far_off(begun, current)
                 screening = screen(current, known)
         if screening.p_value > LEFT_LEVEL:
             break
@@ -422,7 +423,7 @@ def _to_the_end(fitted: Fit) -> Fit:
     return found if found.objective < fitted.objective else fitted
 
 
-def _looked_for_again(fitted: Fit) -> Fit:
+def _looked_for_again(begun: Begun, fitted: Fit) -> Fit:
     """Begin each earlier mechanism anew beside the later ones: alone it may have gone far to stand in for them."""
     for i, term in enumerate(fitted.terms[:-1]):
         if term.mechanism.lines is not None:
@@ -434,7 +435,8 @@ def _looked_for_again(fitted: Fit) -> Fit:
             terms = (*others[:i], started(score), *others[i:])
             found = _competing(fitted.problem, terms, without, score.delays)
             if found.objective < fitted.objective - LEAST_GAIN and _rings(found):
-                fitted = min(_to_the_end(found), fitted, key=lambda f: f.objective)
+                ended = found if _far_off(begun, found) else _to_the_end(found)
+                fitted = min(ended, fitted, key=lambda f: f.objective)
     return fitted
 
 

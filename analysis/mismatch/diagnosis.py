@@ -55,6 +55,7 @@ LOST_COUNT = 0.2  # oscillations of the system mode in a record by which the dec
 SCATTER_EVIDENCE = 30.0  # that constants of its own for every impact must have
 SCATTER_STEPS = 2  # of the fit that tells whether it does: scatter is small
 MOST_OF_IT = 0.5  # of what is left over, that scatter must take up to be looked at further
+BOTH = 1.4  # effort of the two contests together, over that of one
 MOST_SCATTER = 0.01  # relative standard deviation of k_c between impacts of a load that counts as scatter
 UNLISTED = 0.25  # odds of what is not listed over what is, before the data
 LIKENESS = 400.0  # chi-squared up to which what is not listed is as a rule like something listed
@@ -316,7 +317,7 @@ def _contest(problem: Problem, known: Sequence[Mechanism], progress: Callable[[s
     plain = run_contest(begun, known, progress)
     if plain.chosen is not None or (plain.best.terms and not _scatter_is_left(plain)):
         return plain
-    again = run_contest(apart, known, progress, contests=2)
+    again = run_contest(apart, known, progress, contests=BOTH)
     return plain if again.chosen is None else again
 
 

@@ -40,7 +40,7 @@ LOG_STEP = 1.0  # by which the logarithm of a law's parameter changes at most in
 MOST_SAMPLES = 0.5  # that a second blow may move in one step
 LOAD_STEP = 1e-5  # of differences, relative
 PARAMETER_STEP = 1e-4  # of differences, relative to the parameter (or its range where it is small)
-EVALUATED, LINEARISED = 3.0, 5.0  # effort of a linear rig's residual and slopes, of a sample
+EVALUATED, LINEARISED = 1.0, 2.0  # effort of a linear rig's residual and slopes, of a sample (1: a substep of a law)
 AMPLITUDE_STEP = 1e-3  # of differences, relative to the record's largest amplitude
 
 

@@ -28,7 +28,7 @@ Complex = NDArray[np.complex128]
 
 SUBSTEPS = 4
 COMPETING_SUBSTEPS = 2  # while fits compete; the one that wins goes on with `SUBSTEPS`
-UNMARCHED = 0.5  # effort of what a term without a force law adds, of a sample
+UNMARCHED = 0.6  # effort of what a term without a force law adds, of a sample
 TOGETHER = 32  # runs that are carried along in one call
 BEYOND = 10  # samples that a record is continued at its ends for what a channel does to it
 SPLINE = 5  # degree in which a tap's pulse is shifted by parts of a sample

@@ -36,7 +36,7 @@ EARLY_S = 2.5e-3  # of a record: where amplitudes are read
 BLOW_FROM_S, BLOW_TO_S = 1.0e-3, 40e-3  # after the tap: where a second blow is looked for
 SHARES = np.geomspace(5e-4, 0.5, 60)  # of a second blow
 FREE_FLOOR = 1e-5  # eigenvalue of the free terms' cosines below which they repeat each other
-SCREENED = 190.0  # effort of a screening, of a sample
+SCREENED, EACH = 35.0, 5.0  # effort of a screening, and of each mechanism in it, of a sample
 DRAWS = 4000  # of the null distribution of the largest score
 
 
@@ -148,7 +148,7 @@ def screen(fit: Fit, known: Sequence[Mechanism]) -> Screening:
     free = trials(fit, free_terms(len(fit.problem.recordings.noise)))
     shared = named + free
     problem = fit.problem
-    problem.effort.spent += SCREENED * problem.samples
+    problem.effort.spent += (SCREENED + EACH * len(known)) * problem.samples
     slow = problem.slow
     lines = [hz for t in fit.terms if t.mechanism.lines is not None for hz in t.mechanism.lines(t.values)]
     if lines:

@@ -251,3 +251,25 @@ def test_what_is_named_is_fitted_to_its_end(monkeypatch: pytest.MonkeyPatch) -> 
     found: Any = contest._path(begun, (accepted,), [], lambda _: None, lambda: False)
     assert contest._far_off(begun, accepted.fit)
     assert found.chosen.end
+
+
+def test_when_a_second_blow_fell_is_looked_for_again_beside_what_came_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    blow, law = (Term(mechanisms()[n], {}) for n in ("double_hit", "guide_friction"))
+    asked: list[tuple[float, ...]] = []
+
+    def competing(problem: object, terms: Any, begin: object, delays: Any, *_: object) -> Any:
+        asked.append(tuple(delays))
+        return SimpleNamespace(problem=problem, terms=tuple(terms), objective=100.0 if len(terms) == 2 else 400.0)
+
+    score = Score(blow, 90.0, 1, 1.0, 0.0, (70.0, 80.0))
+    monkeypatch.setattr(contest, "_competing", competing)
+    monkeypatch.setattr(contest, "screen", lambda *_: SimpleNamespace(scores=(score,)))
+    monkeypatch.setattr(contest, "_rings", lambda fitted: True)
+    monkeypatch.setattr(contest, "_far_off", lambda begun, fitted: False)
+    monkeypatch.setattr(contest, "_to_the_end", lambda fitted: fitted)
+    begun: Any = None
+    fitted: Any = SimpleNamespace(problem=None, terms=(blow, law), objective=200.0)
+    found = contest._looked_for_again(begun, fitted)
+    assert found.objective == 100.0
+    assert [t.mechanism.id for t in found.terms] == ["double_hit", "guide_friction"]
+    assert asked[-1] == (70.0, 80.0)

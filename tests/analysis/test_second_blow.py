@@ -10,8 +10,11 @@ import pytest
 
 from analysis.mismatch.baseline import Sensitivity
 from analysis.mismatch.linear import LinearRig
-from analysis.mismatch.model import struck_again
+from analysis.mismatch.model import BEYOND, Model, Variant, rung, struck_again
+from analysis.mismatch.problem import Term
 from analysis.mismatch.records import Record
+from sim_backend.mechanisms.mechanism import mechanisms
+from sim_backend.modal_march import MEMORY, SLOTS, march, no_law, step_weights
 
 RATE = 25e3
 PULSE_S = 0.31e-3
@@ -73,3 +76,43 @@ def test_a_tap_is_not_looked_for_far_from_the_trigger() -> None:
     assert record.start_s - Sensitivity(rig, none, none[:, None], none).since_tap(amplitude, record) == pytest.approx(
         0.5e-3
     )
+
+
+def test_a_law_feels_a_second_blow_as_if_the_rig_had_been_struck_anew() -> None:
+    h, steps, at = 1 / RATE / 4, 900, 317
+    poles = np.array([POLE, -8.0 + 2j * np.pi * 330.0])
+    seen = np.array([[0.3 - 2.0j, 0.1 - 0.7j]]) * 1e-4
+    begun, blow = np.array([1.0 + 0.2j, -0.4j]), np.array([0.3j, 0.2 + 0.1j])
+    creep = mechanisms()["contact_creep"].law  # its force is proportional to the deformation: motions add up
+    row = np.array([1.0, 2e6, 10.0, h, 0.2, 5e-3])
+
+    def forces(start: np.ndarray, t0: float, count: int, struck: int) -> np.ndarray:
+        return march(
+            (creep, *[no_law] * (SLOTS - 1)), np.array([0, -1, -1, -1]), np.tile(row, (1, SLOTS, 1)), seen[None],
+            (seen * poles)[None], (1e-3 * np.conj(seen))[None], step_weights(poles, h)[None], start[None],
+            np.array([2.0, 2.0]), np.array([t0]), h, count, np.zeros((SLOTS, MEMORY)), np.array([struck]), blow[None],
+        )[0, 0]  # fmt: skip
+
+    both = forces(begun, 0.0, steps, at)
+    apart = forces(begun, 0.0, steps, -1)
+    apart[at:] += forces(blow, at * h, steps - at, -1)
+    assert np.abs(both - apart).max() < 1e-3 * np.abs(apart[at:]).max()
+    assert np.abs(both - forces(begun, 0.0, steps, -1)).max() > 0.05 * np.abs(both).max()
+
+
+@pytest.mark.parametrize("delay", [-1.6, -0.587, 0.3, 2.4])
+def test_a_delayed_channel_is_right_to_the_ends_of_the_record(delay: float) -> None:
+    n, poles = 300, np.array([POLE, -8.0 + 2j * np.pi * 330.0])
+    amplitudes = np.array([1.0 - 0.3j, 0.5j])
+    rig = SimpleNamespace(poles=poles, weight=np.array([2.0, 2.0]), filtered=np.array([[1.0, 0.2], [0.9, -0.4j]]))
+    to = SimpleNamespace(rig=rig)
+    record = Record("", np.zeros((2, n)), np.zeros((2, n)), 0.0, 0, 0.1, 0)
+    term = Term(mechanisms()["channel_skew"], {"delay_of_b_samples": delay})
+    added = np.zeros((2, n))
+    model = SimpleNamespace(rate=RATE, _seen=lambda term, record, clean: dict(term.values))
+    Model._struck_and_distorted(model, added, record, Variant((term,), amplitudes, {}, to))  # type: ignore[arg-type]
+    earlier = rung(to, amplitudes * np.exp(-delay / RATE * poles), 1 / RATE, n)  # type: ignore[arg-type]
+    expected = (earlier - rung(to, amplitudes, 1 / RATE, n))[1]  # type: ignore[arg-type]
+    assert abs(delay) < BEYOND
+    assert np.abs(added[1] - expected).max() < 1e-4 * np.abs(expected).max()
+    assert not added[0].any()

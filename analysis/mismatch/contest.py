@@ -43,6 +43,7 @@ STANDING_IN = 20.0  # chi-squared that departures from the declared constants co
 FIRST_GAIN = 6.0  # evidence that the first mechanism must have, where the joint test says that there is one
 LEAST_GAIN = 16.0  # evidence that a further mechanism must have
 LEAST_SHARE = 0.03  # of what is explained already, likewise
+MOST_OF_THE_REST = 0.8  # of what is left, that will do where it is too much
 LEFT_OVER = (0.02, 0.005, 0.0)  # share of all misfit that one, two, three mechanisms may leave over
 LEFT_LEVEL = 1e-3  # p-value below which what is left over counts
 TEMPERATURE = 2.0  # by which differences of chi-squared are divided: laws are never exactly right
@@ -210,7 +211,7 @@ def _path(
         if rounds:
             entries = _full_fits(current, screening, known, progress, worn_out)
         best = entries[0] if entries else None
-        least = max(LEAST_GAIN, LEAST_SHARE * explained) if rounds else FIRST_GAIN
+        least = _least_gain(current, screening, explained) if rounds else FIRST_GAIN
         enough = best is not None and best.fit is not None and best.evidence > least
         if enough and rounds:
             enough = _better_held_out(begun.problem, begun.held_out, current, best)  # type: ignore[arg-type]
@@ -245,6 +246,19 @@ def _path(
         current = _to_the_end(current)
         found = _outcome(begun, current, screen(current, known), tuple(rounds))
     return found
+
+
+def _least_gain(current: Fit, screening: Screening, explained: float) -> float:
+    """Return the evidence that a further mechanism must have.
+
+    A share of what is explained already, as laws are never exactly right; but where so much is left that this would be no
+    explanation, what takes up most of it is enough.
+    """
+    left = screening.unexplained
+    share = LEAST_SHARE * explained
+    if left > may_be_left(len(current.terms)) * (explained + left):
+        share = min(share, MOST_OF_THE_REST * left)
+    return max(LEAST_GAIN, share)
 
 
 def _without_idle_ones(fitted: Fit, rounds: list[Round]) -> tuple[Fit, list[Round]]:

@@ -273,3 +273,10 @@ def test_when_a_second_blow_fell_is_looked_for_again_beside_what_came_later(monk
     assert found.objective == 100.0
     assert [t.mechanism.id for t in found.terms] == ["double_hit", "guide_friction"]
     assert asked[-1] == (70.0, 80.0)
+
+
+@pytest.mark.parametrize(("left", "least"), [(100.0, 300.0), (280.0, 224.0), (2000.0, 300.0), (201.0, 300.0)])
+def test_what_takes_up_most_of_too_much_that_is_left_is_worth_naming(left: float, least: float) -> None:
+    current: Any = SimpleNamespace(terms=(None,))
+    screening: Any = SimpleNamespace(unexplained=left)
+    assert contest._least_gain(current, screening, 10_000.0) == pytest.approx(least)

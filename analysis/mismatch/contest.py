@@ -251,8 +251,8 @@ def _path(
 def _least_gain(current: Fit, screening: Screening, explained: float) -> float:
     """Return the evidence that a further mechanism must have.
 
-    A share of what is explained already, as laws are never exactly right; but where so much is left that this would be no
-    explanation, what takes up most of it is enough.
+    A share of what is explained already, as laws are never exactly right; but where so much is left that this would be
+    no explanation, what takes up most of it is enough.
     """
     left = screening.unexplained
     share = LEAST_SHARE * explained

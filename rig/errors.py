@@ -31,7 +31,7 @@ class RigFailures(ExceptionGroup[Exception], RigError):
         return super().__new__(cls, "several parts failed", list(failures))
 
     def __init__(self, failures: Sequence[Exception]) -> None:
-        super().__init__()
+        super().__init__("several parts failed", list(failures))
 
     def derive(self, excs: Sequence[Exception]) -> RigFailures:  # type: ignore[override]
         """Return a group of the same kind with some of the failures."""

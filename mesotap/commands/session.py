@@ -24,7 +24,7 @@ from mesotap import __version__
 from mesotap.bench import build_rig, simulated_rig, truth_now
 from mesotap.commands.answers import analysed, refuse_to_overwrite, show_session, write_json
 from mesotap.config import Config, effective_text, load_config, parse_config
-from mesotap.console import KeyControl, SessionDisplay, TerminalOperator
+from mesotap.console import Keyboard, KeyControl, SessionDisplay, TerminalOperator
 from mesotap.results_files import results_json
 from mesotap.session.progress import assemble, describe_rig, progress_of
 from mesotap.session.runner import Bench, SessionRunner
@@ -60,13 +60,13 @@ def run(
         "realtime": realtime,
         "software": f"mesotap {__version__}",
     }
-    rig = _rig_of(header, config, console)  # before a folder is begun that could not be carried on
+    keyboard = Keyboard()
+    rig = _rig_of(header, config, TerminalOperator(console, keyboard))  # before a folder is begun to no purpose
     with SessionFolder.create(path, header) as folder:
-        _carry_out(folder, config, rig, json_path, console)
+        _carry_out(folder, config, rig, keyboard, json_path, console)
 
 
-def _rig_of(header: dict[str, Any], config: Config, console: Console) -> Rig:
-    operator = TerminalOperator(console)
+def _rig_of(header: dict[str, Any], config: Config, operator: TerminalOperator) -> Rig:
     simulated, emulated = bool(header["simulated"]), bool(header.get("emulated"))
     return build_rig(config, simulated, operator, int(header["seed"]), bool(header["realtime"]), emulated)
 
@@ -84,15 +84,19 @@ def resume(path: Path, json_path: Path | None, console: Console) -> None:
             write_json(json_path, results_json(results))
             _diagnose(session, results, config, path, console)
             return
-        _carry_out(folder, config, _rig_of(folder.header, config, console), json_path, console)
+        keyboard = Keyboard()
+        rig = _rig_of(folder.header, config, TerminalOperator(console, keyboard))
+        _carry_out(folder, config, rig, keyboard, json_path, console)
 
 
-def _carry_out(folder: SessionFolder, config: Config, rig: Rig, json_path: Path | None, console: Console) -> None:
+def _carry_out(
+    folder: SessionFolder, config: Config, rig: Rig, keyboard: Keyboard, json_path: Path | None, console: Console
+) -> None:
     header = folder.header
-    operator = TerminalOperator(console)
+    operator = TerminalOperator(console, keyboard)
     wanted = config.mesotap.impacts_per_load * len(config.mesotap.load_plan_mn)
     good = sum(bool(e.get("accepted")) for e in folder.events() if e["event"] == "shot")
-    with KeyControl(console).listening() as control, SessionDisplay(wanted, good, console) as display:
+    with KeyControl(console, keyboard).listening() as control, SessionDisplay(wanted, good, console) as display:
         runner = SessionRunner(config, folder, Bench(rig, operator, display, control, lambda: truth_now(rig)))
         runner.run()
     file = folder.path / SESSION_FILE
@@ -167,8 +171,8 @@ def calibrate_gauge(
     config = load_config(config_path, changes)
     operator = TerminalOperator(console)
     rig = build_rig(config, simulate, operator, seed, emulated=emulate)
-    rig.open()
     try:
+        rig.open()
         points = calibrate(rig, config.calibration, operator.say)
     finally:
         rig.close()

@@ -29,10 +29,16 @@ class PtyPort:
         Name of the port, made as a link; its folder is made and taken away with it.
     disturbance
         Faults on the wire; None for none.
+
+    Attributes
+    ----------
+    taken
+        How many bytes the device has taken.
     """
 
     def __init__(self, emulated: EmulatedDevice, path: Path, disturbance: Disturbance | None = None) -> None:
         self.path = path
+        self.taken = 0
         self._emulated = emulated
         self._disturbance: Disturbance = Clean() if disturbance is None else disturbance
         self._ends: tuple[int, int] | None = None
@@ -69,8 +75,10 @@ class PtyPort:
         while self._ends is not None and self._ends[0] == master:
             if not select.select([master], [], [], POLL_S)[0]:
                 continue
-            for data in _answers(self._emulated, self._disturbance, os.read(master, LARGEST_READ)):
+            asked = os.read(master, LARGEST_READ)
+            for data in _answers(self._emulated, self._disturbance, asked):
                 os.write(master, data)
+            self.taken += len(asked)
 
 
 class TcpPort:
@@ -80,9 +88,12 @@ class TcpPort:
     ----------
     host, tcp_port
         Where it listens.
+    taken
+        How many bytes the device has taken.
     """
 
     def __init__(self, emulated: EmulatedDevice, disturbance: Disturbance | None = None) -> None:
+        self.taken = 0
         self._emulated = emulated
         self._disturbance: Disturbance = Clean() if disturbance is None else disturbance
         with socket.create_server((LOCALHOST, 0)) as found:
@@ -126,6 +137,7 @@ class TcpPort:
                     return
                 for reply in _answers(self._emulated, self._disturbance, data):
                     connection.sendall(reply)
+                self.taken += len(data)
             except OSError:
                 return  # the program hung up
 

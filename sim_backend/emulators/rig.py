@@ -125,11 +125,11 @@ class EmulatedRig(AssembledRig):
         elif isinstance(settings, AmplifierRtu):
             pty = PtyPort(server, self._place("amplifier"), disturbance)
             self.ports.append(pty)
-            wire = self._in_virtual_time(SerialTransport(AMPLIFIER, str(pty.path), settings.baud_rate))
+            wire = self._in_virtual_time(SerialTransport(AMPLIFIER, str(pty.path), settings.baud_rate), pty)
         else:
             tcp = TcpPort(server, disturbance)
             self.ports.append(tcp)
-            wire = self._in_virtual_time(TcpTransport(AMPLIFIER, tcp.host, tcp.tcp_port))
+            wire = self._in_virtual_time(TcpTransport(AMPLIFIER, tcp.host, tcp.tcp_port), tcp)
         return ModbusLoadCell(wire, framing, settings, self.physics.clock)
 
     def _motor_stage(self, settings: NewportStage, step_um: float, disturbance: Disturbance | None) -> Stage:
@@ -137,7 +137,7 @@ class EmulatedRig(AssembledRig):
         if self._wires:
             pty = PtyPort(self.controller, self._place("stage"), disturbance)
             self.ports.append(pty)
-            wire = self._in_virtual_time(SerialTransport(STAGE, str(pty.path), settings.line_rate()))
+            wire = self._in_virtual_time(SerialTransport(STAGE, str(pty.path), settings.line_rate()), pty)
         else:
             wire = InProcessTransport(STAGE, settings.port, self.controller, self.physics.clock, disturbance)
         return MotorStage(wire, settings, self.physics.clock, step_um)
@@ -171,5 +171,5 @@ class EmulatedRig(AssembledRig):
     def _place(self, name: str) -> Path:
         return Path(tempfile.gettempdir()) / f"mesotap-emulated-{os.getpid()}-{id(self):x}" / name
 
-    def _in_virtual_time(self, inner: Transport) -> Transport:
-        return VirtualTimeTransport(inner, self.physics.clock, PATIENCE_S)
+    def _in_virtual_time(self, inner: Transport, port: PtyPort | TcpPort) -> Transport:
+        return VirtualTimeTransport(inner, self.physics.clock, PATIENCE_S, lambda: port.taken)

@@ -6,11 +6,14 @@ the wire is virtual: a reply that does not come costs its time-out in virtual se
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from typing import Protocol
 
 from rig import Clock
 from rig.drivers.transport import Transport
 
+ARRIVAL_S = 1e-4  # between two looks whether bytes have arrived
 Delayed = tuple[float, bytes]  # delay, s, and bytes
 
 
@@ -132,13 +135,16 @@ class VirtualTimeTransport(Transport):
         Virtual time.
     patience_s
         Real time that an emulated device, which answers at once, is given by a busy machine.
+    taken
+        How many bytes the device has taken so far: what is sent takes effect before virtual time goes on.
     """
 
-    def __init__(self, inner: Transport, clock: Clock, patience_s: float) -> None:
+    def __init__(self, inner: Transport, clock: Clock, patience_s: float, taken: Callable[[], int]) -> None:
         super().__init__(inner.device, inner.port)
         self._inner = inner
         self._clock = clock
         self._patience_s = patience_s
+        self._taken = taken
 
     def open(self) -> None:
         """Open the port."""
@@ -149,8 +155,12 @@ class VirtualTimeTransport(Transport):
         self._inner.close()
 
     def write(self, data: bytes) -> None:
-        """Send."""
+        """Send, and wait until it has arrived."""
+        wanted = self._taken() + len(data)
         self._inner.write(data)
+        end = time.monotonic() + self._patience_s
+        while self._taken() < wanted and time.monotonic() < end:
+            time.sleep(ARRIVAL_S)
 
     def read(self, timeout_s: float) -> bytes:
         """Return what has come."""

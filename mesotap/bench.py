@@ -61,12 +61,13 @@ def emulated_rig(
     wires: bool = False,
     amplifier_wire: Disturbance | None = None,
     stage_wire: Disturbance | None = None,
+    round_trip_s: float = 0.0,
 ) -> EmulatedRig:
     """Build the emulated rig; see `sim_backend.emulators.rig.EmulatedRig`."""
     from sim_backend.emulators.rig import EmulatedRig
 
     stiffness = _stiffness_from_theory(config)
-    rig = EmulatedRig(config.rig, config.sim_backend, stiffness, seed, wires, amplifier_wire, stage_wire)
+    rig = EmulatedRig(config.rig, config.sim_backend, stiffness, seed, wires, amplifier_wire, stage_wire, round_trip_s)
     if config.rig.parts.stage == "hand":
         person = SimulatedPerson(rig.physics.micrometer, operator)
         rig.stage = HandStage(person, rig.clock, lambda: f"gauge {rig.load_cell.read().voltage_mv:.2f} mV")

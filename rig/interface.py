@@ -23,8 +23,8 @@ class Waiting:
     Attributes
     ----------
     idle
-        Called at least ten times a second while it waits; what it raises ends the waiting. The session runner watches
-        the load with it and heeds the operator's wish to end.
+        Called several times a second while it waits; what it raises ends the waiting. The session runner watches the
+        load with it and heeds the operator's wish to end; a stage that moves and a gauge that is read only heed.
     """
 
     idle: Callable[[], None] = staticmethod(nothing)
@@ -65,7 +65,7 @@ class Operator(Waiting, ABC):
         """
 
 
-class LoadCell(ABC):
+class LoadCell(Waiting, ABC):
     """Strain-gauge bridge and its amplifier.
 
     Attributes

@@ -121,7 +121,8 @@ class SimulatedStage(Stage):
         target = round(round(position_um / resolution) * resolution, DIGITS)
         self._keep_up()
         now = self._clock.now()
-        speed = self._settings.speed_um_per_s if speed_um_per_s is None else speed_um_per_s
+        away = self._settings.speed_away_um_per_s
+        speed = speed_um_per_s or (self._settings.speed_um_per_s if target > self._knob_um else away)
         travel_s = abs(target - self._knob_um) / speed
         self._motion = Motion(self._knob_um, target, now, now + (travel_s + SETTLING_S), speed)
         return self._motion.over_s

@@ -117,8 +117,10 @@ class SessionRunner:
             config.rig.spring_stiffness(),
         )
         self._watch = LoadWatch(self._rig, self._interlock, config.rig.limits.stale_reading_s)
-        for part in (bench.operator, self._rig.stage, self._rig.accelerometers, self._rig.weights):
+        for part in (bench.operator, self._rig.accelerometers, self._rig.weights):
             part.idle = self._idle
+        # a move is watched by the readings before and after it, and a reading is no time to read
+        self._rig.stage.idle = self._rig.load_cell.idle = self._heed
         self._handlers: dict[State, Callable[[], None]] = {
             State.CONNECT: self._connect,
             State.PRE_CALIBRATION: lambda: self._calibrate("before"),
@@ -415,6 +417,12 @@ class SessionRunner:
         self._bench.guardian.beat()
         if not self._leaving:
             self._watch.look()
+            self._bench.control.check(self._watching)
+
+    def _heed(self) -> None:
+        """Heed a wish to interrupt, without looking at the load."""
+        self._bench.guardian.beat()
+        if not self._leaving:
             self._bench.control.check(self._watching)
 
     def _watching(self) -> None:

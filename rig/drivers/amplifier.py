@@ -92,6 +92,7 @@ class ModbusLoadCell(LoadCell, Driver):
             late = self._clock.now() - due
             if late > 1 / rate and (i < count - 1 or len(values) >= SMALLEST_COUNT):
                 continue  # this turn is over; the next one is taken
+            self.idle()
             self._clock.sleep(-late)
             taken = self._clock.now()  # before it is asked for: what is read is no older
             values.append(self._sample())

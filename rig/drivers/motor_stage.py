@@ -26,6 +26,7 @@ DIGITS = 6  # of a position in um: the picometre that arithmetic in mm would blu
 LONGER = 2.0  # times the time that a motion should take, after which it counts as stuck
 PATIENCE_S = 1.0  # added to it
 SWITCHING_S = 2.0  # in which the motor is on or off
+SWITCHING_ON_S = 0.15  # which that mostly takes
 HOMING_S = 120.0
 ATTEMPTS = 3  # to get to a target that a damaged command or a false alarm missed
 SPEED_TOLERANCE = 0.01  # digits that a controller prints
@@ -55,6 +56,7 @@ class MotorStage(Stage, Driver):
         self._axis = NewportAxis(transport, settings.address, clock, settings.reply_timeout_s, settings.tries)
         self._speed = math.nan  # um/s, of the next motion; NaN if it is not known for sure
         self._last_um = math.nan  # where it was seen last
+        self._motor_off = False  # when it was seen last
         self._range_um = (self._to_um(settings.lowest_mm), self._to_um(settings.highest_mm))
 
     def connect(self) -> str:
@@ -115,7 +117,8 @@ class MotorStage(Stage, Driver):
         status = self._axis.status()
         if status.state is AxisState.NOT_REFERENCED:
             raise self._lost_reference()
-        return StageReading(self._clock.now(), self._position_um(), status.state is AxisState.DISABLED)
+        self._motor_off = status.state is AxisState.DISABLED
+        return StageReading(self._clock.now(), self._position_um(), self._motor_off)
 
     def move_by(self, step_um: float, aim: str = "") -> StageReading:
         """Move and come to rest.
@@ -170,23 +173,25 @@ class MotorStage(Stage, Driver):
         start = self._last_um if math.isfinite(self._last_um) else self._position_um()
         target = self._on_grid(max(start - travel_um, self._range_um[0]))
         slack, lasts_s = self._settings.in_position_um, LONGER * travel_um / self._settings.speed_um_per_s
+        furthest = start
         begun, turn = self._clock.now(), 0
         again_s, moved_s = begun + lasts_s + PATIENCE_S, begun
         self._begin_retraction(target)
         while self._clock.now() < moved_s + SWITCHING_S:
             status = self._axis.status()
-            now = self._clock.now()
+            here, now = self._position_um(), self._clock.now()
             if status.state is AxisState.NOT_REFERENCED:
                 self._home()
                 return self.read()
+            if here < furthest - self._settings.resolution_um:
+                furthest, moved_s = here, now
             if status.state in (AxisState.MOVING, AxisState.HOMING):
-                moved_s = now
-                if now >= again_s or self._position_um() > start + slack:
-                    again_s = now + lasts_s + PATIENCE_S  # too slow, or the wrong way: a damaged command
+                if now >= again_s or here > start + slack:  # too slow, or the wrong way: a damaged command
+                    again_s = now + lasts_s + PATIENCE_S
                     self._begin_retraction(target)
             else:
                 if status.state is AxisState.READY:
-                    if abs(self._position_um() - target) <= slack:
+                    if abs(here - target) <= slack:
                         return self.read()
                     begun, turn = now, 0
                 self._begin_retraction(target)
@@ -249,6 +254,7 @@ class MotorStage(Stage, Driver):
                     # by a damaged command, or as a damaged reply says: stop first, then look
                     self._axis.stop()
                     return self._at_rest()
+                self.idle()
                 if self._clock.now() > deadline:
                     lasts = self._clock.now() - begun
                     raise self._error(
@@ -277,8 +283,14 @@ class MotorStage(Stage, Driver):
         raise self._error("it does not come to rest", "switch its power off and look what ails it")
 
     def _begin_retraction(self, target_um: float) -> None:
+        """Send it back; where it takes longer to ask than to switch the motor on, again and again meanwhile."""
         self._speed = math.nan
-        self._axis.begin_retraction(self._to_mm(target_um), self._settings.speed_um_per_s * 1e-3)
+        place, speed = self._to_mm(target_um), self._settings.speed_um_per_s * 1e-3
+        self._axis.begin_retraction(place, speed)
+        if self._motor_off and self._axis.round_trip_s > self._settings.poll_s:
+            for _ in range(round(SWITCHING_ON_S / self._settings.poll_s)):
+                self._clock.sleep(self._settings.poll_s)
+                self._axis.begin_retraction(place, speed, stop=False)
 
     def _approach_speed(self) -> float:
         """Speed towards contact, um/s: what goes wrong ends within the largest step, over this wire."""

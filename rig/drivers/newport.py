@@ -130,12 +130,15 @@ class NewportAxis:
             "switch it off and on again, and check its cable",
         )
 
-    def begin_retraction(self, position_mm: float, mm_per_s: float) -> None:
+    def begin_retraction(self, position_mm: float, mm_per_s: float, stop: bool = True) -> None:
         """Stop, switch the motor on and send it to ``position_mm``, all without waiting for a word.
 
-        May be repeated: what the controller was not ready to take is taken then.
+        May be repeated: what the controller was not ready to take is taken then. Without ``stop`` a motion that has
+        begun meanwhile goes on.
         """
-        orders = (("ST", ""), ("VA", f"{mm_per_s:.6f}"), ("MM", "1"), ("PA", f"{position_mm:.6f}"))
+        orders = [("VA", f"{mm_per_s:.6f}"), ("MM", "1"), ("PA", f"{position_mm:.6f}")]
+        if stop:
+            orders.insert(0, ("ST", ""))
         with self._transport.lock:
             for command, value in orders:
                 self._transport.write(self._line(command, value))

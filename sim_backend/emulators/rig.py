@@ -52,6 +52,8 @@ class EmulatedRig(AssembledRig):
         function call.
     amplifier_wire, stage_wire
         Faults on the wires; None for none.
+    round_trip_s
+        Of both wires, within the process.
 
     Attributes
     ----------
@@ -72,10 +74,12 @@ class EmulatedRig(AssembledRig):
         wires: bool = False,
         amplifier_wire: Disturbance | None = None,
         stage_wire: Disturbance | None = None,
+        round_trip_s: float = 0.0,
     ) -> None:
         self.physics = physics = SimulatedRig(rig_settings, settings, contact_stiffness, False, seed)
         parts = rig_settings.parts
         self._wires = wires
+        self._round_trip_s = round_trip_s
         self.ports: list[PtyPort | TcpPort] = []
         load_cell = self._load_cell(parts.load_cell, amplifier_wire)
         motor = DEFAULT_STAGE if isinstance(parts.stage, str) else parts.stage
@@ -121,7 +125,7 @@ class EmulatedRig(AssembledRig):
         wire: Transport
         if not self._wires:
             port = settings.port if isinstance(settings, AmplifierRtu) else f"{settings.host}:{settings.tcp_port}"
-            wire = InProcessTransport(AMPLIFIER, port, server, self.physics.clock, disturbance)
+            wire = InProcessTransport(AMPLIFIER, port, server, self.physics.clock, disturbance, self._round_trip_s)
         elif isinstance(settings, AmplifierRtu):
             pty = PtyPort(server, self._place("amplifier"), disturbance)
             self.ports.append(pty)
@@ -139,7 +143,9 @@ class EmulatedRig(AssembledRig):
             self.ports.append(pty)
             wire = self._in_virtual_time(SerialTransport(STAGE, str(pty.path), settings.line_rate()), pty)
         else:
-            wire = InProcessTransport(STAGE, settings.port, self.controller, self.physics.clock, disturbance)
+            wire = InProcessTransport(
+                STAGE, settings.port, self.controller, self.physics.clock, disturbance, self._round_trip_s
+            )
         return MotorStage(wire, settings, self.physics.clock, step_um)
 
     def _recorder(self, rig_settings: RigSettings, settings: SimBackendSettings) -> tuple[Accelerometers, Impactor]:

@@ -67,16 +67,27 @@ class InProcessTransport(Transport):
         Virtual time.
     disturbance
         Faults; None for none.
+    round_trip_s
+        Time from a question to its reply, half of it on the way there: a USB adapter collects bytes for 16 ms, a
+        controller thinks for 10.
     """
 
     def __init__(
-        self, device: str, port: str, emulated: EmulatedDevice, clock: Clock, disturbance: Disturbance | None = None
+        self,
+        device: str,
+        port: str,
+        emulated: EmulatedDevice,
+        clock: Clock,
+        disturbance: Disturbance | None = None,
+        round_trip_s: float = 0.0,
     ) -> None:
         super().__init__(device, port)
         self._emulated = emulated
         self._clock = clock
         self._disturbance: Disturbance = Clean() if disturbance is None else disturbance
-        self._coming: list[tuple[float, bytes]] = []  # when, and what
+        self._half_s = round_trip_s / 2
+        self._going: list[tuple[float, bytes]] = []  # when it arrives, and what
+        self._coming: list[tuple[float, bytes]] = []
         self._open = False
 
     def open(self) -> None:
@@ -88,18 +99,32 @@ class InProcessTransport(Transport):
     def close(self) -> None:
         """Close the wire; what is under way is lost."""
         self._open = False
+        self._going.clear()
         self._coming.clear()
 
     def write(self, data: bytes) -> None:
         """Let the device have ``data``, and its replies be on their way."""
         self._require_connection()
-        for reply in self._emulated.receive(self._disturbance.request(data)):
-            now = self._clock.now()
-            self._coming += [(now + delay, part) for delay, part in self._disturbance.reply(reply)]
+        self._going.append((self._clock.now() + self._half_s, data))
+        self._arrive()
+
+    def _arrive(self) -> None:
+        """Let the device have what has arrived by now."""
+        while self._going and self._going[0][0] <= self._clock.now():
+            _, data = self._going.pop(0)
+            for reply in self._emulated.receive(self._disturbance.request(data)):
+                now = self._clock.now() + self._half_s
+                self._coming += [(now + delay, part) for delay, part in self._disturbance.reply(reply)]
 
     def read(self, timeout_s: float) -> bytes:
         """Return what has come; time passes until then, or until it is too late."""
         self._require_connection()
+        self._arrive()
+        end = self._clock.now() + timeout_s
+        while self._going and self._going[0][0] <= min([end, *(when for when, _ in self._coming)]):
+            self._clock.sleep(self._going[0][0] - self._clock.now())
+            self._arrive()
+        timeout_s = max(0.0, end - self._clock.now()) if timeout_s > 0 else 0.0
         unasked = self._emulated.unasked()
         now = self._clock.now()
         if unasked:

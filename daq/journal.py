@@ -25,9 +25,12 @@ from daq.durable import PART, sync_folder, write_error, write_whole
 from daq.errors import RecordingError
 from daq.hdf5 import CHECKSUMMED, open_hdf5, reading
 from daq.impact_group import check_shot, read_impact, scalar_text, to_json, write_impact
+from daq.journal_file import JOURNAL, append_after_death, open_journal, write_all
 from daq.records import Shot
 
-HEADER, JOURNAL, SHOTS, LOCK = "session.json", "journal.jsonl", "shots", "lock"
+__all__ = ["HEADER", "JOURNAL", "LOCK", "SHOTS", "SessionFolder", "append_after_death"]
+
+HEADER, SHOTS, LOCK = "session.json", "shots", "lock"
 SHOT_FORMAT = "mesotap-shot"
 
 
@@ -46,7 +49,7 @@ class SessionFolder:
         self.path = path
         self.header = header
         self._lock = lock
-        self._journal, self._events, self._length = _open_journal(path / JOURNAL)
+        self._journal, self._events, self._length = open_journal(path / JOURNAL)
         _remove_parts(path)
 
     @classmethod
@@ -110,7 +113,7 @@ class SessionFolder:
         content = to_json(event)
         line = content.encode() + b"\n"
         try:
-            _write_all(self._journal, line)
+            write_all(self._journal, line)
             os.fsync(self._journal)
         except OSError as error:
             os.ftruncate(self._journal, self._length)
@@ -227,68 +230,6 @@ def _read_header(path: Path) -> dict[str, Any]:
     if not isinstance(header, dict):
         raise RecordingError(f"{file}: is damaged: it is not a JSON object")
     return header
-
-
-def _open_journal(path: Path) -> tuple[int, list[dict[str, Any]], int]:
-    """Return the journal's descriptor, its events, and its length in bytes after a torn tail was cut off."""
-    try:
-        new = not path.exists()
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-    except OSError as error:
-        raise write_error(path, error) from error
-    try:
-        content = path.read_bytes()
-        events, length = parse_journal(content, path)
-        if length < len(content):
-            os.ftruncate(descriptor, length)
-            os.fsync(descriptor)
-        if new:
-            sync_folder(path.parent)
-    except BaseException as error:
-        os.close(descriptor)
-        if isinstance(error, OSError):
-            raise write_error(path, error) from error
-        raise
-    return descriptor, events, length
-
-
-def parse_journal(content: bytes, path: Path) -> tuple[list[dict[str, Any]], int]:
-    """Return the events in a journal and how many of its bytes they take; a torn last line is left out.
-
-    A line counts once its line end is there. A last line that is no event was cut off in a power failure
-    (it was never reported as written) and is left out too.
-
-    Raises
-    ------
-    RecordingError
-        A line before the last one is no event; its number is named.
-    """
-    lines = content.split(b"\n")[:-1]
-    events: list[dict[str, Any]] = []
-    length = 0
-    for number, line in enumerate(lines, start=1):
-        event = _parse_event(line)
-        if event is None:
-            if number == len(lines):
-                break
-            raise RecordingError(f"{path}: line {number} is damaged: it is no journal entry")
-        events.append(event)
-        length += len(line) + 1
-    return events, length
-
-
-def _parse_event(line: bytes) -> dict[str, Any] | None:
-    try:
-        event = json.loads(line)
-    except (ValueError, RecursionError):
-        return None
-    return event if isinstance(event, dict) and "event" in event else None
-
-
-def _write_all(descriptor: int, content: bytes) -> None:
-    rest = memoryview(content)
-    while rest:
-        rest = rest[os.write(descriptor, rest) :]
 
 
 def _remove_parts(path: Path) -> None:

@@ -14,7 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq.errors import RecordingError
-from daq.journal import SessionFolder, parse_journal
+from daq.journal import SessionFolder, append_after_death
+from daq.journal_file import parse_journal
 from daq.records import Shot
 
 from .same import same
@@ -228,3 +229,50 @@ def test_a_shot_is_kept_within_milliseconds(tmp_path: Path, shot: Shot) -> None:
             run.write_shot(replace(shot, number=number), {"n": number})
             times.append(time.perf_counter() - begin)
     assert sorted(times)[15] < 0.05  # 2 ms on a quiet machine; a shared one gets room
+
+
+@pytest.mark.parametrize("torn", [b"", b'{"event": "sh', b"\0\0\0\n"])
+def test_an_event_is_added_after_the_death_of_a_session(folder: Path, torn: bytes) -> None:
+    journal = folder / "journal.jsonl"
+    whole = journal.read_bytes()
+    journal.write_bytes(whole + torn)
+    assert append_after_death(folder, {"event": "safe", "troubles": []})
+    assert journal.read_bytes() == whole + b'{"event": "safe", "troubles": []}\n'
+    with SessionFolder.open(folder) as run:
+        assert run.events()[-1] == {"event": "safe", "troubles": []}
+
+
+def test_damage_further_up_does_not_keep_an_event_out_of_the_journal(folder: Path) -> None:
+    journal = folder / "journal.jsonl"
+    before = b'rubbish\n{"event": "begin"}\n'
+    journal.write_bytes(before)
+    assert append_after_death(folder, {"event": "safe"})
+    assert journal.read_bytes() == before + b'{"event": "safe"}\n'
+
+
+@pytest.mark.parametrize("what", ["no folder", "no journal", "a folder", "a link", "a FIFO"])
+def test_nothing_is_added_where_there_is_no_journal(tmp_path: Path, what: str) -> None:
+    run = tmp_path / "run"
+    if what != "no folder":
+        run.mkdir()
+    if what == "a folder":
+        (run / "journal.jsonl").mkdir()
+    if what == "a link":
+        (tmp_path / "other").write_text("")
+        (run / "journal.jsonl").symlink_to(tmp_path / "other")
+    if what == "a FIFO":
+        os.mkfifo(run / "journal.jsonl")
+    assert not append_after_death(run, {"event": "safe"})
+    if what == "a link":
+        assert (tmp_path / "other").read_text() == ""
+    if what == "no journal":
+        assert list(run.iterdir()) == []
+
+
+def test_a_full_disk_leaves_the_journal_of_a_dead_session_as_it_was(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = (folder / "journal.jsonl").read_bytes()
+    monkeypatch.setattr(os, "fsync", lambda descriptor: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    assert not append_after_death(folder, {"event": "safe"})
+    assert (folder / "journal.jsonl").read_bytes() == before

@@ -21,7 +21,7 @@ from typing import Any
 
 import h5py
 
-from daq.durable import PART, sync_folder, write_error, write_whole
+from daq.durable import PART, cause_of, make_folder, open_plain, remove_part, sync_folder, write_error, write_whole
 from daq.errors import RecordingError
 from daq.hdf5 import CHECKSUMMED, open_hdf5, reading
 from daq.impact_group import check_shot, read_impact, scalar_text, to_json, write_impact
@@ -63,8 +63,8 @@ class SessionFolder:
         """
         path = Path(path)
         try:
-            (path / SHOTS).mkdir(parents=True, exist_ok=True)
-            sync_folder(path)
+            make_folder(path / SHOTS)
+            sync_folder(path)  # also where a program that was killed at once had made it
             sync_folder(path.parent)
         except OSError as error:
             raise write_error(path, error) from error
@@ -204,7 +204,7 @@ class SessionFolder:
 
 def _take_lock(path: Path) -> int:
     try:
-        descriptor = os.open(path / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+        descriptor = open_plain(path / LOCK, os.O_RDWR | os.O_CREAT)
     except OSError as error:
         raise write_error(path / LOCK, error) from error
     try:
@@ -218,13 +218,14 @@ def _take_lock(path: Path) -> int:
 def _read_header(path: Path) -> dict[str, Any]:
     file = path / HEADER
     try:
-        header = json.loads(file.read_bytes())
+        with os.fdopen(open_plain(file, os.O_RDONLY), "rb") as opened:
+            header = json.loads(opened.read())
     except FileNotFoundError:
         raise RecordingError(
             f"{path}: holds no session: it was stopped before it began; start it again with mesotap run"
         ) from None
     except OSError as error:
-        raise RecordingError(f"{file}: cannot be read: {error.strerror}") from error
+        raise RecordingError(f"{file}: cannot be read: {cause_of(error)}") from error
     except (ValueError, RecursionError):
         header = None
     if not isinstance(header, dict):
@@ -233,9 +234,9 @@ def _read_header(path: Path) -> dict[str, Any]:
 
 
 def _remove_parts(path: Path) -> None:
-    try:
-        for folder in (path, path / SHOTS):
-            for part in folder.glob(f"*{PART}"):
-                part.unlink()
-    except OSError as error:
-        raise write_error(path, error) from error
+    for folder in (path, path / SHOTS):
+        for part in folder.glob(f"*{PART}"):
+            try:
+                remove_part(part)
+            except OSError as error:
+                raise write_error(part, error) from error

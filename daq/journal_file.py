@@ -10,7 +10,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from daq.durable import sync_folder, write_error
+from daq.durable import open_plain, sync_folder, write_error
 from daq.errors import RecordingError
 
 JOURNAL = "journal.jsonl"
@@ -20,11 +20,11 @@ def open_journal(path: Path) -> tuple[int, list[dict[str, Any]], int]:
     """Return the journal's descriptor, its events, and its length in bytes after a torn tail was cut off."""
     try:
         new = not path.exists()
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+        descriptor = open_plain(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
     except OSError as error:
         raise write_error(path, error) from error
     try:
-        content = path.read_bytes()
+        content = _content(descriptor)
         events, length = parse_journal(content, path)
         if length < len(content):
             os.ftruncate(descriptor, length)
@@ -67,8 +67,7 @@ def append_after_death(folder: Path, event: dict[str, Any]) -> bool:
         raise ValueError("an entry without the key 'event' was to be written")
     line = json.dumps(event).encode() + b"\n"
     try:
-        # not blocking: a FIFO of that name would wait for a reader for ever
-        descriptor = os.open(folder / JOURNAL, os.O_RDWR | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK)
+        descriptor = open_plain(folder / JOURNAL, os.O_RDWR | os.O_APPEND)
     except OSError:
         return False
     try:

@@ -24,13 +24,15 @@ import h5py
 from daq.durable import PART, cause_of, make_folder, open_plain, remove_part, sync_folder, write_error, write_whole
 from daq.errors import RecordingError
 from daq.hdf5 import CHECKSUMMED, open_hdf5, reading
-from daq.impact_group import check_shot, read_impact, scalar_text, to_json, write_impact
+from daq.impact_group import check_shot, digest_of, read_impact, scalar_text, to_json, write_impact
 from daq.journal_file import JOURNAL, append_after_death, open_journal, write_all
 from daq.records import Shot
 
 __all__ = ["HEADER", "JOURNAL", "LOCK", "SHOTS", "SessionFolder", "append_after_death"]
 
 HEADER, SHOTS, LOCK = "session.json", "shots", "lock"
+SHOT = "shot"
+"""The journal's event for a shot that was kept; its entry has ``number`` and ``digest``."""
 SHOT_FORMAT = "mesotap-shot"
 
 
@@ -176,7 +178,13 @@ class SessionFolder:
                 state = json.loads(scalar_text(checkpoint))
             if not isinstance(state, dict):
                 raise checkpoint.error(" is not a JSON object")
-            return read_impact(root.need_group("shot"), number), state
+            shot = read_impact(root.need_group("shot"), number)
+        noted = self._noted_digest(number)
+        if noted and noted != digest_of(shot):
+            raise RecordingError(
+                f"{path}: is not the shot {number} that the journal lists: its digest does not agree; put that one back"
+            )
+        return shot, state
 
     def shots(self) -> list[Shot]:
         """Return all complete shots in order; `RecordingError` names a damaged file."""
@@ -197,6 +205,11 @@ class SessionFolder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def _noted_digest(self, number: int) -> str:
+        """Digest by the journal; empty where it has none."""
+        noted = (e.get("digest") for e in self._events if e["event"] == SHOT and e.get("number") == number)
+        return next((digest for digest in noted if isinstance(digest, str)), "")
 
     def _shot_path(self, number: int) -> Path:
         return self.path / SHOTS / f"{number:05d}.h5"

@@ -25,7 +25,7 @@ from daq.durable import PART, cause_of, make_folder, open_plain, remove_part, sy
 from daq.errors import RecordingError
 from daq.hdf5 import CHECKSUMMED, open_hdf5, reading
 from daq.impact_group import check_shot, digest_of, read_impact, scalar_text, to_json, write_impact
-from daq.journal_file import JOURNAL, append_after_death, open_journal, write_all
+from daq.journal_file import JOURNAL, append_after_death, mend, open_journal, write_all
 from daq.records import Shot
 
 __all__ = ["HEADER", "JOURNAL", "LOCK", "SHOTS", "SessionFolder", "append_after_death"]
@@ -234,6 +234,8 @@ def _read_header(path: Path) -> dict[str, Any]:
         with os.fdopen(open_plain(file, os.O_RDONLY), "rb") as opened:
             header = json.loads(opened.read())
     except FileNotFoundError:
+        if any((path / SHOTS).glob("*.h5")):
+            raise RecordingError(f"{path}: its {HEADER} is lost, but there are shots; {mend(path)}") from None
         raise RecordingError(
             f"{path}: holds no session: it was stopped before it began; start it again with mesotap run"
         ) from None
@@ -242,7 +244,7 @@ def _read_header(path: Path) -> dict[str, Any]:
     except (ValueError, RecursionError):
         header = None
     if not isinstance(header, dict):
-        raise RecordingError(f"{file}: is damaged: it is not a JSON object")
+        raise RecordingError(f"{file}: is damaged: it is not a JSON object; {mend(path)}")
     return header
 
 

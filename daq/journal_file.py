@@ -16,6 +16,11 @@ from daq.errors import RecordingError
 JOURNAL = "journal.jsonl"
 
 
+def mend(folder: Path) -> str:
+    """Return what to do about a session folder that is damaged."""
+    return f"'mesotap recover {folder}' makes a session file of its whole shots"
+
+
 def open_journal(path: Path) -> tuple[int, list[dict[str, Any]], int]:
     """Return the journal's descriptor, its events, and its length in bytes after a torn tail was cut off."""
     try:
@@ -105,7 +110,7 @@ def parse_journal(content: bytes, path: Path) -> tuple[list[dict[str, Any]], int
         if event is None:
             if number == len(lines):
                 break
-            raise RecordingError(f"{path}: line {number} is damaged: it is no journal entry")
+            raise RecordingError(f"{path}: line {number} is damaged: it is no journal entry; {mend(path.parent)}")
         events.append(event)
         length += len(line) + 1
     return events, length

@@ -16,22 +16,25 @@ from analysis.session import AnalysisError
 from calibration.line import fit_line
 from calibration.routine import calibrate, check_points
 from daq.errors import RecordingError
-from daq.journal import SessionFolder
+from daq.journal import HEADER, SessionFolder
 from daq.records import Session
 from daq.session_file import read_session, write_session
 from daq.trigger import record_shot
 from mesotap import __version__
 from mesotap.bench import build_rig, simulated_rig, truth_now
 from mesotap.commands.answers import analysed, refuse_to_overwrite, show_session, write_json
-from mesotap.config import Config, effective_text, load_config, parse_config
+from mesotap.config import Config, effective_text, load_config
 from mesotap.console import Keyboard, KeyControl, SessionDisplay, TerminalOperator
 from mesotap.results_files import results_json
-from mesotap.session.progress import assemble, describe_rig, progress_of
+from mesotap.session.entries import progress_in
+from mesotap.session.header import FOLDER_FORMAT, FOLDER_VERSION, kept_config, note_version, read_header
+from mesotap.session.progress import assemble, describe_rig
 from mesotap.session.runner import Bench, SessionRunner
 from mesotap.session.shots import judged_shot
 from mesotap.session.states import State
 from rig import GaugeScale, Rig
 from rig.interlock import Interlock
+from rig.wall_clock import WallClock
 
 SESSION_FILE = "session.h5"
 
@@ -52,6 +55,8 @@ def run(
     now = datetime.datetime.now(datetime.UTC)
     path = output or Path("sessions") / now.strftime("%Y%m%d-%H%M%S")
     header = {
+        "format": FOLDER_FORMAT,
+        "format_version": FOLDER_VERSION,
         "created": now.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
         "config": effective_text(config),
         "simulated": simulate or emulate,
@@ -74,13 +79,17 @@ def _rig_of(header: dict[str, Any], config: Config, operator: TerminalOperator) 
 def resume(path: Path, json_path: Path | None, console: Console) -> None:
     """Go on with a session wherever it was left."""
     with SessionFolder.open(path) as folder:
-        config = parse_config(str(folder.header["config"]), str(path / "session.json"))
-        if progress_of(folder.events()).state is State.DONE and (path / SESSION_FILE).exists():
+        header = read_header(folder)
+        kept = kept_config(header.config, str(path / HEADER))
+        config = kept.config
+        progress = progress_in(folder, len(config.mesotap.load_plan_mn))
+        for line in note_version(folder, header, kept, WallClock().utc()):
+            console.print(escape(line), highlight=False, soft_wrap=True)
+        if progress.state is State.DONE and (path / SESSION_FILE).exists():
             console.print(f"{path}: this session is finished; its report is written again", highlight=False)
             session = read_session(path / SESSION_FILE)
-            truths = progress_of(folder.events()).truths
             session = replace(session, source=SESSION_FILE)
-            results = _report(session, config, path, truths, console)
+            results = _report(session, config, path, progress.truths, console)
             write_json(json_path, results_json(results))
             _diagnose(session, results, config, path, console)
             return
@@ -150,8 +159,8 @@ def _diagnose(session: Session, results: SessionResults, config: Config, folder:
 def partial(path: Path) -> tuple[Session, Config, list[dict[str, Any]]]:
     """Return what a session folder holds so far, for a report of a session that was not finished."""
     with SessionFolder.open(path) as folder:
-        config = parse_config(str(folder.header["config"]), str(path / "session.json"))
-        progress = progress_of(folder.events())
+        config = kept_config(read_header(folder).config, str(path / HEADER)).config
+        progress = progress_in(folder, len(config.mesotap.load_plan_mn))
         session = assemble(folder.header, config, progress, folder.shots())
         if not session.shots:
             raise RecordingError(f"{path}: holds no shots yet")

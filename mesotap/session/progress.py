@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -18,6 +19,9 @@ SAFE = "safe"  # journal event: the surfaces were taken apart before the plan wa
 SHOT = "shot"
 NO_TAP = "no tap"  # nothing was felt in time
 STARTED = "started"
+HARDWARE = "hardware"  # what had to be repeated in one run of the program
+VERSION = "version"  # another version of the program went on
+NOTES = (NO_TAP, STARTED, HARDWARE, VERSION)  # what changes nothing
 
 
 @dataclass(slots=True)
@@ -52,6 +56,11 @@ class Progress:
     checkpoint: dict[str, Any] = field(default_factory=dict)
     truths: list[dict[str, Any]] = field(default_factory=list)
 
+    @property
+    def was_loaded(self) -> bool:
+        """Whether a load was ever set, without which there is no tap."""
+        return math.isfinite(self.load_mn)
+
     def apply(self, entry: dict[str, Any]) -> None:
         """Take in one entry of the journal."""
         name = entry["event"]
@@ -63,7 +72,7 @@ class Progress:
             if self.state in (State.SET_LOAD, State.LOCK, State.TAP):
                 self.state = State.APPROACH
             return
-        if name in (SHOT, NO_TAP, STARTED):
+        if name == SHOT or name in NOTES:
             return
         event = Event(name)
         if event is Event.CALIBRATED:

@@ -18,7 +18,7 @@ from daq.journal import SessionFolder
 from daq.records import CalibrationPoints, Shot
 from daq.trigger import NoTap, record_shot
 from mesotap.config import Config
-from mesotap.session.progress import NO_TAP, SAFE, SHOT, STARTED, Progress, progress_of
+from mesotap.session.progress import NO_TAP, NOTES, SAFE, SHOT, STARTED, Progress, progress_of
 from mesotap.session.shots import judged_shot, shot_entry
 from mesotap.session.states import Event, State
 from rig import GaugeScale, Operator, Rig, RigError
@@ -213,8 +213,14 @@ class SessionRunner:
 
     def _take_up(self) -> None:
         """Give a simulated rig the state it had; a real one has kept its own."""
-        if self.progress.checkpoint:
+        if not self.progress.checkpoint:
+            return
+        try:
             self._rig.restore(self.progress.checkpoint)
+        except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+            raise RecordingError(
+                f"{self._folder.path}: the kept state of the simulated rig is damaged ({type(error).__name__}: {error})"
+            ) from error
 
     def _connect(self) -> None:
         self._done(Event.CONNECTED)
@@ -357,7 +363,7 @@ class SessionRunner:
             shot, checkpoint = self._folder.read_shot(number)
             entry = {"event": SHOT, "at": shot.time, **shot_entry(shot)}
             # a rig that was brought into its safe state since then is no longer where the shot left it
-            later = bool(events) and events[-1]["event"] == SAFE
+            later = next((e["event"] for e in reversed(events) if e["event"] not in NOTES), "") == SAFE
             self._folder.append(entry if later else {**entry, "rig": checkpoint})
         if progress_of(events).state is not State.DONE:
             self._folder.append({"event": STARTED})

@@ -140,7 +140,7 @@ class TerminalOperator(Operator):
 
     def __init__(self, console: Console, keyboard: Keyboard | None = None) -> None:
         self._console = console
-        self._keyboard = keyboard or Keyboard()
+        self.keyboard = self._keyboard = keyboard or Keyboard()
 
     def say(self, text: str) -> None:
         """Show one sentence."""

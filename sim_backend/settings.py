@@ -100,6 +100,7 @@ class SimulatedGauge(Section):
     drift_mv_per_hour: Finite = 0.0
     sensitivity_drift_percent_per_hour: Finite = 0.0
     weight_error_mn: NonNegative = 0.1
+    weight_settling_s: NonNegative = 5.0
 
 
 class SimulatedStage(Section):

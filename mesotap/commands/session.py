@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,17 +25,21 @@ from mesotap import __version__
 from mesotap.bench import build_rig, simulated_rig, truth_now
 from mesotap.commands.answers import analysed, refuse_to_overwrite, show_session, write_json
 from mesotap.config import Config, effective_text, load_config
-from mesotap.console import Keyboard, KeyControl, SessionDisplay, TerminalOperator
+from mesotap.console import KeyControl, SessionDisplay, TerminalOperator
+from mesotap.emulated_devices import SeparateRig
 from mesotap.results_files import results_json
 from mesotap.session.entries import progress_in
+from mesotap.session.guardian import GuardianProcess
 from mesotap.session.header import FOLDER_FORMAT, FOLDER_VERSION, kept_config, note_version, read_header
 from mesotap.session.progress import assemble, describe_rig
-from mesotap.session.runner import Bench, SessionRunner
+from mesotap.session.runner import Bench, Guardian, SessionRunner
 from mesotap.session.shots import judged_shot
 from mesotap.session.states import State
 from rig import GaugeScale, Rig
+from rig.assembled import AssembledRig
 from rig.interlock import Interlock
 from rig.wall_clock import WallClock
+from sim_backend.emulators.rig import EmulatedRig
 
 SESSION_FILE = "session.h5"
 
@@ -65,15 +70,25 @@ def run(
         "realtime": realtime,
         "software": f"mesotap {__version__}",
     }
-    keyboard = Keyboard()
-    rig = _rig_of(header, config, TerminalOperator(console, keyboard))  # before a folder is begun to no purpose
+    if emulate and realtime:
+        header["devices"] = tempfile.mkdtemp(prefix="mesotap-devices-")
+    operator = TerminalOperator(console)
+    rig = _rig_of(header, config, operator)  # before a folder is begun to no purpose
     with SessionFolder.create(path, header) as folder:
-        _carry_out(folder, config, rig, keyboard, json_path, console)
+        _carry_out(folder, config, rig, operator, json_path, console)
 
 
 def _rig_of(header: dict[str, Any], config: Config, operator: TerminalOperator) -> Rig:
     simulated, emulated = bool(header["simulated"]), bool(header.get("emulated"))
-    return build_rig(config, simulated, operator, int(header["seed"]), bool(header["realtime"]), emulated)
+    devices = Path(str(header["devices"])) if header.get("devices") else None
+    return build_rig(config, simulated, operator, int(header["seed"]), bool(header["realtime"]), emulated, devices)
+
+
+def _guardian(rig: Rig, config: Config, folder: SessionFolder) -> Guardian:
+    """Return who takes the surfaces apart if this program dies: for devices that do not die with it."""
+    if isinstance(rig, EmulatedRig) or not isinstance(rig, AssembledRig):
+        return Guardian()
+    return GuardianProcess(config.rig, rig, folder, rig.folder if isinstance(rig, SeparateRig) else None)
 
 
 def resume(path: Path, json_path: Path | None, console: Console) -> None:
@@ -93,21 +108,30 @@ def resume(path: Path, json_path: Path | None, console: Console) -> None:
             write_json(json_path, results_json(results))
             _diagnose(session, results, config, path, console)
             return
-        keyboard = Keyboard()
-        rig = _rig_of(folder.header, config, TerminalOperator(console, keyboard))
-        _carry_out(folder, config, rig, keyboard, json_path, console)
+        operator = TerminalOperator(console)
+        rig = _rig_of(folder.header, config, operator)
+        _carry_out(folder, config, rig, operator, json_path, console)
 
 
 def _carry_out(
-    folder: SessionFolder, config: Config, rig: Rig, keyboard: Keyboard, json_path: Path | None, console: Console
+    folder: SessionFolder,
+    config: Config,
+    rig: Rig,
+    operator: TerminalOperator,
+    json_path: Path | None,
+    console: Console,
 ) -> None:
     header = folder.header
-    operator = TerminalOperator(console, keyboard)
     wanted = config.mesotap.impacts_per_load * len(config.mesotap.load_plan_mn)
     good = sum(bool(e.get("accepted")) for e in folder.events() if e["event"] == "shot")
-    with KeyControl(console, keyboard).listening() as control, SessionDisplay(wanted, good, console) as display:
-        runner = SessionRunner(config, folder, Bench(rig, operator, display, control, lambda: truth_now(rig)))
+    control = KeyControl(console, operator.keyboard)
+    with control.listening(), SessionDisplay(wanted, good, console) as display:
+        guardian = _guardian(rig, config, folder)
+        bench = Bench(rig, operator, display, control, lambda: truth_now(rig), guardian)
+        runner = SessionRunner(config, folder, bench)
         runner.run()
+    if isinstance(rig, SeparateRig):
+        rig.devices.call("end")
     file = folder.path / SESSION_FILE
     session = assemble(header, config, runner.progress, folder.shots())
     write_session(file, session)

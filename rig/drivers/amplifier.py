@@ -72,6 +72,10 @@ class ModbusLoadCell(LoadCell, Driver):
         """Close the port."""
         self._transport.close()
 
+    def descriptor(self) -> int | None:
+        """Return the descriptor of its open port, for whoever takes it over; None if it has none."""
+        return self._transport.fileno()
+
     def read(self, duration_s: float = 0.1) -> LoadReading:
         """Average the bridge voltage of readings taken at ``readings_per_s`` (at least two) over ``duration_s``.
 

@@ -112,6 +112,29 @@ class MotorStage(Stage, Driver):
         """Close the port; the stage stays where it is."""
         self._transport.close()
 
+    @property
+    def travel_um(self) -> tuple[float, float]:
+        """Lowest and highest position within the limits of configuration and controller."""
+        return self._range_um
+
+    def descriptor(self) -> int | None:
+        """Return the descriptor of its open port, for whoever takes the stage over; None if it has none."""
+        return self._transport.fileno()
+
+    def take_over(self, travel_um: tuple[float, float], round_trip_s: float) -> None:
+        """Stop the stage of a program that is no more, over the port that it had open.
+
+        Parameters
+        ----------
+        travel_um, round_trip_s
+            What that program knew of it.
+        """
+        self._transport.open()
+        self._axis.stop()
+        self._range_um, self.round_trip_s = travel_um, round_trip_s
+        self._axis.expect(round_trip_s)
+        self._motor_off = True  # not known: the longer way is safe
+
     def read(self) -> StageReading:
         """Position of the encoder, and whether the motor is off."""
         status = self._axis.status()

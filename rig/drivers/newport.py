@@ -212,6 +212,13 @@ class NewportAxis:
             "check its power, its cable, and the address and speed in rig.parts.stage",
         )
 
+    def expect(self, round_trip_s: float) -> None:
+        """Be told how long a reply takes."""
+        self._times = [round_trip_s] * ROUND_TRIPS
+        self.round_trip_s = round_trip_s
+        if not self._given:
+            self._timeout_s = reply_time_limit(round_trip_s)
+
     def _learn(self, took_s: float) -> None:
         """Take in how long a reply took, until it is known how long to wait for one."""
         if len(self._times) >= ROUND_TRIPS:

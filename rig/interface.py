@@ -65,7 +65,15 @@ class LoadCell(ABC):
 
 
 class Stage(ABC):
-    """Micrometer that carries the upper mass. Positive moves go towards contact."""
+    """Micrometer that carries the upper mass. Positive moves go towards contact.
+
+    Attributes
+    ----------
+    step_um
+        Positions are whole multiples of this; 0 where any position can be had, or nobody knows.
+    """
+
+    step_um: float = 0.0
 
     @abstractmethod
     def read(self) -> StageReading:

@@ -8,11 +8,13 @@ Nothing here configures the controller or writes to its flash memory (``PW``).
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TypeVar
 
 from rig.drivers.newport_codes import (
     AxisStatus,
     CommandError,
+    Controller,
     ReplyError,
     parse_error,
     parse_number,
@@ -46,14 +48,26 @@ class NewportAxis:
         Time that a reply may take.
     tries
         How often a question is asked before the controller counts as silent.
+    controller
+        Which one it is, for its own codes; None takes those of either.
     """
 
-    def __init__(self, transport: Transport, address: int, clock: Clock, timeout_s: float, tries: int) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        address: int,
+        clock: Clock,
+        timeout_s: float,
+        tries: int,
+        controller: Controller | None = None,
+    ) -> None:
         self._transport = transport
         self._address = address
         self._clock = clock
         self._timeout_s = timeout_s
         self._tries = tries
+        self._status = partial(parse_status, controller=controller)
+        self._error = partial(parse_error, controller=controller)
         self.repeated = 0
         """How many questions had to be asked again so far."""
         self.power_came_back = False
@@ -63,10 +77,10 @@ class NewportAxis:
 
     def status(self) -> AxisStatus:
         """Errors and state; errors count once two answers in a row name them."""
-        first = self._ask("TS", parse_status)
+        first = self._ask("TS", self._status)
         if not first.errors:
             return first
-        second = self._ask("TS", parse_status)
+        second = self._ask("TS", self._status)
         return AxisStatus(first.errors & second.errors, second.state, second.code)
 
     def position_mm(self) -> float:
@@ -121,7 +135,7 @@ class NewportAxis:
             for _ in range(self._tries):
                 self._watch_for_nul(self._transport.discard())
                 self._transport.write(self._line(command, value))
-                error = self._ask("TE", parse_error)
+                error = self._ask("TE", self._error)
                 if error is CommandError.NONE or error in so_already:
                     return
                 # a damaged line is not the operator's business as long as the next one gets through

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from rig.drivers.actuators import ACTUATORS, UNKNOWN_STEP_UM, ActuatorName
 from rig.drivers.registers import PRESETS, RegisterMap
 from rig.section import Finite, Positive, Section
 
@@ -56,22 +57,32 @@ class AmplifierTcp(Amplifier):
 
 
 class NewportStage(Section):
-    """Newport CONEX-CC or SMC100 with its actuator; growing positions must go towards contact."""
+    """Newport CONEX-CC or SMC100 with its actuator; growing positions must go towards contact.
+
+    ``actuator`` gives ``highest_mm`` and ``resolution_um`` where they are not given, and bounds them.
+    """
 
     driver: Literal["conex-cc", "smc100"]
     port: Name
     baud_rate: Annotated[int, Field(ge=1200, le=1000000)] | None = None
     address: Annotated[int, Field(ge=1, le=31)] = 1
+    actuator: ActuatorName | None = None
     zero_mm: Finite = 2.0
     lowest_mm: Finite = 0.0
     highest_mm: Finite = 12.0
-    resolution_um: Positive = 0.02
+    resolution_um: Positive = UNKNOWN_STEP_UM
     in_position_um: Positive = 0.1
     poll_s: Annotated[float, Field(gt=0, le=0.1)] = 0.01
     home_at_connect: bool = False
     reply_timeout_s: Annotated[float, Field(gt=0, le=10)] = 0.06  # each costs time on the way to the safe state
     tries: Annotated[int, Field(ge=1, le=10)] = 3
     expected_identity: str = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_the_actuator(cls, given: Any) -> Any:
+        model = ACTUATORS.get(given.get("actuator")) if isinstance(given, dict) else None
+        return given if model is None else {"highest_mm": model.travel_mm, "resolution_um": model.step_um, **given}
 
     @model_validator(mode="after")
     def _inside(self) -> NewportStage:
@@ -80,6 +91,18 @@ class NewportStage(Section):
                 f"zero_mm ({self.zero_mm:g}) must lie between lowest_mm ({self.lowest_mm:g}) and highest_mm "
                 f"({self.highest_mm:g}), with room to take the surfaces apart below it"
             )
+        if self.actuator is not None:
+            model = ACTUATORS[self.actuator]
+            if self.resolution_um < model.step_um:
+                raise ValueError(
+                    f"resolution_um ({self.resolution_um:g}) is finer than the smallest step of a {self.actuator}, "
+                    f"{model.step_um:g} um; leave it out"
+                )
+            if self.lowest_mm < 0 or self.highest_mm > model.travel_mm:
+                raise ValueError(
+                    f"lowest_mm ({self.lowest_mm:g}) and highest_mm ({self.highest_mm:g}) must lie within the travel "
+                    f"of a {self.actuator}, 0 to {model.travel_mm:g} mm"
+                )
         return self
 
     def line_rate(self) -> int:

@@ -17,11 +17,14 @@ BAUD_RATES = {"conex-cc": 921600, "smc100": 57600}
 class Amplifier(Section):
     """What every strain-gauge amplifier on Modbus needs to be told, whatever the wire."""
 
-    preset: Literal["seneca-z-sg", "seneca-ze-sg3", "laumas-tlb"] | None = None
+    preset: Literal["seneca-z-sg", "seneca-z-sg2", "seneca-ze-sg3", "laumas-tlb"] | None = None
     registers: RegisterMap | None = None
     address: Annotated[int, Field(ge=1, le=247)] = 1
     mv_per_count: Positive = 2.0**-16
     excitation_v: Positive = 5.0
+    cell_ratio_mv_per_v: Positive | None = None
+    cell_full_scale: Positive | None = None
+    division: Positive = 1.0
     readings_per_s: Annotated[float, Field(gt=0, le=1000)] = 100.0
     reply_timeout_s: Annotated[float, Field(gt=0, le=10)] = 0.06  # while it passes nobody knows the load
     tries: Annotated[int, Field(ge=1, le=10)] = 3
@@ -31,11 +34,19 @@ class Amplifier(Section):
     def _one_map(self) -> Amplifier:
         if (self.preset is None) == (self.registers is None):
             raise ValueError(f"give either preset ({', '.join(PRESETS)}) or registers, a map of your own")
+        given = (self.cell_ratio_mv_per_v is not None) + (self.cell_full_scale is not None)
+        if self.map().signal_is == "load" and self.map().ratio is None and given < 2:
+            raise ValueError(
+                "its signal is a weight, and where it keeps the load cell's ratio and full scale is not known: give "
+                "cell_ratio_mv_per_v and cell_full_scale as they are set in the amplifier"
+            )
+        if given and (self.map().signal_is != "load" or self.map().ratio is not None):
+            raise ValueError("cell_ratio_mv_per_v and cell_full_scale are of no use: its map does without them")
         return self
 
     def map(self) -> RegisterMap:
         """Return the register map, the preset's or the one given."""
-        return self.registers if self.registers is not None else PRESETS[self.preset or "seneca-z-sg"]
+        return self.registers if self.registers is not None else PRESETS[self.preset or "seneca-ze-sg3"]
 
 
 class AmplifierRtu(Amplifier):
@@ -81,8 +92,10 @@ class NewportStage(Section):
     @model_validator(mode="before")
     @classmethod
     def _by_the_actuator(cls, given: Any) -> Any:
-        model = ACTUATORS.get(given.get("actuator")) if isinstance(given, dict) else None
-        return given if model is None else {"highest_mm": model.travel_mm, "resolution_um": model.step_um, **given}
+        if not isinstance(given, dict) or given.get("actuator") not in ACTUATORS:
+            return given
+        model = ACTUATORS[given["actuator"]]
+        return {"highest_mm": model.travel_mm, "resolution_um": model.step_um, **given}
 
     @model_validator(mode="after")
     def _inside(self) -> NewportStage:

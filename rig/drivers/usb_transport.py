@@ -18,8 +18,10 @@ from rig.errors import DeviceError, RigError
 VENDOR_OUT, VENDOR_IN = 0x40, 0xC0
 """bmRequestType of vendor requests to the device."""
 
-CONTROL_TIMEOUT_MS = 50
-"""A control transfer takes a few milliseconds; this long without an answer is silence."""
+CONTROL_TIMEOUT_MS = 100
+"""This long without an answer to a control transfer is silence: the shortest that a public driver of the recorder takes
+(Jasper's Python driver 100 ms, 200 for the start of a scan; his C driver 2000, uldaq 1000). Not more, for while it is
+waited for nobody watches the load, and two in a row have to fit into the half second until the surfaces are apart."""
 
 PLUG_AGAIN = "plug it out and in again"
 
@@ -45,6 +47,10 @@ class UsbMute(UsbSilent):
 
 class UsbDamaged(UsbFault):
     """What came is not what was asked for."""
+
+
+class UsbOverrun(UsbDamaged):
+    """The device's memory ran over."""
 
 
 class UsbGone(UsbFault):

@@ -24,7 +24,7 @@ from rig.drivers.registers import (
 )
 from rig.drivers.settings import Amplifier
 from rig.drivers.transport import Transport
-from rig.errors import DeviceError, NoAnswer
+from rig.errors import DeviceError
 from rig.interface import Clock, LoadCell
 from rig.readings import LoadReading
 
@@ -162,23 +162,15 @@ class ModbusLoadCell(LoadCell, Driver):
     def _model(self) -> str:
         """Refuse another model of the maker: nothing in its registers would be where it is looked for."""
         preset = self._settings.preset
-        if preset not in ONE_MAKER or self._reads_like(preset):
+        if preset not in ONE_MAKER or fits(self._map, self._word):
             return ""
         for other in ONE_MAKER:
-            if other != preset and self._reads_like(other):
+            if other != preset and fits(PRESETS[other], self._word):
                 raise self._error(
                     f"its registers read like those of a {other}, not of the {preset} that is configured",
                     f"give preset: {other} in rig.parts.load_cell, if that is what its label says",
                 )
         return ""  # whichever register cannot be is named by the question that it belongs to
-
-    def _reads_like(self, preset: str) -> bool:
-        try:
-            return fits(PRESETS[preset], self._word)
-        except NoAnswer:
-            raise
-        except DeviceError:  # it has no such register
-            return False
 
     def _unit(self) -> str:
         if self._map.unit is None:

@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from rig.errors import DeviceError, NoAnswer
 from rig.section import Positive, Section
 
 Offset = Annotated[int, Field(ge=0, le=65534)]
@@ -199,8 +200,22 @@ class Bridge:
 def fits(settings_map: RegisterMap, word: Callable[[int], int]) -> bool:
     """Whether a device reads like those of this map, as far as the map tells them from others.
 
-    ``word`` returns the register at an offset.
+    ``word`` returns the register at an offset; a device that has no such register does not.
+
+    Raises
+    ------
+    NoAnswer
+        It does not answer at all.
     """
+    try:
+        return _fits(settings_map, word)
+    except NoAnswer:
+        raise
+    except DeviceError:
+        return False
+
+
+def _fits(settings_map: RegisterMap, word: Callable[[int], int]) -> bool:
     if settings_map.adc_rate is not None and word(settings_map.adc_rate) not in settings_map.adc_rates_hz:
         return False
     return all(mark.fits(word(mark.offset)) for mark in settings_map.marks)

@@ -18,7 +18,7 @@ from rig.drivers.driver import Driver
 from rig.drivers.recorder_settings import Usb1608Settings
 from rig.drivers.usb1608_protocol import DEVICE, NoRecorder, Status, Usb1608Protocol, find
 from rig.drivers.usb1608_scale import Scale, check_wiring
-from rig.drivers.usb_transport import UsbFault, UsbGone, UsbMute, UsbOverrun, UsbSilent
+from rig.drivers.usb_transport import UsbDead, UsbFault, UsbGone, UsbMute, UsbOverrun, UsbSilent
 from rig.errors import RigError
 from rig.interface import Accelerometers, Clock
 from rig.readings import Block
@@ -257,7 +257,7 @@ class Usb1608(Accelerometers, Driver):
             self._clock.sleep(LOOK_AGAIN_S)
 
     def _given_up(self, fault: UsbFault | None) -> RigError:
-        return RigError(f"{fault} (to start it again did not help)")
+        return RigError(str(fault) if isinstance(fault, UsbDead) else f"{fault} (to start it again did not help)")
 
     def _fill(self) -> bytes | array.array[int]:
         """Return the bytes of one block, however the device cuts them into transfers."""
@@ -283,7 +283,13 @@ class Usb1608(Accelerometers, Driver):
 
     def _explained(self, device: Usb1608Protocol, fault: UsbFault) -> UsbFault:
         """Return the fault in the words of the device's own status."""
-        transport, status = device.transport, device.status()
+        transport = device.transport
+        try:
+            status = device.status()
+        except UsbMute as mute:
+            if isinstance(fault, UsbSilent):
+                raise UsbDead(mute.device, mute.port, mute.what, mute.check) from fault
+            raise
         if Status.OVERRUN in status:
             return UsbOverrun(
                 transport.name,
@@ -305,5 +311,5 @@ class Usb1608(Accelerometers, Driver):
 
 
 def _mute(*faults: UsbFault | None) -> bool:
-    """Whether one request after the other was not answered, so that asking again is a waste of time."""
-    return all(isinstance(fault, UsbMute) for fault in faults)
+    """Whether two transfers in a row were not answered, so that asking again is a waste of time."""
+    return isinstance(faults[-1], UsbDead) or all(isinstance(fault, UsbMute) for fault in faults)

@@ -45,6 +45,10 @@ class UsbMute(UsbSilent):
     """Not even a request was answered in time."""
 
 
+class UsbDead(UsbMute):
+    """Neither samples came nor an answer: asking once more would only cost time."""
+
+
 class UsbDamaged(UsbFault):
     """What came is not what was asked for."""
 

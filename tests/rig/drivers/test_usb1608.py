@@ -496,3 +496,12 @@ def test_the_driver_knows_no_request_that_could_do_harm():
     from rig.drivers.usb1608_protocol import Request
 
     assert not {0x50, 0x31, 0x32, 0x42} & {int(r) for r in Request}
+
+
+def test_neither_samples_nor_a_status_is_given_up_without_another_question():
+    """The surfaces have to be apart within half a second, and each question to a dead device costs 100 ms."""
+    clock = VirtualClock()
+    driver, device = started(bulk(timed_out(), BLOCK), ask(STATUS, timed_out(), length=2), clock=clock)
+    with pytest.raises(RigError, match="it did not answer request 0x44"):
+        driver.read_block()
+    assert not device.pairs

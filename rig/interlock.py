@@ -267,7 +267,7 @@ class Interlock:
                     f"step: the load, {before:.0f} mN, is at the limit of {self._limits.load_mn:g} mN; "
                     "the stage only retracts"
                 )
-            step_um = min(step_um, room)
+            step_um = whole_steps(min(step_um, room), self._rig.stage.step_um)  # a stage rounds up as well
             self._check_travel(step_um)
         else:
             self._judged_from = None

@@ -30,6 +30,7 @@ QUANTA = 2.0  # steps of a rounded voltage by which the load must have risen bef
 RETRACTIONS = 3
 LEFT_THRESHOLDS = 3.0  # load, in contact thresholds, that a gauge may show with the surfaces apart
 CAREFUL_READING_S = 0.2
+STEP_READING_S = 0.05  # after a step: its noise is far below what a step makes
 CONFIRMING_READING_S = 0.1  # what a tap adds to one reading has died away, or averages out, in a longer one
 STANDING_DRIFT_UM = 1.0  # by which the encoder of a standing stage may be off: many steps of any actuator
 STANDING_CHANGE_THRESHOLDS = 4.0  # load change, in contact thresholds, that cannot happen while the stage stands
@@ -271,14 +272,14 @@ class Interlock:
             self._check_travel(step_um)
         else:
             self._judged_from = None
-        self._check_standing(before, self.load_mn())
+        self._check_standing(before, self.load_mn(0.0))
         self._stands = None
         position = self._rig.stage.move_by(step_um, aim).position_um
         self._stands = (position, False)
         self._travelled_um += max(step_um, 0.0)
         if step_um < 0 and math.isfinite(position):
             self._turned_at = position
-        after = self.load_mn()
+        after = self.load_mn(STEP_READING_S)
         self._check_limit(after)
         if step_um > 0:
             self._check_response(position, after)
@@ -322,13 +323,16 @@ class Interlock:
 
     # --- watching -------------------------------------------------------------------------------------------
 
-    def look_at_gauge(self) -> None:
+    def look_at_gauge(self, taps: bool) -> None:
         """See that the load is known and within the limit.
 
-        A single reading may hold what a tap makes the gauge swing; over the limit counts what a longer one confirms.
+        Where there may be ``taps``, a single reading may hold what one makes the gauge swing; over the limit counts
+        what a longer one confirms.
         """
-        if self.load_mn(0.0) > self._limits.load_mn:
-            self._check_limit(self.load_mn(CONFIRMING_READING_S))
+        load = self.load_mn(0.0)
+        if load > self._limits.load_mn and taps:
+            load = self.load_mn(CONFIRMING_READING_S)
+        self._check_limit(load)
 
     def look_at_stage(self) -> None:
         """See that the stage answers, and stands as it was left.

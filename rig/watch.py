@@ -32,6 +32,11 @@ class LoadWatch:
         What judges them.
     stale_s
         Longest time for which the load may be unknown.
+
+    Attributes
+    ----------
+    taps
+        Whether somebody may tap.
     """
 
     def __init__(self, rig: Rig, interlock: Interlock, stale_s: float) -> None:
@@ -40,6 +45,7 @@ class LoadWatch:
         self._period_s = min(PERIOD_S, SHARE_OF_BUDGET * stale_s)
         self._stage_seen_at = -math.inf
         self._looking = False
+        self.taps = False
 
     def look(self) -> None:
         """Look at what is due; nothing while the surfaces are apart.
@@ -58,7 +64,7 @@ class LoadWatch:
         self._looking = True  # a part that waits while it is looked at calls this again
         try:
             if self._clock.now() - self._interlock.read_at_s >= self._period_s:
-                self._interlock.look_at_gauge()
+                self._interlock.look_at_gauge(self.taps)
             if self._clock.now() - self._stage_seen_at >= STAGE_PERIOD_S:
                 self._interlock.look_at_stage()
                 self._stage_seen_at = self._clock.now()

@@ -310,6 +310,7 @@ class SessionRunner:
 
     def _record(self, before: tuple[float, float], hint: str) -> Shot | None:
         """Have one tap made, judge it, and put it on the disk; None if none came."""
+        self._watch.taps = True
         try:
             record = record_shot(
                 self._rig.accelerometers,
@@ -326,6 +327,8 @@ class SessionRunner:
                 raise
             self._tell(State.TAP, str(error))
             return None
+        finally:
+            self._watch.taps = False
         place = (self._next_number(), self.progress.load_set, self._target())
         shot = judged_shot(record, before, self._interlock.read_load(), place, self._config, self._rig.accelerometers)
         checkpoint = self._rig.checkpoint()

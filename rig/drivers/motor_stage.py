@@ -238,6 +238,7 @@ class MotorStage(Stage, Driver):
 
     def _go_to(self, position_um: float) -> None:
         """Be at the multiple of the resolution next to ``position_um``, whatever it takes within a few attempts."""
+        self.idle()
         target = self._on_grid(position_um)
         low, high = self._range_um
         if not low <= target <= high:

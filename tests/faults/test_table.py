@@ -197,13 +197,13 @@ def test_a_port_that_is_not_there_is_named(tmp_path):
 HEAD = """# Faults, and what comes of them
 
 Written by the tests (`make faults-table`), which make each of these happen on the wire between the real drivers and
-emulated devices, in the second load of a small session, four times: with replies that take 0, 16, 26 and 50 ms (none; a
-USB adapter's latency; that and a controller's 10 ms; a slow line). The outcome is held to what stands here: one
-sentence for the operator, the surfaces apart within 0.5 s of rig time after the fault (or the stage standing still, where it is
-the stage that cannot be reached), every accepted tap kept to the last bit, the load limit never passed by more than
-one step (unless the load itself is the fault), and the session carried to its end after the fault is mended. `make
-faults` does the same with 2,000 random schedules of one to five faults at random moments of all states, on wires of the
-same four delays. The load is watched in every state by one watch: the gauge every 0.1 s, the stage every 0.2 s.
+emulated devices, in the second load of a small session, four times: with replies that take 0, 16, 26 and 50 ms (a USB
+adapter adds 16, a controller 10). The outcome is held to what stands here: one sentence for the operator, the surfaces
+apart within 0.5 s of rig time after the fault (or the stage standing still, where it is the stage that cannot be
+reached), every accepted tap kept to the last bit, the load limit never passed by more than one step (unless the load
+itself is the fault), and the session carried to its end after the fault is mended. `make faults` does the same with
+2,000 random schedules of one to five faults at random moments of all states, on wires of the same four delays. The load
+is watched in every state by one watch: the gauge every 0.1 s, the stage every 0.2 s.
 
 What is asked again without a word costs at most 0.4 s. "The surfaces are apart" stands only where the gauge saw it. A
 gauge that is calibrated while its zero is off, and whose zero comes back afterwards, needs a new session: its

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import logging
 import os
 from pathlib import Path
 from types import TracebackType
@@ -31,6 +32,7 @@ from daq.records import Shot
 __all__ = ["HEADER", "JOURNAL", "LOCK", "SHOTS", "SessionFolder", "append_after_death"]
 
 HEADER, SHOTS, LOCK = "session.json", "shots", "lock"
+LOG = logging.getLogger("mesotap.journal")
 SHOT = "shot"
 """The journal's event for a shot that was kept; its entry has ``number`` and ``digest``."""
 SHOT_FORMAT = "mesotap-shot"
@@ -122,6 +124,9 @@ class SessionFolder:
             raise write_error(self.path / JOURNAL, error) from error
         self._length += len(line)
         self._events.append(json.loads(content))
+        if LOG.isEnabledFor(logging.INFO):
+            told = {key: value for key, value in event.items() if key not in ("event", "at", "rig")}
+            LOG.info("%s %s", event["event"], to_json(told))
 
     def events(self) -> list[dict[str, Any]]:
         """Return all events in order, those of earlier runs included."""

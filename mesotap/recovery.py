@@ -93,6 +93,7 @@ def recover(folder: Path) -> Recovered:
         software=_software(header),
         complete=proven,
         config=text,
+        hardware=None if progress is None else progress.hardware,
     )
     return Recovered(session, tuple(losses.lines))
 

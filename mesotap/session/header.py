@@ -69,9 +69,13 @@ class KeptConfig:
         """Return a sentence for each kind of difference."""
         said = []
         if self.left_out:
-            said.append(f"keys of its configuration that this version does not know: {', '.join(self.left_out)}")
+            said.append(
+                f"its configuration is of another version; keys unknown here are left out: {', '.join(self.left_out)}"
+            )
         if self.defaults:
-            said.append(f"keys at their defaults, for its configuration has none: {', '.join(self.defaults)}")
+            said.append(
+                f"its configuration is of another version; keys it lacks take defaults: {', '.join(self.defaults)}"
+            )
         return said
 
 

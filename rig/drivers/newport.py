@@ -7,6 +7,7 @@ Nothing here configures the controller or writes to its flash memory (``PW``).
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -21,8 +22,10 @@ from rig.drivers.newport_codes import (
 )
 from rig.drivers.transport import Transport, settle
 from rig.errors import DeviceError, NoAnswer
+from rig.hardware_log import repeated
 from rig.interface import Clock
 
+LOG = logging.getLogger("mesotap.rig.stage")
 QUIET_S = 0.02
 END = b"\n"
 LONGEST_LINE = 200  # bytes; more without an end of line is noise
@@ -126,6 +129,7 @@ class NewportAxis:
                     return
                 # a damaged line is not the operator's business as long as the next one gets through
                 self.repeated += 1
+                self._note("a command was sent again", f"{command}{value}: {error.value[1]}")
         raise DeviceError(
             self._transport.device,
             self._transport.port,
@@ -140,9 +144,10 @@ class NewportAxis:
             for attempt in range(self._tries):
                 if attempt:
                     self.repeated += 1
+                    self._note("a question was asked again", command)
                     self._watch_for_nul(settle(self._transport, QUIET_S))
-                else:
-                    self._watch_for_nul(self._transport.discard())
+                elif unasked := self._watch_for_nul(self._transport.discard()):
+                    self._note("bytes that nobody asked for were discarded", repr(unasked[:LONGEST_LINE]))
                 self._transport.write(self._line(command, suffix))
                 deadline = self._clock.now() + self._timeout_s
                 pending = b""
@@ -152,7 +157,8 @@ class NewportAxis:
                     try:
                         return parse(parse_reply(whole, self._address, command))
                     except ReplyError:
-                        continue  # foreign or damaged: the true reply may follow
+                        self._note("a line was foreign or damaged", repr(whole))
+                        continue  # the true reply may follow
         what = "its replies make no sense" if heard else "it does not answer"
         raise NoAnswer(
             self._transport.device,
@@ -161,11 +167,15 @@ class NewportAxis:
             "check its power, its cable, and the address and speed in rig.parts.stage",
         )
 
+    def _note(self, what: str, detail: str = "") -> None:
+        repeated(LOG, self._transport.device, what, detail)
+
     def _watch_for_nul(self, data: bytes) -> bytes:
         """Return the bytes without a NUL, which says that the motor's power was cut and came back."""
         if b"\0" not in data:
             return data
         self.power_came_back = True
+        self._note("the motor's power was cut and came back")
         return data.replace(b"\0", b"")
 
     def _next_line(self, pending: bytes, deadline: float) -> tuple[bytes, bytes] | None:

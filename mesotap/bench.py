@@ -15,6 +15,7 @@ from sim_backend.person import SimulatedPerson
 from sim_backend.rig import SimulatedRig
 
 if TYPE_CHECKING:
+    from rig.drivers.wire_record import WireFile
     from sim_backend.emulators.rig import EmulatedRig
     from sim_backend.emulators.wire import Disturbance
 
@@ -26,6 +27,7 @@ def build_rig(
     seed: int | None = None,
     realtime: bool = False,
     emulated: bool = False,
+    wire_file: WireFile | None = None,
 ) -> Rig:
     """Build the rig that the configuration describes.
 
@@ -39,6 +41,8 @@ def build_rig(
         Of the simulated rig.
     emulated
         The drivers, on emulated devices with the simulated rig's physics.
+    wire_file
+        Where to record what goes over the wires; None for nowhere.
 
     Raises
     ------
@@ -46,12 +50,12 @@ def build_rig(
         If a part has no driver.
     """
     if emulated:
-        return emulated_rig(config, operator, seed, wires=True)
+        return emulated_rig(config, operator, seed, wires=True, wire_file=wire_file)
     if simulated:
         return simulated_rig(config, operator, seed, realtime)
     from rig.drivers.assembly import assemble  # hardware code only where there is hardware
 
-    return assemble(config.rig, operator)
+    return assemble(config.rig, operator, wire_file=wire_file)
 
 
 def emulated_rig(
@@ -61,12 +65,13 @@ def emulated_rig(
     wires: bool = False,
     amplifier_wire: Disturbance | None = None,
     stage_wire: Disturbance | None = None,
+    wire_file: WireFile | None = None,
 ) -> EmulatedRig:
     """Build the emulated rig; see `sim_backend.emulators.rig.EmulatedRig`."""
     from sim_backend.emulators.rig import EmulatedRig
 
     stiffness = _stiffness_from_theory(config)
-    rig = EmulatedRig(config.rig, config.sim_backend, stiffness, seed, wires, amplifier_wire, stage_wire)
+    rig = EmulatedRig(config.rig, config.sim_backend, stiffness, seed, wires, amplifier_wire, stage_wire, wire_file)
     if config.rig.parts.stage == "hand":
         person = SimulatedPerson(rig.physics.micrometer, operator)
         rig.stage = HandStage(person, rig.clock, lambda: f"gauge {rig.load_cell.read().voltage_mv:.2f} mV")

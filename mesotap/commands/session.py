@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +29,15 @@ from mesotap.console import KeyControl, SessionDisplay, TerminalOperator
 from mesotap.results_files import results_json
 from mesotap.session.entries import progress_in
 from mesotap.session.header import FOLDER_FORMAT, FOLDER_VERSION, kept_config, note_version, read_header
-from mesotap.session.progress import assemble, describe_rig
+from mesotap.session.progress import HARDWARE, assemble, describe_rig
 from mesotap.session.runner import Bench, SessionRunner
 from mesotap.session.shots import judged_shot
 from mesotap.session.states import State
+from mesotap.session_log import Logged, session_log
+from mesotap.wire_options import NO_WIRE, WireOptions
 from rig import GaugeScale, Rig
+from rig.drivers.wire_record import WireFile
+from rig.hardware_log import HardwareLog
 from rig.interlock import Interlock
 from rig.wall_clock import WallClock
 
@@ -49,6 +54,7 @@ def run(
     json_path: Path | None,
     console: Console,
     emulate: bool = False,
+    wire: WireOptions = NO_WIRE,
 ) -> None:
     """Begin a session in a new folder and carry it to its report."""
     config = load_config(config_path, changes)
@@ -65,18 +71,19 @@ def run(
         "realtime": realtime,
         "software": f"mesotap {__version__}",
     }
-    rig = _rig_of(header, config, console)  # before a folder is begun that could not be carried on
-    with SessionFolder.create(path, header) as folder:
-        _carry_out(folder, config, rig, json_path, console)
+    with wire.begun(config, "run") as file:
+        rig = _rig_of(header, config, console, file)  # before a folder is begun that could not be carried on
+        with SessionFolder.create(path, header) as folder:
+            _carry_out(folder, config, rig, json_path, console, wire.log)
 
 
-def _rig_of(header: dict[str, Any], config: Config, console: Console) -> Rig:
+def _rig_of(header: dict[str, Any], config: Config, console: Console, file: WireFile | None) -> Rig:
     operator = TerminalOperator(console)
     simulated, emulated = bool(header["simulated"]), bool(header.get("emulated"))
-    return build_rig(config, simulated, operator, int(header["seed"]), bool(header["realtime"]), emulated)
+    return build_rig(config, simulated, operator, int(header["seed"]), bool(header["realtime"]), emulated, file)
 
 
-def resume(path: Path, json_path: Path | None, console: Console) -> None:
+def resume(path: Path, json_path: Path | None, console: Console, wire: WireOptions = NO_WIRE) -> None:
     """Go on with a session wherever it was left."""
     with SessionFolder.open(path) as folder:
         header = read_header(folder)
@@ -93,17 +100,27 @@ def resume(path: Path, json_path: Path | None, console: Console) -> None:
             write_json(json_path, results_json(results))
             _diagnose(session, results, config, path, console)
             return
-        _carry_out(folder, config, _rig_of(folder.header, config, console), json_path, console)
+        with wire.begun(config, "resume") as file:
+            _carry_out(folder, config, _rig_of(folder.header, config, console, file), json_path, console, wire.log)
 
 
-def _carry_out(folder: SessionFolder, config: Config, rig: Rig, json_path: Path | None, console: Console) -> None:
+def _carry_out(
+    folder: SessionFolder, config: Config, rig: Rig, json_path: Path | None, console: Console, log_wire: bool = False
+) -> None:
     header = folder.header
     operator = TerminalOperator(console)
     wanted = config.mesotap.impacts_per_load * len(config.mesotap.load_plan_mn)
     good = sum(bool(e.get("accepted")) for e in folder.events() if e["event"] == "shot")
-    with KeyControl(console).listening() as control, SessionDisplay(wanted, good, console) as display:
-        runner = SessionRunner(config, folder, Bench(rig, operator, display, control, lambda: truth_now(rig)))
-        runner.run()
+    with (
+        session_log(folder.path, log_wire) as hardware,
+        KeyControl(console).listening() as control,
+        SessionDisplay(wanted, good, console) as display,
+    ):
+        runner = SessionRunner(config, folder, Bench(rig, operator, Logged(display), control, lambda: truth_now(rig)))
+        try:
+            runner.run()
+        finally:
+            _note_hardware(folder, runner, hardware)
     file = folder.path / SESSION_FILE
     session = assemble(header, config, runner.progress, folder.shots())
     write_session(file, session)
@@ -113,6 +130,14 @@ def _carry_out(folder: SessionFolder, config: Config, rig: Rig, json_path: Path 
     console.print(f"session file {file}", highlight=False, soft_wrap=True)
     write_json(json_path, results_json(results))
     _diagnose(session, results, config, folder.path, console)
+
+
+def _note_hardware(folder: SessionFolder, runner: SessionRunner, hardware: HardwareLog) -> None:
+    """Keep in the journal what this run had to repeat, so that the runs of a session add up."""
+    entry = {"event": HARDWARE, "at": WallClock().utc(), "repeated": [asdict(e) for e in hardware.account()]}
+    with contextlib.suppress(RecordingError):  # a full disk is told by whoever has something to lose
+        folder.append(entry)
+        runner.progress.apply(entry)
 
 
 def _report(

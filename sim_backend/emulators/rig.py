@@ -24,6 +24,7 @@ from rig.drivers.settings import AmplifierRtu, AmplifierTcp, NewportStage
 from rig.drivers.solenoid import SolenoidImpactor
 from rig.drivers.transport import SerialTransport, TcpTransport, Transport
 from rig.drivers.usb1608 import Usb1608
+from rig.drivers.wire_record import WireFile, recorded, recorded_usb
 from rig.settings import RigSettings
 from sim_backend.emulators.amplifier import EmulatedAmplifier
 from sim_backend.emulators.modbus import ModbusServer
@@ -52,6 +53,8 @@ class EmulatedRig(AssembledRig):
         function call.
     amplifier_wire, stage_wire
         Faults on the wires; None for none.
+    wire_file
+        Where to record what goes over the wires; None for nowhere.
 
     Attributes
     ----------
@@ -72,8 +75,12 @@ class EmulatedRig(AssembledRig):
         wires: bool = False,
         amplifier_wire: Disturbance | None = None,
         stage_wire: Disturbance | None = None,
+        wire_file: WireFile | None = None,
     ) -> None:
+        self._wire_file = wire_file
         self.physics = physics = SimulatedRig(rig_settings, settings, contact_stiffness, False, seed)
+        if wire_file is not None:
+            wire_file.set_clock(physics.clock)
         parts = rig_settings.parts
         self._wires = wires
         self.ports: list[PtyPort | TcpPort] = []
@@ -130,7 +137,7 @@ class EmulatedRig(AssembledRig):
             tcp = TcpPort(server, disturbance)
             self.ports.append(tcp)
             wire = self._in_virtual_time(TcpTransport(AMPLIFIER, tcp.host, tcp.tcp_port))
-        return ModbusLoadCell(wire, framing, settings, self.physics.clock)
+        return ModbusLoadCell(recorded(wire, self._wire_file), framing, settings, self.physics.clock)
 
     def _motor_stage(self, settings: NewportStage, step_um: float, disturbance: Disturbance | None) -> Stage:
         wire: Transport
@@ -140,7 +147,7 @@ class EmulatedRig(AssembledRig):
             wire = self._in_virtual_time(SerialTransport(STAGE, str(pty.path), settings.line_rate()))
         else:
             wire = InProcessTransport(STAGE, settings.port, self.controller, self.physics.clock, disturbance)
-        return MotorStage(wire, settings, self.physics.clock, step_um)
+        return MotorStage(recorded(wire, self._wire_file), settings, self.physics.clock, step_um)
 
     def _recorder(self, rig_settings: RigSettings, settings: SimBackendSettings) -> tuple[Accelerometers, Impactor]:
         parts, physics = rig_settings.parts, self.physics
@@ -157,7 +164,8 @@ class EmulatedRig(AssembledRig):
             calibration=calibration_table(settings.recorder, physics.seed),
             on_line=lambda line, high: self._switched(solenoid, line, high),
         )
-        driver = Usb1608(rig_settings.wiring, recorder, physics.clock, self.recorder.bus)
+        bus = recorded_usb(self.recorder.bus, self._wire_file)
+        driver = Usb1608(rig_settings.wiring, recorder, physics.clock, bus)
         impactor: Impactor = physics.impactor
         if solenoid is not None:
             impactor = SolenoidImpactor(driver, solenoid, physics.clock)

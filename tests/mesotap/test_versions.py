@@ -63,8 +63,8 @@ def test_keys_of_another_version_are_told_and_left_out_and_missing_ones_take_the
     config = json.loads((folder / "session.json").read_text())["config"]
     other = config.replace("dwell_s:", "dwell_of_old_s:").replace("poll_s:", "poll_s:")
     said = resumed(folder, software="mesotap 0.0.1", config=other)
-    assert "keys of its configuration that this version does not know: mesotap.dwell_of_old_s" in said
-    assert "keys at their defaults, for its configuration has none: mesotap.dwell_s" in said
+    assert "keys unknown here are left out: mesotap.dwell_of_old_s" in said
+    assert "keys it lacks take defaults: mesotap.dwell_s" in said
     (noted,) = versions(folder)
     assert noted["left_out"] == ["mesotap.dwell_of_old_s"]
     assert noted["defaults"] == ["mesotap.dwell_s"]

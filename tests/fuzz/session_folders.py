@@ -334,8 +334,15 @@ DAMAGES: dict[str, Damage] = {
     "shots: an unfinished one that is a link": lambda folder: (folder / "shots" / "00003.h5.part").symlink_to(
         "/etc/passwd"
     ),
+    "permissions: none for the journal": lambda folder: (folder / "journal.jsonl").chmod(0),
+    "permissions: none for the header": lambda folder: (folder / "session.json").chmod(0),
+    "permissions: none for the lock": lambda folder: (folder / "lock").chmod(0),
+    "permissions: none for a shot": lambda folder: (folder / "shots" / "00001.h5").chmod(0),
+    "permissions: none for the shots": lambda folder: (folder / "shots").chmod(0),
+    "permissions: none to write the folder": lambda folder: folder.chmod(0o500),
+    "permissions: none for the folder": lambda folder: folder.chmod(0),
     "session file: a folder": _folder_instead("session.h5"),
     "session file: text": lambda folder: (folder / "session.h5").write_text("hello") and None,
     "session file: a FIFO": _fifo_instead("session.h5"),
 }
-"""By name. Whoever opens such a folder gets one sentence, or what is right."""
+"""By name. Whoever opens such a folder gets one sentence, or what is right. Permissions mean nothing to root."""

@@ -94,7 +94,7 @@ def content(folder: Path) -> dict[str, str]:
     for path in sorted(folder.rglob("*")):
         kind = path.lstat()
         what = str(path.readlink()) if path.is_symlink() else ""
-        if stat.S_ISREG(kind.st_mode):
+        if stat.S_ISREG(kind.st_mode) and os.access(path, os.R_OK):
             what = hashlib.sha256(path.read_bytes()).hexdigest()
         found[str(path.relative_to(folder))] = f"{kind.st_mode} {kind.st_mtime_ns} {what}"
     return found
@@ -126,8 +126,10 @@ def test_each_command_ends_in_one_sentence_or_does_what_is_right(sound: Path, tm
         DAMAGES[damage](folder)
         before = content(folder)
         said = said_by(command, folder)
+        after = content(folder)
+        folder.chmod(0o700)  # so that it can be cleared away
         if command == "recover":
-            assert content(folder) == before
+            assert after == before
             assert bool(said) != (folder.parent / "recovered.h5").exists()
             if not said:
                 assert faults(folder.parent / "recovered.h5") == []

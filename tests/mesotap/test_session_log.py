@@ -178,3 +178,22 @@ def test_a_session_in_which_nothing_was_repeated_says_so(tmp_path: Path) -> None
     assert any("INFO mesotap.session approaching: " in line for line in lines(tmp_path / "run"))
     assert any(' INFO mesotap.journal shot {"number": 0, ' in line for line in lines(tmp_path / "run"))
     assert not any(" WARNING " in line for line in lines(tmp_path / "run"))
+
+
+def test_a_recorder_that_is_started_again_is_counted() -> None:
+    config = small_config()
+    rig = emulated_rig(config)
+    rig.open()
+    rig.accelerometers.start()
+    rig.accelerometers.read_block()
+    counts = HardwareLog()
+    logging.getLogger("mesotap").addHandler(counts)
+    try:
+        rig.recorder.inject("stall")
+        rig.accelerometers.read_block()
+    finally:
+        logging.getLogger("mesotap").removeHandler(counts)
+        rig.close()
+    (entry,) = counts.account()
+    assert (entry.what, entry.count) == ("the recording was started again", 1)
+    assert "1608FS" in entry.device

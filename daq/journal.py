@@ -104,6 +104,11 @@ class SessionFolder:
             os.close(lock)
             raise
 
+    @property
+    def lock_descriptor(self) -> int:
+        """Descriptor of the folder's lock, for whoever is to hold it after this program."""
+        return self._lock
+
     def append(self, event: dict[str, Any]) -> None:
         """Add an event (a dict of JSON types with a key ``event``) to the journal; it is on disk on return.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -26,20 +27,24 @@ from mesotap.bench import build_rig, simulated_rig, truth_now
 from mesotap.commands.answers import analysed, refuse_to_overwrite, show_session, write_json
 from mesotap.config import Config, effective_text, load_config
 from mesotap.console import KeyControl, SessionDisplay, TerminalOperator
+from mesotap.emulated_devices import SeparateRig
 from mesotap.results_files import results_json
 from mesotap.session.entries import progress_in
+from mesotap.session.guardian import GuardianProcess
 from mesotap.session.header import FOLDER_FORMAT, FOLDER_VERSION, kept_config, note_version, read_header
 from mesotap.session.progress import HARDWARE, assemble, describe_rig
-from mesotap.session.runner import Bench, SessionRunner
+from mesotap.session.runner import Bench, Guardian, SessionRunner
 from mesotap.session.shots import judged_shot
 from mesotap.session.states import State
 from mesotap.session_log import Logged, session_log
 from mesotap.wire_options import NO_WIRE, WireOptions
 from rig import GaugeScale, Rig
+from rig.assembled import AssembledRig
 from rig.drivers.wire_record import WireFile
 from rig.hardware_log import HardwareLog
 from rig.interlock import Interlock
 from rig.wall_clock import WallClock
+from sim_backend.emulators.rig import EmulatedRig
 
 SESSION_FILE = "session.h5"
 
@@ -71,16 +76,27 @@ def run(
         "realtime": realtime,
         "software": f"mesotap {__version__}",
     }
-    with wire.begun(config, "run") as file:
-        rig = _rig_of(header, config, console, file)  # before a folder is begun that could not be carried on
-        with SessionFolder.create(path, header) as folder:
-            _carry_out(folder, config, rig, json_path, console, wire.log)
-
-
-def _rig_of(header: dict[str, Any], config: Config, console: Console, file: WireFile | None) -> Rig:
+    if emulate and realtime:
+        header["devices"] = tempfile.mkdtemp(prefix="mesotap-devices-")
     operator = TerminalOperator(console)
+    with wire.begun(config, "run") as file:
+        rig = _rig_of(header, config, operator, file)  # before a folder is begun to no purpose
+        with SessionFolder.create(path, header) as folder:
+            _carry_out(folder, config, rig, operator, json_path, console, wire.log)
+
+
+def _rig_of(header: dict[str, Any], config: Config, operator: TerminalOperator, file: WireFile | None) -> Rig:
     simulated, emulated = bool(header["simulated"]), bool(header.get("emulated"))
-    return build_rig(config, simulated, operator, int(header["seed"]), bool(header["realtime"]), emulated, file)
+    devices = Path(str(header["devices"])) if header.get("devices") else None
+    seed, realtime = int(header["seed"]), bool(header["realtime"])
+    return build_rig(config, simulated, operator, seed, realtime, emulated, devices, file)
+
+
+def _guardian(rig: Rig, config: Config, folder: SessionFolder) -> Guardian:
+    """Return who takes the surfaces apart if this program dies: for devices that do not die with it."""
+    if isinstance(rig, EmulatedRig) or not isinstance(rig, AssembledRig):
+        return Guardian()
+    return GuardianProcess(config.rig, rig, folder, rig.folder if isinstance(rig, SeparateRig) else None)
 
 
 def resume(path: Path, json_path: Path | None, console: Console, wire: WireOptions = NO_WIRE) -> None:
@@ -100,27 +116,39 @@ def resume(path: Path, json_path: Path | None, console: Console, wire: WireOptio
             write_json(json_path, results_json(results))
             _diagnose(session, results, config, path, console)
             return
+        operator = TerminalOperator(console)
         with wire.begun(config, "resume") as file:
-            _carry_out(folder, config, _rig_of(folder.header, config, console, file), json_path, console, wire.log)
+            rig = _rig_of(folder.header, config, operator, file)
+            _carry_out(folder, config, rig, operator, json_path, console, wire.log)
 
 
 def _carry_out(
-    folder: SessionFolder, config: Config, rig: Rig, json_path: Path | None, console: Console, log_wire: bool = False
+    folder: SessionFolder,
+    config: Config,
+    rig: Rig,
+    operator: TerminalOperator,
+    json_path: Path | None,
+    console: Console,
+    log_wire: bool = False,
 ) -> None:
     header = folder.header
-    operator = TerminalOperator(console)
     wanted = config.mesotap.impacts_per_load * len(config.mesotap.load_plan_mn)
     good = sum(bool(e.get("accepted")) for e in folder.events() if e["event"] == "shot")
+    control = KeyControl(console, operator.keyboard)
     with (
         session_log(folder.path, log_wire) as hardware,
-        KeyControl(console).listening() as control,
+        control.listening(),
         SessionDisplay(wanted, good, console) as display,
     ):
-        runner = SessionRunner(config, folder, Bench(rig, operator, Logged(display), control, lambda: truth_now(rig)))
+        guardian = _guardian(rig, config, folder)
+        bench = Bench(rig, operator, Logged(display), control, lambda: truth_now(rig), guardian)
+        runner = SessionRunner(config, folder, bench)
         try:
             runner.run()
         finally:
             _note_hardware(folder, runner, hardware)
+    if isinstance(rig, SeparateRig):
+        rig.devices.call("end")
     file = folder.path / SESSION_FILE
     session = assemble(header, config, runner.progress, folder.shots())
     write_session(file, session)
@@ -201,8 +229,8 @@ def calibrate_gauge(
     config = load_config(config_path, changes)
     operator = TerminalOperator(console)
     rig = build_rig(config, simulate, operator, seed, emulated=emulate)
-    rig.open()
     try:
+        rig.open()
         points = calibrate(rig, config.calibration, operator.say)
     finally:
         rig.close()

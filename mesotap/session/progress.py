@@ -42,6 +42,8 @@ class Progress:
         Calibrations done so far.
     contact
         Position (um) and load (mN) where contact was felt, None while apart.
+    felt_before
+        The same of the last contact, also when the surfaces are apart again.
     load_mn
         Load at which the stage was locked.
     checkpoint
@@ -57,6 +59,7 @@ class Progress:
     pre: CalibrationPoints | None = None
     post: CalibrationPoints | None = None
     contact: tuple[float, float] | None = None
+    felt_before: tuple[float, float] | None = None
     load_mn: float = float("nan")
     checkpoint: dict[str, Any] = field(default_factory=dict)
     truths: list[dict[str, Any]] = field(default_factory=list)
@@ -96,7 +99,7 @@ class Progress:
                 self.post = points
         elif event is Event.CONTACT:
             position, load = entry["position_um"], entry["load_mn"]
-            self.contact = (float("nan") if position is None else float(position), float(load))
+            self.contact = self.felt_before = (float("nan") if position is None else float(position), float(load))
         elif event is Event.LOADED:
             self.load_mn = float(entry["load_mn"])
             if entry.get("truth"):

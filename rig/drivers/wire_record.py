@@ -180,6 +180,10 @@ class RecordingTransport(Transport):
             self._file.note(self.device, self.port, "read", data, wait_s=timeout_s)
         return data
 
+    def fileno(self) -> int | None:
+        """Return the descriptor of the open port: who takes it over is not recorded."""
+        return self.inner.fileno()
+
     def _recorded(self, act: str, do: Callable[[], None], data: bytes | None = None) -> None:
         try:
             do()

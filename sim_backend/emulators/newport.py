@@ -110,11 +110,15 @@ class EmulatedController:
             "TP": lambda: f"{self._to_mm(self._stage.knob_um):.6f}",
             "VE": lambda: f" {self.version}",
             "VA": lambda: f"{self._speed * 1e-3:g}",
+            "HT": lambda: "4",
             "SL": lambda: f"{self._settings.lowest_mm:g}",
             "SR": lambda: f"{self._settings.highest_mm:g}",
         }
         if command in answers:
-            if command in ("VA", "SL", "SR") and value != "?":
+            if command == "VA" and value != "?":
+                self._error = self._set_speed(value)
+                return b""
+            if command in ("SL", "SR", "HT") and value != "?":
                 self._error = "D"  # what sets them is not emulated, as nothing may send it
                 return b""
             return f"{address}{command}{answers[command]()}\r\n".encode()
@@ -146,6 +150,14 @@ class EmulatedController:
         target = round((float(value) - self._settings.zero_mm) * 1e3, DIGITS)
         self._begin(target)
         self._rest = READY_FROM_MOVING
+        return "@"
+
+    def _set_speed(self, value: str) -> str:
+        if not NUMBER.match(value) or not 0 < float(value) <= 0.4:
+            return "C"
+        if self._state() == MOVING:
+            return "M"
+        self._speed = float(value) * 1e3
         return "@"
 
     def _home(self, value: str) -> str:
@@ -200,7 +212,7 @@ class EmulatedController:
         if self.stalled:
             self._fails_s, self._why = self._clock.now() + FOLLOWING_S, PositionerError.FOLLOWING
             return
-        over = self._stage.begin(reached)
+        over = self._stage.begin(reached, self._speed)
         if reached != target_um:
             end = PositionerError.NEGATIVE_END if target_um < low else PositionerError.POSITIVE_END
             self._fails_s, self._why = over, end

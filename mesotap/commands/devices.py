@@ -64,10 +64,13 @@ def check(
 ) -> None:
     """Connect, test the rig part by part, print a verdict a line; `RigError` if any is bad."""
     config = load_config(config_path, changes)
+    operator = TerminalOperator(console)
     verdicts: list[Verdict] = []
     troubles = ""
-    with wire.begun(config, "check") as file, KeyControl(console).listening():
-        rig = build_rig(config, simulate, TerminalOperator(console), seed, emulated=emulate, wire_file=file)
+    with wire.begun(config, "check") as file, KeyControl(console, operator.keyboard).listening() as control:
+        rig = build_rig(config, simulate, operator, seed, emulated=emulate, wire_file=file)
+        for part in (operator, rig.stage, rig.load_cell, rig.accelerometers, rig.weights):
+            part.idle = control.check
         try:
             for line in rig.open():
                 _show(Verdict("connection", True, line), verdicts, console)

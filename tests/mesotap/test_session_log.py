@@ -18,6 +18,7 @@ from daq.session_file import read_session
 from mesotap import session_log as module
 from mesotap.bench import emulated_rig
 from mesotap.commands import session
+from mesotap.console import TerminalOperator
 from mesotap.session_log import LOG_FILE, session_log
 from rig.hardware_log import HardwareLog, Repetition, added, repeated
 from sim_backend.emulators.disturbance import DisturbedWire, foreign_line
@@ -150,7 +151,7 @@ def carried_out(folder: Path, wire: DisturbedWire | None = None) -> None:
     else:
         opened = SessionFolder.create(folder, header_of(config))
     with opened:
-        session._carry_out(opened, config, rig, None, console)
+        session._carry_out(opened, config, rig, TerminalOperator(console), None, console)
 
 
 @pytest.mark.usefixtures("quick")

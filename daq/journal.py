@@ -22,11 +22,21 @@ from typing import Any
 
 import h5py
 
-from daq.durable import PART, cause_of, make_folder, open_plain, remove_part, sync_folder, write_error, write_whole
+from daq.durable import (
+    PART,
+    cause_of,
+    make_folder,
+    open_plain,
+    read_plain,
+    remove_part,
+    sync_folder,
+    write_error,
+    write_whole,
+)
 from daq.errors import RecordingError
 from daq.hdf5 import CHECKSUMMED, open_hdf5, reading
 from daq.impact_group import check_shot, digest_of, read_impact, scalar_text, to_json, write_impact
-from daq.journal_file import JOURNAL, append_after_death, mend, open_journal, write_all
+from daq.journal_file import JOURNAL, LARGEST_TEXT, append_after_death, mend, open_journal, write_all
 from daq.records import Shot
 
 __all__ = ["HEADER", "JOURNAL", "LOCK", "SHOTS", "SessionFolder", "append_after_death"]
@@ -241,8 +251,7 @@ def _take_lock(path: Path) -> int:
 def _read_header(path: Path) -> dict[str, Any]:
     file = path / HEADER
     try:
-        with os.fdopen(open_plain(file, os.O_RDONLY), "rb") as opened:
-            header = json.loads(opened.read())
+        header = json.loads(read_plain(file, LARGEST_TEXT))
     except FileNotFoundError:
         if any((path / SHOTS).glob("*.h5")):
             raise RecordingError(f"{path}: its {HEADER} is lost, but there are shots; {mend(path)}") from None

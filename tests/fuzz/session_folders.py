@@ -118,6 +118,11 @@ def _folder_instead(name: str) -> Damage:
     return damage
 
 
+def _grown(name: str) -> Damage:
+    """A file with a hole of 3 GB, which takes no room on the disk."""
+    return lambda folder: os.truncate(folder / name, 3 << 30)
+
+
 def _fifo_instead(name: str) -> Damage:
     def damage(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
@@ -278,6 +283,8 @@ DAMAGES: dict[str, Damage] = {
     "journal: a folder": _folder_instead("journal.jsonl"),
     "journal: a link": _link_instead("journal.jsonl", "/etc/passwd"),
     "journal: a FIFO": _fifo_instead("journal.jsonl"),
+    "journal: 3 GB of zeros": _grown("journal.jsonl"),
+    "header: 3 GB of zeros": _grown("session.json"),
     "header: missing": _gone("session.json"),
     "header: empty": _bytes("session.json", lambda content: b""),
     "header: cut": _bytes("session.json", lambda content: content[:-20]),

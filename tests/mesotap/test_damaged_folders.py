@@ -94,7 +94,7 @@ def content(folder: Path) -> dict[str, str]:
     for path in sorted(folder.rglob("*")):
         kind = path.lstat()
         what = str(path.readlink()) if path.is_symlink() else ""
-        if stat.S_ISREG(kind.st_mode) and os.access(path, os.R_OK):
+        if stat.S_ISREG(kind.st_mode) and os.access(path, os.R_OK) and kind.st_size < 1 << 30:
             what = hashlib.sha256(path.read_bytes()).hexdigest()
         found[str(path.relative_to(folder))] = f"{kind.st_mode} {kind.st_mtime_ns} {what}"
     return found

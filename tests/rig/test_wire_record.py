@@ -10,6 +10,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mesotap.bench import emulated_rig
 from mesotap.config import parse_config
@@ -215,6 +217,18 @@ def test_what_is_no_recording_is_one_sentence(tmp_path: Path, content: bytes, sa
     (tmp_path / "wire.jsonl").write_bytes(content)
     with pytest.raises(RigError, match=said):
         read_recording(tmp_path / "wire.jsonl")
+
+
+@given(st.binary(max_size=300), st.booleans())
+def test_any_bytes_are_a_recording_or_a_sentence(
+    tmp_path_factory: pytest.TempPathFactory, rest: bytes, begun: bool
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.jsonl"
+    path.write_bytes(b'{"format": "mesotap-wire", "format_version": 1}\n' * begun + rest)
+    try:
+        read_recording(path)
+    except RigError as error:
+        assert "\n" not in str(error)
 
 
 def test_a_last_line_that_was_cut_is_left_out(tmp_path: Path) -> None:

@@ -67,7 +67,7 @@ class EmulatedAmplifier:
     def _constants(self) -> dict[int, int]:
         words: dict[int, int] = {}
         rates = self._map.adc_rates_hz
-        enough = [i for i, rate in enumerate(rates) if rate >= self._settings.readings_per_s]
+        enough = [code for code, rate in rates.items() if rate >= self._settings.readings_per_s]
         for place, value in (
             (self._map.firmware, FIRMWARE),
             (self._map.unit, UNIT_NEWTON),

@@ -28,7 +28,7 @@ from daq.session_file import RATE_TOLERANCE, read_session
 from mesotap import __version__
 from mesotap.config import Config, ConfigError
 from mesotap.session.entries import fault_of, walk
-from mesotap.session.header import header_fault, kept_config
+from mesotap.session.header import header_fault, kept_config, physical_part
 from mesotap.session.progress import SHOT, Progress, describe_rig
 from mesotap.session.states import Event, State
 
@@ -146,7 +146,11 @@ def _config(folder: Path, header: dict[str, Any], losses: Losses) -> tuple[Confi
             kept = kept_config(text, where)
         except ConfigError as error:
             losses.note(where, f"its configuration cannot be used: {str(error).splitlines()[0]}")
-            continue
+            part = physical_part(text, where)
+            if part is None:
+                continue
+            losses.note(where, "of its configuration only masses, springs, filter and wiring were used")
+            return part, text
         for difference in kept.differences():
             losses.note(where, difference)
         if where != HEADER:

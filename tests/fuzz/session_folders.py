@@ -227,6 +227,12 @@ def _refused_value(folder: Path) -> None:
     (folder / "session.json").write_text(json.dumps(header))
 
 
+def _refused_load(folder: Path) -> None:
+    header = json.loads((folder / "session.json").read_text())
+    header["config"] = header["config"].replace("impacts_per_load: 2", "impacts_per_load: none")
+    (folder / "session.json").write_text(json.dumps(header))
+
+
 DAMAGES: dict[str, Damage] = {
     "journal: a line damaged in the middle": _bytes("journal.jsonl", _middle),
     "journal: missing": _gone("journal.jsonl"),
@@ -297,6 +303,7 @@ DAMAGES: dict[str, Damage] = {
     "header: configuration not YAML": _header(config="rig: [1, {"),
     "header: configuration of half a surrogate": _header(config="mesotap: {title: '\ud800'}"),
     "header: configuration with a value refused": _refused_value,
+    "header: configuration with a load refused": _refused_load,
     "header: configuration with a key of another version": _other_key,
     "header: seed that is text": _header(seed="seven"),
     "header: seed that is infinite": _header(seed=float("inf")),

@@ -195,6 +195,24 @@ def test_masses_of_a_lost_configuration_are_unknown_and_not_the_defaults(sound: 
     assert found.pre is not None
 
 
+def test_masses_of_a_configuration_that_is_refused_for_something_else_are_kept(sound: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(sound / "unfinished", folder)
+    whole = recovered(folder)[0]
+    DAMAGES["header: configuration with a load refused"](folder)
+    found, lines = recovered(folder)
+    assert found.rig == whole.rig
+    assert any(line.startswith("session.json: its configuration cannot be used: ") for line in lines)
+    assert "session.json: of its configuration only masses, springs, filter and wiring were used" in lines
+
+
+def test_masses_that_are_refused_are_unknown(sound: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(sound / "unfinished", folder)
+    DAMAGES["header: configuration with a value refused"](folder)
+    assert not recovered(folder)[0].rig.is_tester
+
+
 def test_a_finished_session_is_recovered_as_what_it_is(sound: Path, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     shutil.copytree(sound / "finished", folder)

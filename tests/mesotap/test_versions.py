@@ -82,7 +82,7 @@ def test_a_folder_of_a_newer_format_is_left_alone(folder: Path) -> None:
 
 
 def test_an_unknown_key_within_a_driver_is_left_out() -> None:
-    text = "rig: {parts: {stage: {driver: conex-cc, port: /dev/ttyUSB1, of_old: 3}}}"
+    text = "rig: {parts: {stage: {driver: conex-cc, port: /dev/ttyUSB1, resolution_um: 0.02, of_old: 3}}}"
     kept = kept_config(text, "text")
     assert kept.left_out == ("rig.parts.stage.of_old",)
     assert kept.config.rig.parts.stage.port == "/dev/ttyUSB1"  # type: ignore[union-attr]

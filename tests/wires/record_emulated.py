@@ -13,8 +13,8 @@ HERE = Path(__file__).parent
 PARTS = """
 rig:
   parts:
-    load_cell: {driver: modbus-rtu, preset: seneca-z-sg, port: /dev/ttyUSB0}
-    stage: {driver: conex-cc, port: /dev/ttyUSB1}
+    load_cell: {driver: modbus-rtu, preset: seneca-ze-sg3, port: /dev/ttyUSB0}
+    stage: {driver: conex-cc, port: /dev/ttyUSB1, resolution_um: 0.02}
 """
 READINGS = 5
 

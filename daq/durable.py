@@ -15,7 +15,6 @@ PART = ".part"
 _CAUSES = {
     errno.ENOSPC: "the disk is full; free some space and save again",
     errno.EDQUOT: "the disk quota is used up; free some space and save again",
-    errno.EFBIG: "it would grow beyond the largest file allowed here",
     errno.EACCES: "there is no permission",
     errno.EPERM: "there is no permission",
     errno.EROFS: "the file system is read-only",
@@ -36,6 +35,8 @@ def write_error(path: Path, error: OSError) -> UnwrittenError:
 
 def cause_of(error: OSError) -> str:
     """Return why, and what to do, in the operator's words where there are any."""
+    if error.errno == errno.EFBIG and error.strerror == os.strerror(errno.EFBIG):
+        return "it would grow beyond the largest file allowed here"
     return _CAUSES.get(error.errno or 0) or error.strerror or str(error)
 
 
@@ -79,6 +80,25 @@ def open_plain(path: Path, flags: int) -> int:
         os.close(descriptor)
         raise OSError(errno.EMEDIUMTYPE, os.strerror(errno.EMEDIUMTYPE), str(path))
     return descriptor
+
+
+def read_plain(path: Path, largest: int) -> bytes:
+    """Return the content of a plain file of at most ``largest`` bytes.
+
+    Raises
+    ------
+    OSError
+        It cannot be read; ``EFBIG`` where it is larger, without having been read.
+    """
+    with os.fdopen(open_plain(path, os.O_RDONLY), "rb") as file:
+        refuse_large(file.fileno(), largest)
+        return file.read(largest)
+
+
+def refuse_large(descriptor: int, largest: int) -> None:
+    """Raise ``EFBIG`` for a file of more than ``largest`` bytes."""
+    if os.fstat(descriptor).st_size > largest:
+        raise OSError(errno.EFBIG, f"it is larger than {largest >> 20} MB, which mesotap never writes")
 
 
 def remove_part(part: Path) -> None:

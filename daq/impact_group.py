@@ -131,11 +131,16 @@ def write_impact(group: h5py.Group, shot: Shot, compress: bool) -> None:
     group.attrs["accepted"] = bool(shot.accepted)
     group.attrs["reject_reason"] = shot.reject_reason
     group.attrs[DIGEST] = digest_of(shot)
-    extra = to_json(shot.extra)
-    if len(extra) <= ATTRIBUTE_LIMIT:
-        group.attrs["extra"] = extra
+    write_json_item(group, "extra", shot.extra)
+
+
+def write_json_item(group: h5py.Group, name: str, value: object) -> None:
+    """Keep JSON types beside what the format asks for: as an attribute, or as a dataset where they are too long."""
+    text = to_json(value)
+    if len(text) <= ATTRIBUTE_LIMIT:
+        group.attrs[name] = text
     else:
-        group.create_dataset("extra", data=extra, dtype=h5py.string_dtype())
+        group.create_dataset(name, data=text, dtype=h5py.string_dtype())
 
 
 def _dataset(group: h5py.Group, name: str, values: NDArray[np.float64], compress: bool) -> h5py.Dataset:
@@ -209,12 +214,17 @@ def _beside(node: Node, name: str) -> float:
 
 
 def _extra(node: Node) -> dict[str, Any]:
-    text = node.attribute("extra")
-    child = node.child("extra") if text is None else None
+    value = read_json_item(node, "extra")
+    return value if isinstance(value, dict) else {}
+
+
+def read_json_item(node: Node, name: str) -> Any:
+    """Return what `write_json_item` kept; None where there is nothing that could be it."""
+    text = node.attribute(name)
+    child = node.child(name) if text is None else None
     if child is not None and isinstance(child.item, h5py.Dataset) and child.item.shape == ():
         text = scalar_text(child)
-    value = _json(text)
-    return value if isinstance(value, dict) else {}
+    return _json(text)
 
 
 def _channel_names(node: Node) -> tuple[str, ...]:

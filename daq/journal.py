@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import logging
 import os
 from pathlib import Path
 from types import TracebackType
@@ -21,16 +22,27 @@ from typing import Any
 
 import h5py
 
-from daq.durable import PART, cause_of, make_folder, open_plain, remove_part, sync_folder, write_error, write_whole
+from daq.durable import (
+    PART,
+    cause_of,
+    make_folder,
+    open_plain,
+    read_plain,
+    remove_part,
+    sync_folder,
+    write_error,
+    write_whole,
+)
 from daq.errors import RecordingError
 from daq.hdf5 import CHECKSUMMED, open_hdf5, reading
 from daq.impact_group import check_shot, digest_of, read_impact, scalar_text, to_json, write_impact
-from daq.journal_file import JOURNAL, append_after_death, mend, open_journal, write_all
+from daq.journal_file import JOURNAL, LARGEST_TEXT, append_after_death, mend, open_journal, write_all
 from daq.records import Shot
 
 __all__ = ["HEADER", "JOURNAL", "LOCK", "SHOTS", "SessionFolder", "append_after_death"]
 
 HEADER, SHOTS, LOCK = "session.json", "shots", "lock"
+LOG = logging.getLogger("mesotap.journal")
 SHOT = "shot"
 """The journal's event for a shot that was kept; its entry has ``number`` and ``digest``."""
 SHOT_FORMAT = "mesotap-shot"
@@ -127,6 +139,9 @@ class SessionFolder:
             raise write_error(self.path / JOURNAL, error) from error
         self._length += len(line)
         self._events.append(json.loads(content))
+        if LOG.isEnabledFor(logging.INFO):
+            told = {key: value for key, value in event.items() if key not in ("event", "at", "rig")}
+            LOG.info("%s %s", event["event"], to_json(told))
 
     def events(self) -> list[dict[str, Any]]:
         """Return all events in order, those of earlier runs included."""
@@ -236,8 +251,7 @@ def _take_lock(path: Path) -> int:
 def _read_header(path: Path) -> dict[str, Any]:
     file = path / HEADER
     try:
-        with os.fdopen(open_plain(file, os.O_RDONLY), "rb") as opened:
-            header = json.loads(opened.read())
+        header = json.loads(read_plain(file, LARGEST_TEXT))
     except FileNotFoundError:
         if any((path / SHOTS).glob("*.h5")):
             raise RecordingError(f"{path}: its {HEADER} is lost, but there are shots; {mend(path)}") from None

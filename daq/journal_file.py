@@ -10,10 +10,12 @@ import os
 from pathlib import Path
 from typing import Any
 
-from daq.durable import open_plain, sync_folder, write_error
+from daq.durable import open_plain, refuse_large, sync_folder, write_error
 from daq.errors import RecordingError
 
 JOURNAL = "journal.jsonl"
+LARGEST_TEXT = 64 * 2**20
+"""Bytes of a journal or header beyond which it is none: a session of a day takes a thirtieth."""
 
 
 def mend(folder: Path) -> str:
@@ -29,7 +31,8 @@ def open_journal(path: Path) -> tuple[int, list[dict[str, Any]], int]:
     except OSError as error:
         raise write_error(path, error) from error
     try:
-        content = _content(descriptor)
+        refuse_large(descriptor, LARGEST_TEXT)
+        content = _tail(descriptor)
         events, length = parse_journal(content, path)
         if length < len(content):
             os.ftruncate(descriptor, length)
@@ -76,7 +79,8 @@ def append_after_death(folder: Path, event: dict[str, Any]) -> bool:
     except OSError:
         return False
     try:
-        length = _whole_length(_content(descriptor))
+        tail = _tail(descriptor)
+        length = os.fstat(descriptor).st_size - len(tail) + _whole_length(tail)
         os.ftruncate(descriptor, length)
         try:
             write_all(descriptor, line)
@@ -123,9 +127,10 @@ def write_all(descriptor: int, content: bytes) -> None:
         rest = rest[os.write(descriptor, rest) :]
 
 
-def _content(descriptor: int) -> bytes:
+def _tail(descriptor: int) -> bytes:
+    """Return the last `LARGEST_TEXT` bytes of a file: all of it, if it is a journal."""
     pieces = []
-    at = 0
+    at = max(0, os.fstat(descriptor).st_size - LARGEST_TEXT)
     while piece := os.pread(descriptor, 1 << 20, at):
         pieces.append(piece)
         at += len(piece)

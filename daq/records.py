@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.hardware_log import Repetition
+
 
 @dataclass(frozen=True, slots=True)
 class RigDescription:
@@ -116,6 +118,8 @@ class Session:
     complete: bool = False
     config: str = ""
     source: str = ""
+    hardware: tuple[Repetition, ...] | None = None
+    """What had to be repeated to get the recording; None where nobody kept count."""
 
     def load_sets(self) -> list[int]:
         """Numbers of the load sets in the session, ascending."""

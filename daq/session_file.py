@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 
 import h5py
@@ -12,8 +12,18 @@ import numpy as np
 from daq.durable import write_whole
 from daq.errors import RecordingError
 from daq.hdf5 import CHECKSUMMED, LARGEST_ARRAY, Node, is_storable, open_hdf5, reading, refuse_non_finite
-from daq.impact_group import ATTRIBUTE_LIMIT, check_shot, check_time, read_impact, scalar_text, write_impact
+from daq.impact_group import (
+    ATTRIBUTE_LIMIT,
+    check_shot,
+    check_time,
+    read_impact,
+    read_json_item,
+    scalar_text,
+    write_impact,
+    write_json_item,
+)
 from daq.records import CalibrationPoints, RigDescription, Session, Shot
+from rig.hardware_log import Repetition
 
 FORMAT = "mesotap-session"
 VERSION = 1
@@ -75,6 +85,8 @@ def _image(session: Session) -> bytes:
         for name in _TEXTS:
             file.attrs[name] = getattr(session, name)
         file.attrs["complete"] = bool(session.complete)
+        if session.hardware is not None:
+            write_json_item(file, "hardware", [asdict(entry) for entry in session.hardware])
         file.create_dataset("config", data=session.config, dtype=h5py.string_dtype())
         rig = file.create_group("rig")
         for item in fields(RigDescription):
@@ -133,7 +145,24 @@ def read_session(path: str | Path) -> Session:
             complete=root.flag("complete"),
             config=scalar_text(config),
             source=str(path),
+            hardware=_read_hardware(root),
         )
+
+
+def _read_hardware(root: Node) -> tuple[Repetition, ...] | None:
+    """Return what had to be repeated, None where the file does not say so in the way of this program."""
+    entries = read_json_item(root, "hardware")
+    if not isinstance(entries, list):
+        return None
+    names = [item.name for item in fields(Repetition)]
+    found = []
+    for entry in entries:
+        if not isinstance(entry, dict) or not isinstance(entry.get("count"), int):
+            return None
+        if not all(isinstance(entry.get(name), str) for name in names if name != "count"):
+            return None
+        found.append(Repetition(**{name: entry[name] for name in names}))
+    return tuple(found)
 
 
 def _read_rig(node: Node) -> RigDescription:

@@ -16,6 +16,7 @@ from sim_backend.person import SimulatedPerson
 from sim_backend.rig import SimulatedRig
 
 if TYPE_CHECKING:
+    from rig.drivers.wire_record import WireFile
     from sim_backend.emulators.rig import EmulatedRig
     from sim_backend.emulators.wire import Disturbance
 
@@ -28,6 +29,7 @@ def build_rig(
     realtime: bool = False,
     emulated: bool = False,
     devices: Path | None = None,
+    wire_file: WireFile | None = None,
 ) -> Rig:
     """Build the rig that the configuration describes.
 
@@ -44,6 +46,8 @@ def build_rig(
         their own.
     devices
         Folder of that process, if it runs already.
+    wire_file
+        Where to record what goes over the wires; None for nowhere.
 
     Raises
     ------
@@ -53,14 +57,15 @@ def build_rig(
     if emulated and realtime:
         from mesotap.emulated_devices import separate_rig
 
-        return separate_rig(config, operator, config.sim_backend.seed if seed is None else seed, devices)
+        seed = config.sim_backend.seed if seed is None else seed
+        return separate_rig(config, operator, seed, devices, wire_file)
     if emulated:
-        return emulated_rig(config, operator, seed, wires=True)
+        return emulated_rig(config, operator, seed, wires=True, wire_file=wire_file)
     if simulated:
         return simulated_rig(config, operator, seed, realtime)
     from rig.drivers.assembly import assemble  # hardware code only where there is hardware
 
-    return assemble(config.rig, operator)
+    return assemble(config.rig, operator, wire_file=wire_file)
 
 
 def emulated_rig(
@@ -71,12 +76,23 @@ def emulated_rig(
     amplifier_wire: Disturbance | None = None,
     stage_wire: Disturbance | None = None,
     round_trip_s: float = 0.0,
+    wire_file: WireFile | None = None,
 ) -> EmulatedRig:
     """Build the emulated rig; see `sim_backend.emulators.rig.EmulatedRig`."""
     from sim_backend.emulators.rig import EmulatedRig
 
     stiffness = stiffness_from_theory(config)
-    rig = EmulatedRig(config.rig, config.sim_backend, stiffness, seed, wires, amplifier_wire, stage_wire, round_trip_s)
+    rig = EmulatedRig(
+        config.rig,
+        config.sim_backend,
+        stiffness,
+        seed,
+        wires,
+        amplifier_wire,
+        stage_wire,
+        round_trip_s,
+        wire_file=wire_file,
+    )
     if config.rig.parts.stage == "hand":
         person = SimulatedPerson(rig.physics.micrometer, operator)
         rig.stage = HandStage(person, rig.clock, lambda: f"gauge {rig.load_cell.read().voltage_mv:.2f} mV")

@@ -41,6 +41,21 @@ Seed = Annotated[
     int | None,
     typer.Option("--seed", min=0, help="Seed of the simulated rig, instead of the one configured.", show_default=False),
 ]
+RecordWire = Annotated[
+    Path | None,
+    typer.Option(
+        "--record-wire",
+        metavar="FILE",
+        help="Record every byte to and from the devices, with its time, into a new file.",
+        show_default=False,
+    ),
+]
+RecordSamples = Annotated[
+    bool, typer.Option("--record-samples", help="With --record-wire: all samples too, not only the first second.")
+]
+LogWire = Annotated[
+    bool, typer.Option("--log-wire", "-v", help="Also write every byte to and from the devices into session.log.")
+]
 Session = Annotated[Path, typer.Argument(help="Session file, or the folder of a session.", show_default=False)]
 Report = Annotated[
     Path | None,
@@ -91,25 +106,34 @@ def run(
     changes: Changes = None,
     json: JsonPath = None,
     emulate: Emulate = False,
+    record_wire: RecordWire = None,
+    record_samples: RecordSamples = False,
+    log_wire: LogWire = False,
 ) -> None:
     """Run a test session: calibrate, approach, eight good taps at each load, calibrate again, report.
 
     Keys: p pauses, q ends safely. Whatever ends it, 'mesotap resume' goes on.
     """
     from mesotap.commands.session import run as begin
+    from mesotap.wire_options import WireOptions
 
-    begin(config, changes or (), simulate, seed, realtime, output, json, _console(json), emulate)
+    wire = WireOptions(record_wire, record_samples, log_wire)
+    begin(config, changes or (), simulate, seed, realtime, output, json, _console(json), emulate, wire)
 
 
 @app.command()
 def resume(
     folder: Annotated[Path, typer.Argument(help="Folder of the session.", show_default=False)],
     json: JsonPath = None,
+    record_wire: RecordWire = None,
+    record_samples: RecordSamples = False,
+    log_wire: LogWire = False,
 ) -> None:
     """Go on with a session that was ended, interrupted or killed; nothing accepted is lost."""
     from mesotap.commands.session import resume as go_on
+    from mesotap.wire_options import WireOptions
 
-    go_on(folder, json, _console(json))
+    go_on(folder, json, _console(json), WireOptions(record_wire, record_samples, log_wire))
 
 
 @app.command()
@@ -155,11 +179,13 @@ def devices(
     ] = False,
     changes: Changes = None,
     json: JsonPath = None,
+    record_wire: RecordWire = None,
 ) -> None:
     """Find what is connected, and say what each configured device answers. Nothing moves."""
     from mesotap.commands.devices import devices as look
+    from mesotap.wire_options import WireOptions
 
-    look(config, changes or (), simulate, emulate, seed, json, _console(json), search)
+    look(config, changes or (), simulate, emulate, seed, json, _console(json), search, WireOptions(record_wire))
 
 
 @app.command()
@@ -173,11 +199,15 @@ def check(
     ] = True,
     changes: Changes = None,
     json: JsonPath = None,
+    record_wire: RecordWire = None,
+    record_samples: RecordSamples = False,
 ) -> None:
     """Test the rig safely, part by part: noise floor, gauge zero, a step of the stage, a tap. A verdict a line."""
     from mesotap.commands.devices import check as test
+    from mesotap.wire_options import WireOptions
 
-    test(config, changes or (), simulate, emulate, seed, touch, json, _console(json))
+    wire = WireOptions(record_wire, record_samples)
+    test(config, changes or (), simulate, emulate, seed, touch, json, _console(json), wire)
 
 
 @app.command()

@@ -20,6 +20,7 @@ from rig.drivers.recorder_settings import SolenoidSettings, Usb1608Settings
 from rig.drivers.settings import AmplifierRtu, NewportStage
 from rig.drivers.solenoid import SolenoidImpactor
 from rig.drivers.usb1608 import Usb1608
+from rig.drivers.wire_record import WireFile, recorded_usb
 from rig.wall_clock import WallClock
 from sim_backend.clock import RunningClock
 from sim_backend.emulators.bench_process import CONTROL, Devices, DevicesProcess, RemoteTaps, RemoteWeights, remote_bus
@@ -40,14 +41,17 @@ class SeparateRig(AssembledRig):
         Where its socket is.
     """
 
-    def __init__(self, config: Config, folder: Path, operator: Operator) -> None:
+    def __init__(self, config: Config, folder: Path, operator: Operator, wire_file: WireFile | None = None) -> None:
         self.devices, self.folder = Devices(folder), folder
         ports, clock, settings = self.devices.call("ports"), WallClock(), config.rig
-        load_cell = amplifier(with_port(settings.parts.load_cell, DEFAULT_AMPLIFIER, ports["amplifier"]), clock)
+        if wire_file is not None:
+            wire_file.set_clock(clock)
+        gauge = with_port(settings.parts.load_cell, DEFAULT_AMPLIFIER, ports["amplifier"])
+        load_cell = amplifier(gauge, clock, wire_file)
         motor = with_port(settings.parts.stage, DEFAULT_STAGE, ports["stage"])
         part = settings.parts.accelerometers
         wanted = part if isinstance(part, Usb1608Settings) else Usb1608Settings()
-        recorder = Usb1608(settings.wiring, wanted, clock, remote_bus(folder))
+        recorder = Usb1608(settings.wiring, wanted, clock, recorded_usb(remote_bus(folder), wire_file))
         impactor: Impactor = RemoteTaps(self.devices)
         if isinstance(settings.parts.impactor, SolenoidSettings):
             impactor = SolenoidImpactor(recorder, settings.parts.impactor, clock)
@@ -55,7 +59,7 @@ class SeparateRig(AssembledRig):
             "emulated rig in a process of its own",
             clock,
             load_cell,
-            motor_stage(motor, settings.limits.largest_approach_step_um, clock),
+            motor_stage(motor, settings.limits.largest_approach_step_um, clock, wire_file),
             recorder,
             impactor,
             RemoteWeights(self.devices),
@@ -80,13 +84,17 @@ def with_port(part: object, default: Settings, port: str) -> Settings:
     return part.model_copy(update={"port": port})
 
 
-def separate_rig(config: Config, operator: Operator, seed: int, folder: Path | None = None) -> SeparateRig:
+def separate_rig(
+    config: Config, operator: Operator, seed: int, folder: Path | None = None, wire_file: WireFile | None = None
+) -> SeparateRig:
     """Return the drivers on emulated devices in another process, which is started if it does not run.
 
     Parameters
     ----------
     folder
         Of an earlier call, so that the same devices are found again; None starts new ones.
+    wire_file
+        Where to record what goes over the wires; None for nowhere.
     """
     if folder is None or not (folder / CONTROL).exists():
         folder = folder or Path(tempfile.mkdtemp(prefix="mesotap-devices-"))
@@ -99,7 +107,7 @@ def separate_rig(config: Config, operator: Operator, seed: int, folder: Path | N
             if time.monotonic() > begun + STARTING_S:
                 raise RigError(f"emulated devices: they did not start within {STARTING_S:g} s")
             time.sleep(LOOK_S)
-    return SeparateRig(config, folder, operator)
+    return SeparateRig(config, folder, operator, wire_file)
 
 
 def main(folder: Path, seed: int) -> None:

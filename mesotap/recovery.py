@@ -8,8 +8,6 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import os
-import shutil
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -19,23 +17,24 @@ from typing import Any
 
 import numpy as np
 
-from daq.durable import PART, cause_of, open_plain
+from daq.durable import PART, cause_of, read_plain
 from daq.errors import RecordingError, one_line
 from daq.hdf5 import open_hdf5
 from daq.impact_group import check_time, digest_of, read_impact
 from daq.journal import HEADER, JOURNAL, SHOT_FORMAT, SHOTS
+from daq.journal_file import LARGEST_TEXT
 from daq.records import CalibrationPoints, RigDescription, Session, Shot
 from daq.session_file import RATE_TOLERANCE, read_session
 from mesotap import __version__
 from mesotap.config import Config, ConfigError
 from mesotap.session.entries import fault_of, walk
-from mesotap.session.header import header_fault, kept_config
+from mesotap.session.header import header_fault, kept_config, physical_part
 from mesotap.session.progress import SHOT, Progress, describe_rig
 from mesotap.session.states import Event, State
 
 SESSION_FILE = "session.h5"
-LARGEST_TEXT = 256 * 2**20
-"""Bytes of a journal or header beyond which it is none: a session of a day takes a hundredth of it."""
+LARGEST_SHOT = 256 * 2**20
+"""Bytes of a shot file beyond which it is none: one of 2500 samples takes a two-thousandth."""
 
 
 @dataclass(slots=True)
@@ -93,6 +92,7 @@ def recover(folder: Path) -> Recovered:
         software=_software(header),
         complete=proven,
         config=text,
+        hardware=None if progress is None else progress.hardware,
     )
     return Recovered(session, tuple(losses.lines))
 
@@ -100,18 +100,10 @@ def recover(folder: Path) -> Recovered:
 # --- header and configuration ---------------------------------------------------------------------------------
 
 
-def _content(path: Path) -> bytes:
-    with os.fdopen(open_plain(path, os.O_RDONLY), "rb") as file:
-        content = file.read(LARGEST_TEXT + 1)
-    if len(content) > LARGEST_TEXT:
-        raise OSError(27, "it is larger than any that mesotap writes")
-    return content
-
-
 def _header(folder: Path, losses: Losses) -> dict[str, Any]:
     """Return the header, or those of its items that can still be read."""
     try:
-        content = _content(folder / HEADER)
+        content = read_plain(folder / HEADER, LARGEST_TEXT)
     except OSError as error:
         losses.note(HEADER, "is missing" if isinstance(error, FileNotFoundError) else f"is lost: {cause_of(error)}")
         return {}
@@ -154,7 +146,11 @@ def _config(folder: Path, header: dict[str, Any], losses: Losses) -> tuple[Confi
             kept = kept_config(text, where)
         except ConfigError as error:
             losses.note(where, f"its configuration cannot be used: {str(error).splitlines()[0]}")
-            continue
+            part = physical_part(text, where)
+            if part is None:
+                continue
+            losses.note(where, "of its configuration only masses, springs, filter and wiring were used")
+            return part, text
         for difference in kept.differences():
             losses.note(where, difference)
         if where != HEADER:
@@ -195,7 +191,7 @@ def _software(header: dict[str, Any]) -> str:
 def _entries(folder: Path, losses: Losses) -> tuple[list[dict[str, Any]], Progress | None]:
     """Return the entries that are sound by themselves, and where they leave the session if nothing is amiss."""
     try:
-        content = _content(folder / JOURNAL)
+        content = read_plain(folder / JOURNAL, LARGEST_TEXT)
     except OSError as error:
         losses.note(JOURNAL, "is missing" if isinstance(error, FileNotFoundError) else f"is lost: {cause_of(error)}")
         return [], None
@@ -295,8 +291,7 @@ def _own_name(file: Path) -> bool:
 def _shot_in(file: Path, scratch: Path) -> Shot:
     """Return the shot in a copy of a file."""
     copy = scratch / "shot.h5"
-    with os.fdopen(open_plain(file, os.O_RDONLY), "rb") as source, copy.open("wb") as target:
-        shutil.copyfileobj(source, target)
+    copy.write_bytes(read_plain(file, LARGEST_SHOT))
     try:
         with open_hdf5(copy) as root:
             if root.attribute("format") != SHOT_FORMAT:

@@ -56,6 +56,7 @@ def self_test(rig: Rig, config: Config, touch: bool = True) -> Iterator[Verdict]
     touch
         Whether the surfaces may be brought together for a tap at the smallest load of the plan.
     """
+    yield _mechanical_stop(config)
     yield _tried("noise floor", lambda: _noise_floor(rig, config))
     zero = math.nan
 
@@ -91,6 +92,23 @@ def _tried(name: str, test: Callable[[], tuple[bool, str]]) -> Verdict:
     except RigError as error:
         return Verdict(name, False, str(error))
     return Verdict(name, passed, says)
+
+
+def _mechanical_stop(config: Config) -> Verdict:
+    """Say what only a mechanical stop can prevent; there may be reasons to do without one, so that it fails nothing."""
+    worst = config.rig.worst_unwatched_load_mn()
+    limits = config.rig.limits
+    if limits.mechanical_stop_um is not None and worst <= limits.load_mn:
+        return Verdict("mechanical stop", True, f"at {limits.mechanical_stop_um:g} um, declared and not tried")
+    said = "none is declared" if limits.mechanical_stop_um is None else f"at {limits.mechanical_stop_um:g} um"
+    reach = limits.expected_contact_um + limits.search_beyond_um
+    return Verdict(
+        "mechanical stop",
+        None,
+        f"{said}: should the gauge die with its noise after its calibration, and the surface lie higher than "
+        f"declared, the first approach goes on to {reach:g} um and could make up to {worst / 1e3:.1f} N; fit a stop "
+        "just past the contact and declare it as rig.limits.mechanical_stop_um",
+    )
 
 
 def _noise_floor(rig: Rig, config: Config) -> tuple[bool, str]:

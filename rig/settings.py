@@ -135,6 +135,7 @@ class Limits(Section):
     largest_backlash_um: NonNegative = 5.0
     expected_contact_um: Finite = 150.0
     search_beyond_um: Positive = 3.0
+    mechanical_stop_um: Finite | None = None
 
 
 class RigSettings(Section):
@@ -173,6 +174,19 @@ class RigSettings(Section):
                 f"{worst:.0f} mN if the gauge failed, more than limits.load_mn ({self.limits.load_mn:g})"
             )
         return self
+
+    def worst_unwatched_load_mn(self) -> float:
+        """Load that two failures at once could make, mN.
+
+        A gauge that dies with its noise, and a surface that lies higher than it was declared to: nothing but a
+        mechanical stop ends the approach before the end of the search. Without one the surface is taken to lie no
+        higher than where the approach begins.
+        """
+        k1, k2 = self.spring_stiffness()
+        end = self.limits.expected_contact_um + self.limits.search_beyond_um
+        if self.limits.mechanical_stop_um is not None:
+            end = min(end, self.limits.mechanical_stop_um)
+        return max(0.0, end) * k1 * k2 / (k1 + k2) * 1e-3
 
     def spring_stiffness(self) -> tuple[float, float]:
         """Return k1, k2 in N/m: as given, or each (m1 + m2) omega1^2 / 2 (Eq. 10 with a stiff contact)."""

@@ -14,9 +14,11 @@ from mesotap.commands.answers import write_json
 from mesotap.config import Config, load_config
 from mesotap.console import KeyControl, TerminalOperator
 from mesotap.self_test import Verdict, self_test
+from mesotap.wire_options import NO_WIRE, WireOptions
 from rig import RigError
 from rig.drivers.driver import Driver
 from rig.drivers.settings import AmplifierRtu, AmplifierTcp, NewportStage
+from rig.drivers.wire_record import WireFile
 
 
 def devices(
@@ -28,6 +30,7 @@ def devices(
     json_path: Path | None,
     console: Console,
     search: bool = False,
+    wire: WireOptions = NO_WIRE,
 ) -> None:
     """List what is plugged into this machine, and say what each configured device answers. Nothing moves.
 
@@ -40,7 +43,8 @@ def devices(
         console.print(escape(f"{item['port']}: {item['says']}"), highlight=False, soft_wrap=True)
     if not simulate and not emulate and not found:
         console.print("no serial port and no recorder is connected to this machine", highlight=False)
-    answers = _answers(config, simulate, emulate, seed, console)
+    with wire.begun(config, "devices") as file:
+        answers = _answers(config, simulate, emulate, seed, console, file)
     for answer in answers:
         mark = "answers" if answer["answers"] else "no answer"
         console.print(escape(f"{answer['part']}: {mark}: {answer['says']}"), highlight=False, soft_wrap=True)
@@ -56,14 +60,15 @@ def check(
     touch: bool,
     json_path: Path | None,
     console: Console,
+    wire: WireOptions = NO_WIRE,
 ) -> None:
     """Connect, test the rig part by part, print a verdict a line; `RigError` if any is bad."""
     config = load_config(config_path, changes)
     operator = TerminalOperator(console)
-    rig = build_rig(config, simulate, operator, seed, emulated=emulate)
     verdicts: list[Verdict] = []
     troubles = ""
-    with KeyControl(console, operator.keyboard).listening() as control:
+    with wire.begun(config, "check") as file, KeyControl(console, operator.keyboard).listening() as control:
+        rig = build_rig(config, simulate, operator, seed, emulated=emulate, wire_file=file)
         for part in (operator, rig.stage, rig.load_cell, rig.accelerometers, rig.weights):
             part.idle = control.check
         try:
@@ -96,34 +101,38 @@ def _show(verdict: Verdict, verdicts: list[Verdict], console: Console) -> None:
     console.print(escape(f"{mark:5}{verdict.name}: {verdict.says}"), highlight=False, soft_wrap=True)
 
 
-def _answers(config: Config, simulate: bool, emulate: bool, seed: int | None, console: Console) -> list[dict[str, Any]]:
+def _answers(
+    config: Config, simulate: bool, emulate: bool, seed: int | None, console: Console, file: WireFile | None
+) -> list[dict[str, Any]]:
     """What each configured part says: those that are no device say that."""
     operator = TerminalOperator(console)
     if simulate or emulate:
-        rig = build_rig(config, simulate, operator, seed, emulated=emulate)
+        rig = build_rig(config, simulate, operator, seed, emulated=emulate, wire_file=file)
         try:
             return [{"part": rig.name, "answers": True, "says": line} for line in rig.open()]
         finally:
             rig.close()
-    return [_answer_of(name, config, operator) for name in ("load_cell", "stage", "accelerometers")]
+    return [_answer_of(name, config, file) for name in ("load_cell", "stage", "accelerometers")]
 
 
-def _answer_of(name: str, config: Config, operator: TerminalOperator) -> dict[str, Any]:
+def _answer_of(name: str, config: Config, file: WireFile | None) -> dict[str, Any]:
     from rig.drivers import assembly
     from rig.wall_clock import WallClock
 
     part, clock = getattr(config.rig.parts, name), WallClock()
+    if file is not None and not file.has_clock:
+        file.set_clock(clock)
     if isinstance(part, str):
         says = "turned by hand" if part == "hand" else "no device is configured (rig.parts)"
         return {"part": name, "answers": part == "hand", "says": says}
     try:
         driver: object
         if isinstance(part, AmplifierRtu | AmplifierTcp):
-            driver = assembly.amplifier(part, clock)
+            driver = assembly.amplifier(part, clock, file)
         elif isinstance(part, NewportStage):
-            driver = assembly.motor_stage(part, config.rig.limits.largest_approach_step_um, clock)
+            driver = assembly.motor_stage(part, config.rig.limits.largest_approach_step_um, clock, file)
         else:
-            driver = assembly.recorder(config.rig, clock)
+            driver = assembly.recorder(config.rig, clock, file)
         if not isinstance(driver, Driver):
             return {"part": name, "answers": True, "says": "needs no connection"}
         try:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import tempfile
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +32,16 @@ from mesotap.results_files import results_json
 from mesotap.session.entries import progress_in
 from mesotap.session.guardian import GuardianProcess
 from mesotap.session.header import FOLDER_FORMAT, FOLDER_VERSION, kept_config, note_version, read_header
-from mesotap.session.progress import assemble, describe_rig
+from mesotap.session.progress import HARDWARE, assemble, describe_rig
 from mesotap.session.runner import Bench, Guardian, SessionRunner
 from mesotap.session.shots import judged_shot
 from mesotap.session.states import State
+from mesotap.session_log import Logged, session_log
+from mesotap.wire_options import NO_WIRE, WireOptions
 from rig import GaugeScale, Rig
 from rig.assembled import AssembledRig
+from rig.drivers.wire_record import WireFile
+from rig.hardware_log import HardwareLog
 from rig.interlock import Interlock
 from rig.wall_clock import WallClock
 from sim_backend.emulators.rig import EmulatedRig
@@ -54,6 +59,7 @@ def run(
     json_path: Path | None,
     console: Console,
     emulate: bool = False,
+    wire: WireOptions = NO_WIRE,
 ) -> None:
     """Begin a session in a new folder and carry it to its report."""
     config = load_config(config_path, changes)
@@ -73,15 +79,17 @@ def run(
     if emulate and realtime:
         header["devices"] = tempfile.mkdtemp(prefix="mesotap-devices-")
     operator = TerminalOperator(console)
-    rig = _rig_of(header, config, operator)  # before a folder is begun to no purpose
-    with SessionFolder.create(path, header) as folder:
-        _carry_out(folder, config, rig, operator, json_path, console)
+    with wire.begun(config, "run") as file:
+        rig = _rig_of(header, config, operator, file)  # before a folder is begun to no purpose
+        with SessionFolder.create(path, header) as folder:
+            _carry_out(folder, config, rig, operator, json_path, console, wire.log)
 
 
-def _rig_of(header: dict[str, Any], config: Config, operator: TerminalOperator) -> Rig:
+def _rig_of(header: dict[str, Any], config: Config, operator: TerminalOperator, file: WireFile | None) -> Rig:
     simulated, emulated = bool(header["simulated"]), bool(header.get("emulated"))
     devices = Path(str(header["devices"])) if header.get("devices") else None
-    return build_rig(config, simulated, operator, int(header["seed"]), bool(header["realtime"]), emulated, devices)
+    seed, realtime = int(header["seed"]), bool(header["realtime"])
+    return build_rig(config, simulated, operator, seed, realtime, emulated, devices, file)
 
 
 def _guardian(rig: Rig, config: Config, folder: SessionFolder) -> Guardian:
@@ -91,7 +99,7 @@ def _guardian(rig: Rig, config: Config, folder: SessionFolder) -> Guardian:
     return GuardianProcess(config.rig, rig, folder, rig.folder if isinstance(rig, SeparateRig) else None)
 
 
-def resume(path: Path, json_path: Path | None, console: Console) -> None:
+def resume(path: Path, json_path: Path | None, console: Console, wire: WireOptions = NO_WIRE) -> None:
     """Go on with a session wherever it was left."""
     with SessionFolder.open(path) as folder:
         header = read_header(folder)
@@ -109,8 +117,9 @@ def resume(path: Path, json_path: Path | None, console: Console) -> None:
             _diagnose(session, results, config, path, console)
             return
         operator = TerminalOperator(console)
-        rig = _rig_of(folder.header, config, operator)
-        _carry_out(folder, config, rig, operator, json_path, console)
+        with wire.begun(config, "resume") as file:
+            rig = _rig_of(folder.header, config, operator, file)
+            _carry_out(folder, config, rig, operator, json_path, console, wire.log)
 
 
 def _carry_out(
@@ -120,16 +129,24 @@ def _carry_out(
     operator: TerminalOperator,
     json_path: Path | None,
     console: Console,
+    log_wire: bool = False,
 ) -> None:
     header = folder.header
     wanted = config.mesotap.impacts_per_load * len(config.mesotap.load_plan_mn)
     good = sum(bool(e.get("accepted")) for e in folder.events() if e["event"] == "shot")
     control = KeyControl(console, operator.keyboard)
-    with control.listening(), SessionDisplay(wanted, good, console) as display:
+    with (
+        session_log(folder.path, log_wire) as hardware,
+        control.listening(),
+        SessionDisplay(wanted, good, console) as display,
+    ):
         guardian = _guardian(rig, config, folder)
-        bench = Bench(rig, operator, display, control, lambda: truth_now(rig), guardian)
+        bench = Bench(rig, operator, Logged(display), control, lambda: truth_now(rig), guardian)
         runner = SessionRunner(config, folder, bench)
-        runner.run()
+        try:
+            runner.run()
+        finally:
+            _note_hardware(folder, runner, hardware)
     if isinstance(rig, SeparateRig):
         rig.devices.call("end")
     file = folder.path / SESSION_FILE
@@ -141,6 +158,14 @@ def _carry_out(
     console.print(f"session file {file}", highlight=False, soft_wrap=True)
     write_json(json_path, results_json(results))
     _diagnose(session, results, config, folder.path, console)
+
+
+def _note_hardware(folder: SessionFolder, runner: SessionRunner, hardware: HardwareLog) -> None:
+    """Keep in the journal what this run had to repeat, so that the runs of a session add up."""
+    entry = {"event": HARDWARE, "at": WallClock().utc(), "repeated": [asdict(e) for e in hardware.account()]}
+    with contextlib.suppress(RecordingError):  # a full disk is told by whoever has something to lose
+        folder.append(entry)
+        runner.progress.apply(entry)
 
 
 def _report(

@@ -13,7 +13,7 @@ from daq.impact_group import check_time
 from daq.journal import HEADER, SessionFolder
 from daq.journal_file import mend
 from mesotap import __version__
-from mesotap.config import Config, parse_config
+from mesotap.config import Config, ConfigError, parse_config
 from mesotap.session.progress import VERSION
 from mesotap.yaml_text import NOT_YAML, parsed
 
@@ -23,6 +23,7 @@ FOLDER_VERSION = 1
 
 SOFTWARE = f"mesotap {__version__}"
 LONGEST_SHOWN = 60
+PHYSICAL = ("masses", "springs", "filter", "wiring")
 MOST_ROUNDS = 20  # of taking out keys: a key within a key that is unknown too shows up only then
 
 
@@ -69,9 +70,13 @@ class KeptConfig:
         """Return a sentence for each kind of difference."""
         said = []
         if self.left_out:
-            said.append(f"keys of its configuration that this version does not know: {', '.join(self.left_out)}")
+            said.append(
+                f"its configuration is of another version; keys unknown here are left out: {', '.join(self.left_out)}"
+            )
         if self.defaults:
-            said.append(f"keys at their defaults, for its configuration has none: {', '.join(self.defaults)}")
+            said.append(
+                f"its configuration is of another version; keys it lacks take defaults: {', '.join(self.defaults)}"
+            )
         return said
 
 
@@ -138,6 +143,19 @@ def kept_config(text: str, name: str) -> KeptConfig:
     missing = known - given
     # a text written by hand relies on defaults: nothing is missing there
     return KeptConfig(config, tuple(left_out), tuple(sorted(missing)) if 2 * len(missing) < len(known) else ())
+
+
+def physical_part(text: str, name: str) -> Config | None:
+    """Return a configuration of masses, springs, filter and wiring alone, from one that is refused for something else.
+
+    None where masses or springs are not spelled out, or are what is refused: defaults are not taken for them.
+    """
+    try:
+        content = parsed(text)[1]
+        rig = {key: content["rig"][key] for key in PHYSICAL}
+        return kept_config(yaml.safe_dump({"rig": rig}), name).config
+    except (*NOT_YAML, ConfigError):
+        return None
 
 
 def note_version(folder: SessionFolder, header: Header, kept: KeptConfig, now: str) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from daq.records import CalibrationPoints, RigDescription, Session, Shot
 from mesotap import __version__
 from mesotap.config import Config
 from mesotap.session.states import Event, State, follow
+from rig.hardware_log import Repetition, added
 from rig.settings import RigSettings
 
 SAFE = "safe"  # journal event: the surfaces were taken apart before the plan was done
@@ -22,6 +23,9 @@ STARTED = "started"
 HARDWARE = "hardware"  # what had to be repeated in one run of the program
 VERSION = "version"  # another version of the program went on
 NOTES = (NO_TAP, STARTED, HARDWARE, VERSION)  # what changes nothing
+
+
+REPETITION = tuple(item.name for item in fields(Repetition))
 
 
 @dataclass(slots=True)
@@ -44,6 +48,10 @@ class Progress:
         Load at which the stage was locked.
     checkpoint
         The rig's own state after the last event.
+    truths
+        What a simulated rig was set to at each load.
+    hardware
+        What had to be repeated in all runs that came to an end; None where none has told.
     """
 
     state: State = State.CONNECT
@@ -55,6 +63,7 @@ class Progress:
     load_mn: float = float("nan")
     checkpoint: dict[str, Any] = field(default_factory=dict)
     truths: list[dict[str, Any]] = field(default_factory=list)
+    hardware: tuple[Repetition, ...] | None = None
 
     @property
     def was_loaded(self) -> bool:
@@ -72,6 +81,9 @@ class Progress:
             if self.state in (State.SET_LOAD, State.LOCK, State.TAP):
                 self.state = State.APPROACH
             return
+        if name == HARDWARE:
+            told = tuple(Repetition(**{k: r[k] for k in REPETITION}) for r in entry["repeated"])
+            self.hardware = added(self.hardware or (), told)
         if name == SHOT or name in NOTES:
             return
         event = Event(name)
@@ -147,4 +159,5 @@ def assemble(header: dict[str, Any], config: Config, progress: Progress, shots: 
         software=f"mesotap {__version__}" + (" (simulated rig)" if header.get("simulated") else ""),
         complete=progress.state in (State.FILE, State.DONE),
         config=str(header["config"]),
+        hardware=progress.hardware,
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import cast
 
+from usb.backend import libusb1
+
 from rig.assembled import AssembledRig
 from rig.drivers.amplifier import DEVICE as AMPLIFIER
 from rig.drivers.amplifier import ModbusLoadCell
@@ -15,6 +17,7 @@ from rig.drivers.settings import AmplifierRtu, AmplifierTcp, NewportStage
 from rig.drivers.solenoid import SolenoidImpactor
 from rig.drivers.transport import SerialTransport, TcpTransport, Transport
 from rig.drivers.usb1608 import Usb1608
+from rig.drivers.wire_record import WireFile, recorded, recorded_usb
 from rig.errors import RigError
 from rig.hand import HandImpactor, HandStage, HandWeights
 from rig.interface import Accelerometers, Clock, Impactor, LoadCell, Operator, Stage
@@ -24,7 +27,9 @@ from rig.wall_clock import WallClock
 NAME = "rig"
 
 
-def assemble(settings: RigSettings, operator: Operator, clock: Clock | None = None) -> AssembledRig:
+def assemble(
+    settings: RigSettings, operator: Operator, clock: Clock | None = None, wire_file: WireFile | None = None
+) -> AssembledRig:
     """Return the rig that ``rig.parts`` describes, not yet connected.
 
     Parameters
@@ -35,6 +40,8 @@ def assemble(settings: RigSettings, operator: Operator, clock: Clock | None = No
         Who turns, taps and hangs weights where no motor does.
     clock
         Rig time; None for that of the machine.
+    wire_file
+        Where to record what goes over the wires; None for nowhere.
 
     Raises
     ------
@@ -42,6 +49,8 @@ def assemble(settings: RigSettings, operator: Operator, clock: Clock | None = No
         A part is only simulated, or is asked for what it cannot do.
     """
     clock = WallClock() if clock is None else clock
+    if wire_file is not None:
+        wire_file.set_clock(clock)
     parts = settings.parts
     missing = [
         f"rig.parts.{name} (now {part})"
@@ -57,49 +66,59 @@ def assemble(settings: RigSettings, operator: Operator, clock: Clock | None = No
             f"rig: no device is configured for {', '.join(missing)}; name its driver and port there, or add --simulate "
             "to work with the simulated rig"
         )
-    load_cell = amplifier(cast("AmplifierRtu | AmplifierTcp", parts.load_cell), clock)
-    accelerometers = recorder(settings, clock)
+    load_cell = amplifier(cast("AmplifierRtu | AmplifierTcp", parts.load_cell), clock, wire_file)
+    accelerometers = recorder(settings, clock, wire_file)
     return AssembledRig(
         NAME,
         clock,
         load_cell,
-        stage(settings, operator, clock, load_cell),
+        stage(settings, operator, clock, load_cell, wire_file),
         accelerometers,
         impactor(settings, operator, clock, accelerometers),
         HandWeights(operator, clock),
     )
 
 
-def amplifier(settings: AmplifierRtu | AmplifierTcp, clock: Clock) -> ModbusLoadCell:
+def amplifier(settings: AmplifierRtu | AmplifierTcp, clock: Clock, wire_file: WireFile | None = None) -> ModbusLoadCell:
     """Return the driver of the strain-gauge amplifier."""
     wire: Transport
     if isinstance(settings, AmplifierRtu):
         wire = SerialTransport(AMPLIFIER, settings.port, settings.baud_rate, settings.parity, settings.stop_bits)
-        return ModbusLoadCell(wire, "rtu", settings, clock)
+        return ModbusLoadCell(recorded(wire, wire_file), "rtu", settings, clock)
     wire = TcpTransport(AMPLIFIER, settings.host, settings.tcp_port)
-    return ModbusLoadCell(wire, "tcp", settings, clock)
+    return ModbusLoadCell(recorded(wire, wire_file), "tcp", settings, clock)
 
 
-def motor_stage(part: NewportStage, largest_step_um: float, clock: Clock) -> MotorStage:
+def motor_stage(
+    part: NewportStage, largest_step_um: float, clock: Clock, wire_file: WireFile | None = None
+) -> MotorStage:
     """Return the driver of the motor micrometer."""
     wire = SerialTransport(STAGE, part.port, part.line_rate())
-    return MotorStage(wire, part, clock, largest_step_um)
+    return MotorStage(recorded(wire, wire_file), part, clock, largest_step_um)
 
 
-def stage(settings: RigSettings, operator: Operator, clock: Clock, load_cell: LoadCell) -> Stage:
+def stage(
+    settings: RigSettings,
+    operator: Operator,
+    clock: Clock,
+    load_cell: LoadCell,
+    wire_file: WireFile | None = None,
+) -> Stage:
     """Return the motor micrometer, or the one that is turned by hand."""
     part = settings.parts.stage
     if isinstance(part, NewportStage):
-        return motor_stage(part, settings.limits.largest_approach_step_um, clock)
+        return motor_stage(part, settings.limits.largest_approach_step_um, clock, wire_file)
     return HandStage(operator, clock, lambda: f"gauge {load_cell.read().voltage_mv:.2f} mV")
 
 
-def recorder(settings: RigSettings, clock: Clock) -> Accelerometers:
+def recorder(settings: RigSettings, clock: Clock, wire_file: WireFile | None = None) -> Accelerometers:
     """Return the driver of the recorder."""
     part = settings.parts.accelerometers
     if isinstance(part, Ni9234Settings):
         return Ni9234(settings.wiring, part, clock)
-    return Usb1608(settings.wiring, part if isinstance(part, Usb1608Settings) else Usb1608Settings(), clock)
+    chosen = part if isinstance(part, Usb1608Settings) else Usb1608Settings()
+    bus = None if wire_file is None else libusb1.get_backend()
+    return Usb1608(settings.wiring, chosen, clock, None if bus is None else recorded_usb(bus, wire_file))
 
 
 def impactor(settings: RigSettings, operator: Operator, clock: Clock, accelerometers: Accelerometers) -> Impactor:

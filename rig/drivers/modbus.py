@@ -25,8 +25,10 @@ from rig.drivers.transport import (
     settle,
 )
 from rig.errors import DeviceError, NoAnswer
+from rig.hardware_log import repeated
 from rig.interface import Clock
 
+LOG = logging.getLogger("mesotap.rig.amplifier")
 FUNCTIONS = {"holding": 3, "input": 4}
 QUIET_S = 0.02  # without a byte, after which a late reply is taken to be over
 
@@ -83,7 +85,8 @@ class _Client(ModbusBaseSyncClient):
 
     def send(self, request: bytes, addr: Any = None) -> int:
         """Send a frame, after what is left of an earlier reply was discarded."""
-        self._transport.discard()
+        if unasked := self._transport.discard():
+            repeated(LOG, self._transport.device, "bytes that nobody asked for were discarded", unasked[:64].hex(" "))
         self.received = 0
         self._deadline_s = self._clock.now() + self.timeout_s
         self._transport.write(request)
@@ -165,6 +168,7 @@ class ModbusDevice:
             for attempt in range(self._tries):
                 if attempt:
                     self.repeated += 1
+                    repeated(LOG, self._transport.device, "a question was asked again", f"{answered}, {table} {offset}")
                     settle(self._transport, self._clock, QUIET_S)
                 ask = self._client.read_input_registers if table == "input" else self._client.read_holding_registers
                 begun = self._clock.now()

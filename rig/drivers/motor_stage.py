@@ -9,6 +9,7 @@ off: its screw holds by itself, and no control loop moves it while the contact r
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 from collections.abc import Callable
 
@@ -18,9 +19,11 @@ from rig.drivers.newport_codes import AxisState, AxisStatus
 from rig.drivers.settings import NewportStage
 from rig.drivers.transport import Transport
 from rig.errors import DeviceError, RigError
+from rig.hardware_log import repeated
 from rig.interface import Clock, Stage
 from rig.readings import StageReading
 
+LOG = logging.getLogger("mesotap.rig.stage")
 DEVICE = "micrometer stage"
 DIGITS = 6  # of a position in um: the picometre that arithmetic in mm would blur
 LONGER = 2.0  # times the time that a motion should take, after which it counts as stuck
@@ -252,6 +255,7 @@ class MotorStage(Stage, Driver):
             reached = self._follow(target)
             if abs(reached - target) <= self._settings.in_position_um:
                 return
+            repeated(LOG, DEVICE, "a move missed its target", f"{reached:.2f} um instead of {target:.2f} um")
         raise self._error(
             f"it stands at {reached:.2f} um instead of {target:.2f} um after {ATTEMPTS} attempts",
             "look what blocks it, and check its cable",

@@ -7,6 +7,7 @@ Nothing here configures the controller or writes to its flash memory (``PW``).
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 from functools import partial
@@ -24,8 +25,10 @@ from rig.drivers.newport_codes import (
 )
 from rig.drivers.transport import PATIENT_S, ROUND_TRIPS, Transport, reply_time_limit, round_trip, settle
 from rig.errors import DeviceError, NoAnswer
+from rig.hardware_log import repeated
 from rig.interface import Clock
 
+LOG = logging.getLogger("mesotap.rig.stage")
 QUIET_S = 0.02
 END = b"\n"
 VELOCITY_TOLERANCE = 0.01  # digits that a controller prints
@@ -188,6 +191,7 @@ class NewportAxis:
                     return
                 # a damaged line is not the operator's business as long as the next one gets through
                 self.repeated += 1
+                self._note("a command was sent again", f"{command}{value}: {error.value[1]}")
         raise DeviceError(
             self._transport.device,
             self._transport.port,
@@ -202,9 +206,10 @@ class NewportAxis:
             for attempt in range(self._tries):
                 if attempt:
                     self.repeated += 1
+                    self._note("a question was asked again", command)
                     self._watch_for_nul(settle(self._transport, self._clock, QUIET_S))
-                else:
-                    self._watch_for_nul(self._transport.discard())
+                elif unasked := self._watch_for_nul(self._transport.discard()):
+                    self._note("bytes that nobody asked for were discarded", repr(unasked[:LONGEST_LINE]))
                 begun = self._clock.now()
                 self._transport.write(self._line(command, suffix))
                 deadline = begun + self._timeout_s
@@ -215,7 +220,8 @@ class NewportAxis:
                     try:
                         answer = parse(parse_reply(whole, self._address, command))
                     except ReplyError:
-                        continue  # foreign or damaged: the true reply may follow
+                        self._note("a line was foreign or damaged", repr(whole))
+                        continue  # the true reply may follow
                     self._learn(self._clock.now() - begun)
                     return answer
         what = "its replies make no sense" if heard else "it does not answer"
@@ -225,6 +231,9 @@ class NewportAxis:
             f"{what}, asked {command} {self._tries} times",
             "check its power, its cable, and the address and speed in rig.parts.stage",
         )
+
+    def _note(self, what: str, detail: str = "") -> None:
+        repeated(LOG, self._transport.device, what, detail)
 
     def expect(self, round_trip_s: float) -> None:
         """Be told how long a reply takes."""
@@ -248,6 +257,7 @@ class NewportAxis:
         if b"\0" not in data:
             return data
         self.power_came_back = True
+        self._note("the motor's power was cut and came back")
         return data.replace(b"\0", b"")
 
     def _next_line(self, pending: bytes, deadline: float) -> tuple[bytes, bytes] | None:

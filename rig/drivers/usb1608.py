@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import array
 import contextlib
+import logging
 
 import numpy as np
 from usb.backend import IBackend
@@ -20,9 +21,12 @@ from rig.drivers.usb1608_protocol import DEVICE, NoRecorder, Status, Usb1608Prot
 from rig.drivers.usb1608_scale import Scale, check_wiring
 from rig.drivers.usb_transport import UsbDead, UsbFault, UsbGone, UsbMute, UsbOverrun, UsbSilent
 from rig.errors import RigError
+from rig.hardware_log import repeated
 from rig.interface import Accelerometers, Clock
 from rig.readings import Block
 from rig.settings import Wiring
+
+LOG = logging.getLogger("mesotap.rig.recorder")
 
 BLOCK_SAMPLES = 256
 """Samples of a block: with any number of inputs a whole number of packets."""
@@ -175,6 +179,7 @@ class Usb1608(Accelerometers, Driver):
                 self._start_scan()
             except UsbFault as trouble:
                 before, fault = fault, trouble
+                repeated(LOG, DEVICE, "it did not start", fault.what)
                 if _mute(before, fault):
                     break
             else:
@@ -228,6 +233,7 @@ class Usb1608(Accelerometers, Driver):
 
     def _restart(self, fault: UsbFault) -> None:
         """Bring the scan back to life, and leave a gap for what was lost meanwhile."""
+        repeated(LOG, DEVICE, "the recording was started again", fault.what)
         if isinstance(fault, UsbGone):
             self._come_back(fault)
         else:
@@ -248,6 +254,7 @@ class Usb1608(Accelerometers, Driver):
         while True:
             try:
                 self._attach()
+                repeated(LOG, DEVICE, "it went off the bus and came back")
                 return
             except RigError as error:
                 if self._clock.now() >= deadline:

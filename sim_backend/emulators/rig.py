@@ -25,6 +25,7 @@ from rig.drivers.settings import AmplifierRtu, AmplifierTcp, NewportStage
 from rig.drivers.solenoid import SolenoidImpactor
 from rig.drivers.transport import SerialTransport, TcpTransport, Transport
 from rig.drivers.usb1608 import Usb1608
+from rig.drivers.wire_record import WireFile, recorded, recorded_usb
 from rig.settings import RigSettings
 from sim_backend.clock import VirtualClock
 from sim_backend.emulators.amplifier import EmulatedAmplifier
@@ -58,6 +59,8 @@ class EmulatedRig(AssembledRig):
         Of both wires, within the process.
     clock
         Of the physics; None for a virtual one.
+    wire_file
+        Where to record what goes over the wires; None for nowhere.
 
     Attributes
     ----------
@@ -82,8 +85,12 @@ class EmulatedRig(AssembledRig):
         stage_wire: Disturbance | None = None,
         round_trip_s: float = 0.0,
         clock: VirtualClock | None = None,
+        wire_file: WireFile | None = None,
     ) -> None:
+        self._wire_file = wire_file
         self.physics = physics = SimulatedRig(rig_settings, settings, contact_stiffness, False, seed, clock)
+        if wire_file is not None:
+            wire_file.set_clock(physics.clock)
         self.lock = RLock()
         parts = rig_settings.parts
         self._wires = wires
@@ -142,7 +149,7 @@ class EmulatedRig(AssembledRig):
             tcp = TcpPort(server, disturbance, self.lock)
             self.ports.append(tcp)
             wire = self._in_virtual_time(TcpTransport(AMPLIFIER, tcp.host, tcp.tcp_port), tcp)
-        return ModbusLoadCell(wire, framing, settings, self.physics.clock)
+        return ModbusLoadCell(recorded(wire, self._wire_file), framing, settings, self.physics.clock)
 
     def _motor_stage(self, settings: NewportStage, step_um: float, disturbance: Disturbance | None) -> Stage:
         wire: Transport
@@ -154,7 +161,7 @@ class EmulatedRig(AssembledRig):
             wire = InProcessTransport(
                 STAGE, settings.port, self.controller, self.physics.clock, disturbance, self._round_trip_s
             )
-        return MotorStage(wire, settings, self.physics.clock, step_um)
+        return MotorStage(recorded(wire, self._wire_file), settings, self.physics.clock, step_um)
 
     def _recorder(self, rig_settings: RigSettings, settings: SimBackendSettings) -> tuple[Accelerometers, Impactor]:
         parts, physics = rig_settings.parts, self.physics
@@ -171,7 +178,8 @@ class EmulatedRig(AssembledRig):
             calibration=calibration_table(settings.recorder, physics.seed),
             on_line=lambda line, high: self._switched(solenoid, line, high),
         )
-        driver = Usb1608(rig_settings.wiring, recorder, physics.clock, self.recorder.bus)
+        bus = recorded_usb(self.recorder.bus, self._wire_file)
+        driver = Usb1608(rig_settings.wiring, recorder, physics.clock, bus)
         impactor: Impactor = physics.impactor
         if solenoid is not None:
             impactor = SolenoidImpactor(driver, solenoid, physics.clock)

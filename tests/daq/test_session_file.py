@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from daq.errors import RecordingError
 from daq.records import RigDescription, Session
 from daq.session_file import read_session, write_session
+from rig.hardware_log import Repetition
 
 from .same import same
 
@@ -365,3 +366,18 @@ def test_an_impact_that_was_altered_is_named(session: Session, tmp_path: Path) -
         opened["impacts/00003/acceleration"][0, 0] += 1e-9
     with pytest.raises(RecordingError, match=r"/impacts/00003: the samples or numbers of shot 00003 were altered"):
         read_session(file)
+
+
+def test_what_had_to_be_repeated_comes_back(session: Session, tmp_path: Path) -> None:
+    kept = (Repetition("stage", "a question was asked again", 7, "2026-01-01T00:00:01Z", "2026-01-01T00:09:00Z"),)
+    for hardware in (None, (), kept):
+        write_session(tmp_path / "session.h5", replace(session, hardware=hardware))
+        assert read_session(tmp_path / "session.h5").hardware == hardware
+
+
+@pytest.mark.parametrize("theirs", ["good", "{}", "[1]", '[{"device": "a", "what": "b", "count": "c"}]', 5])
+def test_what_another_program_calls_hardware_is_no_fault(session: Session, tmp_path: Path, theirs: object) -> None:
+    write_session(tmp_path / "session.h5", session)
+    with h5py.File(tmp_path / "session.h5", "r+") as file:
+        file.attrs["hardware"] = theirs
+    assert read_session(tmp_path / "session.h5").hardware is None

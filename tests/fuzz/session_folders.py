@@ -118,6 +118,11 @@ def _folder_instead(name: str) -> Damage:
     return damage
 
 
+def _grown(name: str) -> Damage:
+    """A file with a hole of 3 GB, which takes no room on the disk."""
+    return lambda folder: os.truncate(folder / name, 3 << 30)
+
+
 def _fifo_instead(name: str) -> Damage:
     def damage(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
@@ -222,6 +227,12 @@ def _refused_value(folder: Path) -> None:
     (folder / "session.json").write_text(json.dumps(header))
 
 
+def _refused_load(folder: Path) -> None:
+    header = json.loads((folder / "session.json").read_text())
+    header["config"] = header["config"].replace("impacts_per_load: 2", "impacts_per_load: none")
+    (folder / "session.json").write_text(json.dumps(header))
+
+
 DAMAGES: dict[str, Damage] = {
     "journal: a line damaged in the middle": _bytes("journal.jsonl", _middle),
     "journal: missing": _gone("journal.jsonl"),
@@ -278,6 +289,8 @@ DAMAGES: dict[str, Damage] = {
     "journal: a folder": _folder_instead("journal.jsonl"),
     "journal: a link": _link_instead("journal.jsonl", "/etc/passwd"),
     "journal: a FIFO": _fifo_instead("journal.jsonl"),
+    "journal: 3 GB of zeros": _grown("journal.jsonl"),
+    "header: 3 GB of zeros": _grown("session.json"),
     "header: missing": _gone("session.json"),
     "header: empty": _bytes("session.json", lambda content: b""),
     "header: cut": _bytes("session.json", lambda content: content[:-20]),
@@ -290,6 +303,7 @@ DAMAGES: dict[str, Damage] = {
     "header: configuration not YAML": _header(config="rig: [1, {"),
     "header: configuration of half a surrogate": _header(config="mesotap: {title: '\ud800'}"),
     "header: configuration with a value refused": _refused_value,
+    "header: configuration with a load refused": _refused_load,
     "header: configuration with a key of another version": _other_key,
     "header: seed that is text": _header(seed="seven"),
     "header: seed that is infinite": _header(seed=float("inf")),
@@ -334,8 +348,15 @@ DAMAGES: dict[str, Damage] = {
     "shots: an unfinished one that is a link": lambda folder: (folder / "shots" / "00003.h5.part").symlink_to(
         "/etc/passwd"
     ),
+    "permissions: none for the journal": lambda folder: (folder / "journal.jsonl").chmod(0),
+    "permissions: none for the header": lambda folder: (folder / "session.json").chmod(0),
+    "permissions: none for the lock": lambda folder: (folder / "lock").chmod(0),
+    "permissions: none for a shot": lambda folder: (folder / "shots" / "00001.h5").chmod(0),
+    "permissions: none for the shots": lambda folder: (folder / "shots").chmod(0),
+    "permissions: none to write the folder": lambda folder: folder.chmod(0o500),
+    "permissions: none for the folder": lambda folder: folder.chmod(0),
     "session file: a folder": _folder_instead("session.h5"),
     "session file: text": lambda folder: (folder / "session.h5").write_text("hello") and None,
     "session file: a FIFO": _fifo_instead("session.h5"),
 }
-"""By name. Whoever opens such a folder gets one sentence, or what is right."""
+"""By name. Whoever opens such a folder gets one sentence, or what is right. Permissions mean nothing to root."""

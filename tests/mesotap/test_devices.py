@@ -19,7 +19,7 @@ REAL = [
     "rig.parts.load_cell={driver: modbus-tcp, preset: seneca-ze-sg3, host: 127.0.0.1, tcp_port: 1}",
     "rig.parts.stage={driver: conex-cc, port: /nowhere/ttyUSB1, resolution_um: 0.02, home_at_connect: true}",
 ]
-ALL = ["noise floor", "gauge zero", "stage step", "tap"]
+ALL = ["mechanical stop", "noise floor", "gauge zero", "stage step", "tap"]
 
 
 def told(command, tmp_path, *changes, **how) -> tuple[list[str], dict]:
@@ -35,7 +35,7 @@ def told(command, tmp_path, *changes, **how) -> tuple[list[str], dict]:
 
 @pytest.mark.parametrize("how", ["simulate", "emulate"])
 def test_a_good_rig_passes_every_line(tmp_path, how):
-    lines, answer = told(check, tmp_path, touch=True, **{how: True})
+    lines, answer = told(check, tmp_path, "rig.limits.mechanical_stop_um=4", touch=True, **{how: True})
     assert answer["passed"]
     assert [v["name"] for v in answer["verdicts"] if v["name"] != "connection"] == ALL
     assert all(line.startswith("good") for line in lines)
@@ -171,3 +171,12 @@ def test_a_search_asks_the_ports_that_are_not_configured_and_no_others(tmp_path,
 def test_a_recorder_that_is_not_emulated_is_named():
     with pytest.raises(RigError, match=r"rig.parts.accelerometers: the NI 9234 is not emulated"):
         emulated_rig(small_config("rig.parts.accelerometers={driver: ni-9234}", "rig.wiring.bits=24"))
+
+
+@pytest.mark.parametrize(("stop_um", "passed"), [(None, None), (140.0, None), (4.0, True)])
+def test_a_mechanical_stop_is_asked_for(stop_um, passed):
+    """151 um of travel on springs of 269 N/mm in series is 41 N; 4 um are within the limit of 1.1 N."""
+    config = small_config(*([] if stop_um is None else [f"rig.limits.mechanical_stop_um={stop_um}"]))
+    verdict = next(v for v in self_test(simulated_rig(config), config, touch=False) if v.name == "mechanical stop")
+    assert verdict.passed is passed
+    assert ("mechanical_stop_um" in verdict.says) is (passed is None)

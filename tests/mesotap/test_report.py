@@ -39,6 +39,7 @@ from mesotap.comparison import recovered_against
 from mesotap.report import published_report, recording_report, results_json, with_uncertainty, write_report
 from mesotap.results_files import impacts_csv, json_text, loads_csv, modes_json
 from mesotap.rounding import significant
+from rig.hardware_log import Repetition
 
 M1, M2, K = 0.107, 0.108, 0.5379e6
 RATE, SAMPLES, PRETRIGGER = 25000.0, 5000, 250
@@ -798,3 +799,23 @@ def test_dense_lines_keep_their_peaks() -> None:
     drawn = np.asarray(figure.axes[0].get_lines()[0].get_ydata())
     assert drawn.size <= 3000
     assert drawn.max() == pytest.approx(50.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("hardware", "said"),
+    [
+        (None, "Nobody kept count of what had to be repeated"),
+        ((), "No request had to be repeated."),
+        (
+            (Repetition("stage <x>", "a question was asked again", 7, "2026-01-01T00:00:01Z", "2026-01-01T00:09:00Z"),),
+            "stage <x> a question was asked again 7 2026-01-01 00:00:01 2026-01-01 00:09:00",
+        ),
+    ],
+)
+def test_how_the_hardware_behaved(
+    small: tuple[Session, SessionResults], tmp_path: Path, hardware: tuple[Repetition, ...] | None, said: str
+) -> None:
+    session, results = small
+    text = Page(report(tmp_path, replace(session, hardware=hardware), results)).text
+    assert "How the hardware behaved" in text
+    assert said in text

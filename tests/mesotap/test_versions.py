@@ -63,8 +63,8 @@ def test_keys_of_another_version_are_told_and_left_out_and_missing_ones_take_the
     config = json.loads((folder / "session.json").read_text())["config"]
     other = config.replace("dwell_s:", "dwell_of_old_s:").replace("poll_s:", "poll_s:")
     said = resumed(folder, software="mesotap 0.0.1", config=other)
-    assert "keys of its configuration that this version does not know: mesotap.dwell_of_old_s" in said
-    assert "keys at their defaults, for its configuration has none: mesotap.dwell_s" in said
+    assert "keys unknown here are left out: mesotap.dwell_of_old_s" in said
+    assert "keys it lacks take defaults: mesotap.dwell_s" in said
     (noted,) = versions(folder)
     assert noted["left_out"] == ["mesotap.dwell_of_old_s"]
     assert noted["defaults"] == ["mesotap.dwell_s"]
@@ -82,7 +82,7 @@ def test_a_folder_of_a_newer_format_is_left_alone(folder: Path) -> None:
 
 
 def test_an_unknown_key_within_a_driver_is_left_out() -> None:
-    text = "rig: {parts: {stage: {driver: conex-cc, port: /dev/ttyUSB1, of_old: 3}}}"
+    text = "rig: {parts: {stage: {driver: conex-cc, port: /dev/ttyUSB1, resolution_um: 0.02, of_old: 3}}}"
     kept = kept_config(text, "text")
     assert kept.left_out == ("rig.parts.stage.of_old",)
     assert kept.config.rig.parts.stage.port == "/dev/ttyUSB1"  # type: ignore[union-attr]

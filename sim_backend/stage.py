@@ -19,12 +19,13 @@ DIGITS = 6  # of a position in um
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A move of the knob: from where, to where, when it begins and when it has come to rest."""
+    """A move of the knob: from where, to where, when it begins, when it has come to rest, and its speed."""
 
     start_um: float
     target_um: float
     begun_s: float
     over_s: float
+    speed_um_per_s: float | None = None
 
 
 class SimulatedStage(Stage):
@@ -114,14 +115,17 @@ class SimulatedStage(Stage):
         """Have the clamp closed or open from now on."""
         self._locked = closed
 
-    def begin(self, position_um: float) -> float:
-        """Begin to move to the multiple of the resolution next to ``position_um``; returns when it is over, s."""
+    def begin(self, position_um: float, speed_um_per_s: float | None = None) -> float:
+        """Begin to move to the multiple of the resolution next to ``position_um``; returns when it is over, s.
+
+        The speed is the stage's own, unless another is given.
+        """
         resolution = self._settings.resolution_um
         target = round(round(position_um / resolution) * resolution, DIGITS)
         self._keep_up()
         now = self._clock.now()
-        travel_s = abs(target - self._knob_um) / self._settings.speed_um_per_s
-        self._motion = Motion(self._knob_um, target, now, now + (travel_s + SETTLING_S))
+        travel_s = abs(target - self._knob_um) / (speed_um_per_s or self._settings.speed_um_per_s)
+        self._motion = Motion(self._knob_um, target, now, now + (travel_s + SETTLING_S), speed_um_per_s)
         return self._motion.over_s
 
     def halt(self) -> None:
@@ -149,7 +153,8 @@ class SimulatedStage(Stage):
             knob = motion.target_um
         else:
             way = motion.target_um - motion.start_um
-            gone = min(abs(way), self._settings.speed_um_per_s * (now - motion.begun_s))
+            speed = motion.speed_um_per_s or self._settings.speed_um_per_s
+            gone = min(abs(way), speed * (now - motion.begun_s))
             knob = motion.start_um + math.copysign(gone, way)
         if knob == self._knob_um:
             return

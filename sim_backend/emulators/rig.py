@@ -28,6 +28,7 @@ from rig.settings import RigSettings
 from sim_backend.emulators.amplifier import EmulatedAmplifier
 from sim_backend.emulators.modbus import ModbusServer
 from sim_backend.emulators.newport import EmulatedController
+from sim_backend.emulators.newport_parameters import ControllerModel
 from sim_backend.emulators.ports import PtyPort, TcpPort
 from sim_backend.emulators.usb1608 import EmulatedUsb1608
 from sim_backend.emulators.wire import Disturbance, InProcessTransport, VirtualTimeTransport
@@ -79,7 +80,7 @@ class EmulatedRig(AssembledRig):
         self.ports: list[PtyPort | TcpPort] = []
         load_cell = self._load_cell(parts.load_cell, amplifier_wire)
         motor = DEFAULT_STAGE if isinstance(parts.stage, str) else parts.stage
-        self.controller = EmulatedController(physics.micrometer, motor, settings.stage.speed_um_per_s, physics.clock)
+        self.controller = self._controller(motor, settings.stage.speed_um_per_s)
         stage: Stage = physics.stage
         if parts.stage != "hand":
             stage = self._motor_stage(motor, rig_settings.limits.largest_approach_step_um, stage_wire)
@@ -131,6 +132,12 @@ class EmulatedRig(AssembledRig):
             self.ports.append(tcp)
             wire = self._in_virtual_time(TcpTransport(AMPLIFIER, tcp.host, tcp.tcp_port))
         return ModbusLoadCell(wire, framing, settings, self.physics.clock)
+
+    def _controller(self, motor: NewportStage, speed_um_per_s: float) -> EmulatedController:
+        model = ControllerModel(
+            motor.driver, motor.address, "", motor.zero_mm, motor.lowest_mm, motor.highest_mm, referenced=True
+        )
+        return EmulatedController(self.physics.micrometer, model, speed_um_per_s, self.physics.clock)
 
     def _motor_stage(self, settings: NewportStage, step_um: float, disturbance: Disturbance | None) -> Stage:
         wire: Transport

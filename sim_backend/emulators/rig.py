@@ -26,6 +26,7 @@ from rig.drivers.transport import SerialTransport, TcpTransport, Transport
 from rig.drivers.usb1608 import Usb1608
 from rig.settings import RigSettings
 from sim_backend.emulators.amplifier import EmulatedAmplifier
+from sim_backend.emulators.described import amplifier_of
 from sim_backend.emulators.modbus import ModbusServer
 from sim_backend.emulators.newport import EmulatedController
 from sim_backend.emulators.newport_parameters import ControllerModel
@@ -36,7 +37,7 @@ from sim_backend.recorder import calibration_table
 from sim_backend.rig import SimulatedRig
 from sim_backend.settings import SimBackendSettings
 
-DEFAULT_AMPLIFIER = AmplifierRtu(driver="modbus-rtu", preset="seneca-z-sg", port="/dev/ttyUSB0")
+DEFAULT_AMPLIFIER = AmplifierRtu(driver="modbus-rtu", preset="seneca-ze-sg3", port="/dev/ttyUSB0")
 DEFAULT_STAGE = NewportStage(driver="conex-cc", port="/dev/ttyUSB1")
 PATIENCE_S = 2.0  # real time that an emulated device is given by a busy machine before it counts as silent
 
@@ -117,7 +118,7 @@ class EmulatedRig(AssembledRig):
     def _load_cell(self, part: str | AmplifierRtu | AmplifierTcp, disturbance: Disturbance | None) -> LoadCell:
         settings = DEFAULT_AMPLIFIER if isinstance(part, str) else part
         framing = "rtu" if isinstance(settings, AmplifierRtu) else "tcp"
-        self.amplifier = EmulatedAmplifier(self.physics.load_cell, settings)
+        self.amplifier = EmulatedAmplifier(self.physics.load_cell, amplifier_of(settings), self.physics.clock)
         server = ModbusServer(self.amplifier, settings.address, framing)
         wire: Transport
         if not self._wires:

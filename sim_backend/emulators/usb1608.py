@@ -1,7 +1,8 @@
 """The MCC USB-1608FS-Plus at its wire: requests, pacer, converters, FIFO, digital lines, and what can go wrong.
 
-What the device is and understands is in `usb1608_manual`; nothing is taken from the driver of this project. Time is the rig's. Samples are drawn from the source when they are fetched, block by block, so that a session over
-this wire draws the same noise as one on the simulated recorder.
+What the device is and understands is in `usb1608_manual`; nothing is taken from the driver of this project. Time is the rig's.
+Samples are drawn from the source when they are fetched, block by block, so that a session over this wire draws the same
+noise as one on the simulated recorder.
 """
 
 from __future__ import annotations
@@ -17,36 +18,7 @@ from numpy.typing import NDArray
 from usb.core import USBError
 
 from rig import Clock
-from sim_backend.emulators.usb1608_manual import (
-    BASE_CLOCK_HZ,
-    BITS,
-    BLINK,
-    CALIBRATED_RANGES,
-    CALIBRATION,
-    CALIBRATION_BYTES,
-    CALIBRATION_DATE,
-    CHANNELS,
-    CLEAR_FIFO,
-    DEBUG,
-    FIFO_SAMPLES,
-    IMMEDIATE,
-    INHIBIT_STALL,
-    INPUTS,
-    LARGEST_RATE_HZ,
-    LATCH,
-    OVERRUN,
-    PORT,
-    RANGES_V,
-    RESET,
-    RUNNING,
-    SCAN_RANGES,
-    SCAN_START,
-    SCAN_STOP,
-    SERIAL,
-    STATUS,
-    TRIGGERS,
-    TRISTATE,
-)
+from sim_backend.emulators import usb1608_manual as manual
 from sim_backend.emulators.usb_bus import UsbBus, gone, overflowed, stalled, timed_out
 from sim_backend.recorder import Converter
 
@@ -54,7 +26,9 @@ BLOCK_SAMPLES = 256
 """Samples drawn from the source at a time; the simulated recorder's, so that both draw alike."""
 
 OTHER_SERIAL_NUMBER = "01FFFFFF"
-IDEAL: NDArray[np.float32] = np.tile(np.array([1.0, 0.0], dtype=np.float32), (CALIBRATED_RANGES, CHANNELS, 1))
+IDEAL: NDArray[np.float32] = np.tile(
+    np.array([1.0, 0.0], dtype=np.float32), (manual.CALIBRATED_RANGES, manual.CHANNELS, 1)
+)
 
 
 class Fault(StrEnum):
@@ -161,7 +135,7 @@ class EmulatedUsb1608:
         self._source.end()
         self._scanning = self._overrun = self._halted = self._hung = self._silent = False
         self._fifo = bytearray()
-        self._ranges = [0] * CHANNELS
+        self._ranges = [0] * manual.CHANNELS
         self._channels: list[int] = []
         self._rate_hz = 1.0
         self._started_s = 0.0
@@ -169,45 +143,50 @@ class EmulatedUsb1608:
         self._left: int | None = None  # scans to come; None for no end
         self._paced = self._stalls = True
         self._ends_empty = False
-        self._set_outputs(INPUTS, 0)  # the latch is 0 at power-on (J)
+        self._set_outputs(manual.INPUTS, 0)  # the latch is 0 at power-on (J)
 
     # --- requests -------------------------------------------------------------------------------------------
 
     def control_out(self, request: int, value: int, data: bytes, timeout_s: float) -> None:
         """Take a vendor request; what the device does not know it stalls."""
         self._before_request(request, timeout_s)
-        if request == SCAN_START and len(data) == 10 and not self._scanning:
+        if request == manual.SCAN_START and len(data) == 10 and not self._scanning:
             self._start(*struct.unpack("<IIBB", data))
-        elif request == SCAN_STOP:
+        elif request == manual.SCAN_STOP:
             self._stop()
-        elif request == CLEAR_FIFO:
+        elif request == manual.CLEAR_FIFO:
             self._fifo.clear()
-        elif request == SCAN_RANGES and len(data) == CHANNELS and not self._scanning and RANGES_V.keys() >= set(data):
+        elif (
+            request == manual.SCAN_RANGES
+            and len(data) == manual.CHANNELS
+            and not self._scanning
+            and manual.RANGES_V.keys() >= set(data)
+        ):
             self._ranges = list(data)
-        elif request == STATUS:
+        elif request == manual.STATUS:
             self._overrun = False  # writing clears the error indicators (J)
-        elif request == TRISTATE:
+        elif request == manual.TRISTATE:
             self._set_outputs(value & 0xFF, self._latch)
-        elif request in (LATCH, PORT):
+        elif request in (manual.LATCH, manual.PORT):
             self._set_outputs(self._inputs, value & 0xFF)
-        elif request == RESET:
+        elif request == manual.RESET:
             self.power_up()
-        elif request != BLINK:
+        elif request != manual.BLINK:
             raise stalled()
 
     def control_in(self, request: int, value: int, length: int, timeout_s: float) -> bytes:
         """Answer a vendor request; what the device does not know it stalls."""
         self._before_request(request, timeout_s)
         answers = {
-            TRISTATE: lambda: bytes([self._inputs]),
-            PORT: lambda: bytes([self._level]),
-            LATCH: lambda: bytes([self._latch]),
-            SCAN_RANGES: lambda: bytes(self._ranges),
-            CALIBRATION: lambda: self._memory()[value : value + length],
-            STATUS: lambda: struct.pack("<H", RUNNING * self._scanning | OVERRUN * self._overrun),
-            SERIAL: lambda: self.serial_number.encode("ascii"),
+            manual.TRISTATE: lambda: bytes([self._inputs]),
+            manual.PORT: lambda: bytes([self._level]),
+            manual.LATCH: lambda: bytes([self._latch]),
+            manual.SCAN_RANGES: lambda: bytes(self._ranges),
+            manual.CALIBRATION: lambda: self._memory()[value : value + length],
+            manual.STATUS: lambda: struct.pack("<H", manual.RUNNING * self._scanning | manual.OVERRUN * self._overrun),
+            manual.SERIAL: lambda: self.serial_number.encode("ascii"),
         }
-        if request not in answers or (request == SCAN_RANGES and self._scanning):
+        if request not in answers or (request == manual.SCAN_RANGES and self._scanning):
             raise stalled()
         answer = answers[request]()
         if self._happens(Fault.FOREIGN):
@@ -222,7 +201,7 @@ class EmulatedUsb1608:
 
     def _memory(self) -> bytes:
         coefficients = self._calibration.astype("<f4").tobytes()
-        return (coefficients + CALIBRATION_DATE).ljust(CALIBRATION_BYTES, b"\0")
+        return (coefficients + manual.CALIBRATION_DATE).ljust(manual.CALIBRATION_BYTES, b"\0")
 
     def _set_outputs(self, inputs: int, latch: int) -> None:
         before, after = self._level, latch & ~inputs | self._pulled & inputs
@@ -232,19 +211,19 @@ class EmulatedUsb1608:
                 self._on_line(line, bool(after >> line & 1))
 
     def _start(self, count: int, pacer: int, mask: int, options: int) -> None:
-        self._channels = [channel for channel in range(CHANNELS) if mask >> channel & 1]
+        self._channels = [channel for channel in range(manual.CHANNELS) if mask >> channel & 1]
         # triggers, packets of single scans and the counter in place of samples are not emulated
-        if not self._channels or options & (TRIGGERS | DEBUG | IMMEDIATE):
+        if not self._channels or options & (manual.TRIGGERS | manual.DEBUG | manual.IMMEDIATE):
             raise stalled()
         self._paced = pacer > 0  # else by a clock at SYNC, where nothing is connected
-        self._rate_hz = min(BASE_CLOCK_HZ / (pacer + 1), LARGEST_RATE_HZ)
+        self._rate_hz = min(manual.BASE_CLOCK_HZ / (pacer + 1), manual.LARGEST_RATE_HZ)
         self._left = count or None
-        self._stalls = not options & INHIBIT_STALL
+        self._stalls = not options & manual.INHIBIT_STALL
         self._scanning, self._hung, self._ends_empty = True, False, False
         self._started_s = self._clock.now()
         self._fetched = 0
         self._converters = [
-            Converter(RANGES_V[self._ranges[i]], BITS, *map(float, self._calibration[self._ranges[i], i]))
+            Converter(manual.RANGES_V[self._ranges[i]], manual.BITS, *map(float, self._calibration[self._ranges[i], i]))
             for i in self._channels
         ]
         self._source.begin(self._rate_hz)
@@ -271,7 +250,7 @@ class EmulatedUsb1608:
             self._hung = True
         if self._silent or self._hung or self._happens(Fault.TIMEOUT):
             raise self._wait_in_vain(timeout_s)
-        if self._scanning and (self._backlog() > FIFO_SAMPLES or self._happens(Fault.OVERRUN)):
+        if self._scanning and (self._backlog() > manual.FIFO_SAMPLES or self._happens(Fault.OVERRUN)):
             self._stop()
             self._overrun, self._halted = True, self._stalls
         if self._halted or self._happens(Fault.STALL):

@@ -1,8 +1,9 @@
 """The MCC USB-1608FS-Plus at its wire: requests, pacer, converters, FIFO, digital lines, and what can go wrong.
 
-What the device is and understands is in `usb1608_manual`; nothing is taken from the driver of this project. Time is the rig's.
-Samples are drawn from the source when they are fetched, block by block, so that a session over this wire draws the same
-noise as one on the simulated recorder.
+What the device is and understands is in `usb1608_manual`; nothing is taken from the driver of this project.
+
+Time is the rig's. Samples are drawn from the source when they are fetched, block by block, so that a session over this
+wire draws the same noise as one on the simulated recorder.
 """
 
 from __future__ import annotations
@@ -156,12 +157,7 @@ class EmulatedUsb1608:
             self._stop()
         elif request == manual.CLEAR_FIFO:
             self._fifo.clear()
-        elif (
-            request == manual.SCAN_RANGES
-            and len(data) == manual.CHANNELS
-            and not self._scanning
-            and manual.RANGES_V.keys() >= set(data)
-        ):
+        elif request == manual.SCAN_RANGES and self._are_ranges(data):
             self._ranges = list(data)
         elif request == manual.STATUS:
             self._overrun = False  # writing clears the error indicators (J)
@@ -173,6 +169,9 @@ class EmulatedUsb1608:
             self.power_up()
         elif request != manual.BLINK:
             raise stalled()
+
+    def _are_ranges(self, data: bytes) -> bool:
+        return len(data) == manual.CHANNELS and not self._scanning and manual.RANGES_V.keys() >= set(data)
 
     def control_in(self, request: int, value: int, length: int, timeout_s: float) -> bytes:
         """Answer a vendor request; what the device does not know it stalls."""

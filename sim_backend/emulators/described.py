@@ -20,11 +20,14 @@ def amplifier_of(settings: Any, realistic: bool = False) -> AmplifierModel:
     ----------
     settings
         That section. Only what an owner knows of the device is read from it: the model's name or its registers, the
-        excitation, the worth of a count.
+        excitation, the cell's ratio and full scale, the worth of a count.
     realistic
         Whether it converts, filters and rounds as one sold does.
     """
     own = {"excitation_v": settings.excitation_v, "mv_per_count": settings.mv_per_count, "realistic": realistic}
+    # what the owner has set in the amplifier, if the section has room for it
+    cell = {"ratio_mv_per_v": "cell_ratio_mv_per_v", "full_scale": "cell_full_scale"}
+    own |= {mine: value for mine, theirs in cell.items() if (value := getattr(settings, theirs, None)) is not None}
     if settings.preset is not None:
         return AmplifierModel(MODELS[settings.preset], **own)
     return AmplifierModel("", described_table(settings.registers), **own)

@@ -127,7 +127,8 @@ class EmulatedController:
         return [reply.encode() for reply in replies if reply]
 
     def _take(self, line: str) -> str:
-        self.sent.append(line)
+        if line:
+            self.sent.append(line)
         if not self.powered or self._clock.now() < self._busy_until_s:
             return ""
         self._keep_up()
@@ -206,8 +207,10 @@ class EmulatedController:
         return others.get(name)
 
     def _status(self) -> str:
-        """Return error bits and state; the bits are forgotten once they were told (S, TS)."""
-        bits, self._bits = self._bits, 0
+        """Return error bits and state."""
+        bits = self._bits
+        if self._model.tells_errors_once:
+            self._bits = 0
         return f"{bits:04X}{self._current_state():02X}"
 
     def _last_error(self) -> str:
@@ -239,6 +242,7 @@ class EmulatedController:
         target = origin_mm + number
         if not self._parameters.values["SL"] <= target <= self._parameters.values["SR"]:
             return manual.OUT_OF_LIMITS
+        self._bits = 0
         self._motion.begin(target, self._parameters.values["VA"])
         self._state = State.MOVING
         return manual.NONE

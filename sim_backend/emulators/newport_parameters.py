@@ -42,6 +42,9 @@ class ControllerModel:
         Whether the power was on before and a home found. Real controllers wake up NOT REFERENCED.
     saving_s
         How long PW0 takes.
+    tells_errors_once
+        Whether TS forgets the error bits that it has told. One public driver says so of the SMC100's manual; the page
+        itself was not seen.
     processing_s
         Time until a question is answered, for the wire; the manual's 10 ms, none for the ideal actuator.
     """
@@ -55,6 +58,7 @@ class ControllerModel:
     home_type: int = manual.END_OF_RUN
     referenced: bool = False
     saving_s: float = manual.SAVING_S
+    tells_errors_once: bool = True
     seed: int = 0
 
     @property

@@ -117,6 +117,7 @@ SENECA_WEIGHTS = (
     Live(67, TARE, "float32"),  # E
     Live(69, INTEGER_NET, "int32"),  # E
     Live(71, INTEGER_GROSS, "int32"),  # E
+    Live(73, TARE, "int32"),  # E
     Live(77, STATUS, "uint16"),  # B p. 52; E
 )
 ZE_SG3_RATES = {0: 960.0, 1: 300.0, 2: 150.0, 3: 100.0, 4: 60.0, 5: 12.0, 6: 4.7}  # E

@@ -39,6 +39,7 @@ from calibration.gauge import GaugeHistory
 from calibration.settings import CalibrationSettings
 from daq.contact_force import contact_force
 from daq.records import RigDescription, Session, Shot
+from rig.errors import MesotapError
 from rig.settings import Masses, Springs
 
 CALM_SAMPLES = 5  # after the first one used, by which the last of the pulse and of the low-pass is gone
@@ -56,7 +57,7 @@ POOR_FIT = 1.3  # residual variance over noise variance from which the model is 
 Progress = Callable[[int, int], None]
 
 
-class AnalysisError(ValueError):
+class AnalysisError(MesotapError, ValueError):
     """A session cannot be analysed; one sentence."""
 
 

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibration.estimate import Estimate
+from rig.errors import MesotapError
 
 FloatArray = NDArray[np.float64]
 RING = math.pi / 4 - 2 / math.pi  # thin ring pressed across a diameter: deflection RING * F R^3 / (E I); 0.1488
 
 
-class ResonanceError(ValueError):
+class ResonanceError(MesotapError, ValueError):
     """These resonances, masses and springs do not belong together in Eq. 10; the text is one sentence."""
 
 

@@ -11,6 +11,7 @@ from scipy import stats
 
 from calibration.estimate import LEVEL, Estimate
 from daq.records import CalibrationPoints
+from rig.errors import MesotapError
 from rig.readings import GaugeScale
 
 FloatArray = NDArray[np.float64]
@@ -20,7 +21,7 @@ _SAME_WEIGHT = 1e-6  # loads that differ by no more than this share (of 1 mN at 
 _IMPLAUSIBLE = 1e9  # no gauge and no weight reaches this, in mV or mN
 
 
-class CalibrationError(ValueError):
+class CalibrationError(MesotapError, ValueError):
     """These points are no calibration; the text is one sentence for the operator."""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 from pathlib import Path
 
 from daq.errors import UnwrittenError
@@ -15,20 +16,27 @@ _CAUSES = {
     errno.ENOSPC: "the disk is full; free some space and save again",
     errno.EDQUOT: "the disk quota is used up; free some space and save again",
     errno.EFBIG: "it would grow beyond the largest file allowed here",
-    errno.EACCES: "there is no permission to write here",
-    errno.EPERM: "there is no permission to write here",
+    errno.EACCES: "there is no permission",
+    errno.EPERM: "there is no permission",
     errno.EROFS: "the file system is read-only",
     errno.ENOENT: "the folder does not exist",
     errno.ENOTDIR: "a part of the path is a file, not a folder",
     errno.EISDIR: "there is a folder of that name",
     errno.ENAMETOOLONG: "the name is too long",
+    errno.ELOOP: "a link stands there, which could lead anywhere; remove it",
+    errno.EEXIST: "another program writes it at this moment; try again",
+    errno.EMEDIUMTYPE: "what stands there is no plain file; remove it",
 }
 
 
 def write_error(path: Path, error: OSError) -> UnwrittenError:
     """Return the one-sentence error for a file that could not be written."""
-    cause = _CAUSES.get(error.errno or 0) or error.strerror or str(error)
-    return UnwrittenError(path, cause)
+    return UnwrittenError(path, cause_of(error))
+
+
+def cause_of(error: OSError) -> str:
+    """Return why, and what to do, in the operator's words where there are any."""
+    return _CAUSES.get(error.errno or 0) or error.strerror or str(error)
 
 
 def sync_folder(folder: Path) -> None:
@@ -40,25 +48,77 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder and the folders above it that are missing, each with its name on the disk on return.
+
+    Raises
+    ------
+    OSError
+        One of them cannot be made.
+    """
+    if folder.is_dir():
+        return
+    if folder.exists():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder))
+    make_folder(folder.parent)
+    folder.mkdir(exist_ok=True)
+    sync_folder(folder)
+    sync_folder(folder.parent)
+
+
+def open_plain(path: Path, flags: int) -> int:
+    """Return a descriptor of a plain file; what is a link, a FIFO or a device is refused and not waited for.
+
+    Raises
+    ------
+    OSError
+        It cannot be opened; ``ELOOP`` for a link, ``EMEDIUMTYPE`` for anything else that is no file.
+    """
+    descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(errno.EMEDIUMTYPE, os.strerror(errno.EMEDIUMTYPE), str(path))
+    return descriptor
+
+
+def remove_part(part: Path) -> None:
+    """Remove what an earlier program left half written.
+
+    Raises
+    ------
+    OSError
+        It cannot be removed, or it is a link (``ELOOP``), which nobody leaves there by accident.
+    """
+    if part.is_symlink():
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(part))
+    part.unlink(missing_ok=True)
+
+
 def write_whole(path: Path, content: bytes | memoryview) -> None:
     """Write ``content`` to ``path`` such that a kill at any instant leaves the old file, the new one or none.
 
     Raises
     ------
     UnwrittenError
-        The disk is full, the place is not writable, or there is no such folder.
+        The disk is full, the place is not writable, there is no such folder, or a link stands where the unfinished
+        file is to be: nothing is ever written through one.
     """
     part = path.with_name(path.name + PART)
     try:
+        remove_part(part)
+        descriptor = open_plain(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+    except OSError as error:
+        # what stands in the way is named; anything else concerns the file itself
+        raise write_error(part if error.errno in (errno.ELOOP, errno.EISDIR) else path, error) from error
+    try:
         try:
-            with part.open("wb") as file:
+            with os.fdopen(descriptor, "wb") as file:
                 file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
             part.replace(path)
         except OSError:
-            if part.is_file():
-                part.unlink()
+            part.unlink(missing_ok=True)
             raise
         sync_folder(path.parent)
     except OSError as error:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from rig.errors import MesotapError
+
 _BREAK = re.compile(r"\s*[\n\r\f\v\x85\u2028\u2029]\s*")
 
 
@@ -19,7 +21,7 @@ def one_line(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in line)
 
 
-class RecordingError(ValueError):
+class RecordingError(MesotapError, ValueError):
     """A recording, session or exchange file cannot be used; the text says where, what, and what to do."""
 
     def __init__(self, text: str) -> None:

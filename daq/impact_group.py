@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
+import re
 from datetime import datetime
 from typing import Any
 
@@ -18,6 +20,23 @@ from daq.records import Shot
 ATTRIBUTE_LIMIT = 60_000
 """Bytes an attribute may take; HDF5 ends at 64 kB."""
 
+DIGEST = "digest"
+_DIGEST_FORM = re.compile(r"sha256:[0-9a-f]{64}")
+_DIGESTED = (
+    "load_set",
+    "target_load_mn",
+    "load_before_mn",
+    "load_after_mn",
+    "voltage_before_mv",
+    "voltage_after_mv",
+    "sample_rate_hz",
+    "pretrigger",
+    "accepted",
+    "reject_reason",
+)
+"""What is digested besides the samples: all that a result is made from. The time is left out, so that equal taps have
+equal digests."""
+
 
 def to_json(value: object) -> str:
     """Return ``value`` as one line of JSON; numpy scalars and arrays become numbers and lists."""
@@ -28,6 +47,25 @@ def _plain(value: object) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise RecordingError(f"a {type(value).__name__} cannot be kept as JSON")
+
+
+def digest_of(shot: Shot) -> str:
+    """Return the digest of a tap: ``sha256:`` and 64 hexadecimal digits (FIPS 180-4).
+
+    It is taken over each array (name, shape, and the samples as little-endian doubles, row after row), then over the
+    numbers and texts that results are made from, as JSON.
+    """
+    taken = hashlib.sha256(b"mesotap impact 1\n")
+    for name in ("acceleration", "strain_mv", "channels"):
+        values = getattr(shot, name)
+        if values is not None:
+            samples = np.ascontiguousarray(values, dtype="<f8")
+            taken.update(f"{name} {samples.shape}\n".encode())
+            taken.update(samples.data)
+    numbers = [getattr(shot, name) for name in _DIGESTED]
+    plain = [float(n) if isinstance(n, float | np.floating) else n for n in numbers]
+    taken.update(to_json([*plain, list(shot.channel_names)]).encode())
+    return f"sha256:{taken.hexdigest()}"
 
 
 def check_time(text: str, where: str) -> str:
@@ -92,6 +130,7 @@ def write_impact(group: h5py.Group, shot: Shot, compress: bool) -> None:
     group.attrs["pretrigger"] = shot.pretrigger
     group.attrs["accepted"] = bool(shot.accepted)
     group.attrs["reject_reason"] = shot.reject_reason
+    group.attrs[DIGEST] = digest_of(shot)
     extra = to_json(shot.extra)
     if len(extra) <= ATTRIBUTE_LIMIT:
         group.attrs["extra"] = extra
@@ -112,7 +151,8 @@ def read_impact(node: Node, number: int) -> Shot:
     Raises
     ------
     RecordingError
-        An item of format 1 is missing or malformed; the text names it.
+        An item of format 1 is missing or malformed, or the tap is not the one that its digest was taken of; the text
+        names it. A tap without a digest (of an older version, of another program) is read as it is.
     """
     acceleration = node.values("acceleration", (2, None), floating=True)
     data = node.child("acceleration")
@@ -128,7 +168,7 @@ def read_impact(node: Node, number: int) -> Shot:
     if math.isnan(sample_rate):
         raise node.error(": sample_rate_hz is NaN")
     names = _channel_names(node)
-    return Shot(
+    shot = Shot(
         number=number,
         load_set=node.count("load_set"),
         target_load_mn=node.number("target_load_mn"),
@@ -147,6 +187,17 @@ def read_impact(node: Node, number: int) -> Shot:
         channels=node.values("channels", (len(names), samples)) if names else None,
         channel_names=names,
     )
+    _check_digest(node, shot)
+    return shot
+
+
+def _check_digest(node: Node, shot: Shot) -> None:
+    kept = node.attribute(DIGEST)
+    # what another program keeps under that name is no fault
+    if isinstance(kept, str) and _DIGEST_FORM.fullmatch(kept) and kept != digest_of(shot):
+        raise node.error(
+            f": the samples or numbers of shot {shot.name} were altered after it was recorded (its digest differs)"
+        )
 
 
 # Items beside format 1. Another program may use these names for something else: what is not ours is no fault.

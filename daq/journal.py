@@ -21,13 +21,18 @@ from typing import Any
 
 import h5py
 
-from daq.durable import PART, sync_folder, write_error, write_whole
+from daq.durable import PART, cause_of, make_folder, open_plain, remove_part, sync_folder, write_error, write_whole
 from daq.errors import RecordingError
 from daq.hdf5 import CHECKSUMMED, open_hdf5, reading
-from daq.impact_group import check_shot, read_impact, scalar_text, to_json, write_impact
+from daq.impact_group import check_shot, digest_of, read_impact, scalar_text, to_json, write_impact
+from daq.journal_file import JOURNAL, append_after_death, mend, open_journal, write_all
 from daq.records import Shot
 
-HEADER, JOURNAL, SHOTS, LOCK = "session.json", "journal.jsonl", "shots", "lock"
+__all__ = ["HEADER", "JOURNAL", "LOCK", "SHOTS", "SessionFolder", "append_after_death"]
+
+HEADER, SHOTS, LOCK = "session.json", "shots", "lock"
+SHOT = "shot"
+"""The journal's event for a shot that was kept; its entry has ``number`` and ``digest``."""
 SHOT_FORMAT = "mesotap-shot"
 
 
@@ -46,7 +51,7 @@ class SessionFolder:
         self.path = path
         self.header = header
         self._lock = lock
-        self._journal, self._events, self._length = _open_journal(path / JOURNAL)
+        self._journal, self._events, self._length = open_journal(path / JOURNAL)
         _remove_parts(path)
 
     @classmethod
@@ -60,8 +65,8 @@ class SessionFolder:
         """
         path = Path(path)
         try:
-            (path / SHOTS).mkdir(parents=True, exist_ok=True)
-            sync_folder(path)
+            make_folder(path / SHOTS)
+            sync_folder(path)  # also where a program that was killed at once had made it
             sync_folder(path.parent)
         except OSError as error:
             raise write_error(path, error) from error
@@ -97,6 +102,11 @@ class SessionFolder:
             os.close(lock)
             raise
 
+    @property
+    def lock_descriptor(self) -> int:
+        """Descriptor of the folder's lock, for whoever is to hold it after this program."""
+        return self._lock
+
     def append(self, event: dict[str, Any]) -> None:
         """Add an event (a dict of JSON types with a key ``event``) to the journal; it is on disk on return.
 
@@ -110,7 +120,7 @@ class SessionFolder:
         content = to_json(event)
         line = content.encode() + b"\n"
         try:
-            _write_all(self._journal, line)
+            write_all(self._journal, line)
             os.fsync(self._journal)
         except OSError as error:
             os.ftruncate(self._journal, self._length)
@@ -173,7 +183,13 @@ class SessionFolder:
                 state = json.loads(scalar_text(checkpoint))
             if not isinstance(state, dict):
                 raise checkpoint.error(" is not a JSON object")
-            return read_impact(root.need_group("shot"), number), state
+            shot = read_impact(root.need_group("shot"), number)
+        noted = self._noted_digest(number)
+        if noted and noted != digest_of(shot):
+            raise RecordingError(
+                f"{path}: is not the shot {number} that the journal lists: its digest does not agree; put that one back"
+            )
+        return shot, state
 
     def shots(self) -> list[Shot]:
         """Return all complete shots in order; `RecordingError` names a damaged file."""
@@ -195,13 +211,18 @@ class SessionFolder:
     ) -> None:
         self.close()
 
+    def _noted_digest(self, number: int) -> str:
+        """Digest by the journal; empty where it has none."""
+        noted = (e.get("digest") for e in self._events if e["event"] == SHOT and e.get("number") == number)
+        return next((digest for digest in noted if isinstance(digest, str)), "")
+
     def _shot_path(self, number: int) -> Path:
         return self.path / SHOTS / f"{number:05d}.h5"
 
 
 def _take_lock(path: Path) -> int:
     try:
-        descriptor = os.open(path / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+        descriptor = open_plain(path / LOCK, os.O_RDWR | os.O_CREAT)
     except OSError as error:
         raise write_error(path / LOCK, error) from error
     try:
@@ -215,86 +236,27 @@ def _take_lock(path: Path) -> int:
 def _read_header(path: Path) -> dict[str, Any]:
     file = path / HEADER
     try:
-        header = json.loads(file.read_bytes())
+        with os.fdopen(open_plain(file, os.O_RDONLY), "rb") as opened:
+            header = json.loads(opened.read())
     except FileNotFoundError:
+        if any((path / SHOTS).glob("*.h5")):
+            raise RecordingError(f"{path}: its {HEADER} is lost, but there are shots; {mend(path)}") from None
         raise RecordingError(
             f"{path}: holds no session: it was stopped before it began; start it again with mesotap run"
         ) from None
     except OSError as error:
-        raise RecordingError(f"{file}: cannot be read: {error.strerror}") from error
+        raise RecordingError(f"{file}: cannot be read: {cause_of(error)}") from error
     except (ValueError, RecursionError):
         header = None
     if not isinstance(header, dict):
-        raise RecordingError(f"{file}: is damaged: it is not a JSON object")
+        raise RecordingError(f"{file}: is damaged: it is not a JSON object; {mend(path)}")
     return header
 
 
-def _open_journal(path: Path) -> tuple[int, list[dict[str, Any]], int]:
-    """Return the journal's descriptor, its events, and its length in bytes after a torn tail was cut off."""
-    try:
-        new = not path.exists()
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-    except OSError as error:
-        raise write_error(path, error) from error
-    try:
-        content = path.read_bytes()
-        events, length = parse_journal(content, path)
-        if length < len(content):
-            os.ftruncate(descriptor, length)
-            os.fsync(descriptor)
-        if new:
-            sync_folder(path.parent)
-    except BaseException as error:
-        os.close(descriptor)
-        if isinstance(error, OSError):
-            raise write_error(path, error) from error
-        raise
-    return descriptor, events, length
-
-
-def parse_journal(content: bytes, path: Path) -> tuple[list[dict[str, Any]], int]:
-    """Return the events in a journal and how many of its bytes they take; a torn last line is left out.
-
-    A line counts once its line end is there. A last line that is no event was cut off in a power failure
-    (it was never reported as written) and is left out too.
-
-    Raises
-    ------
-    RecordingError
-        A line before the last one is no event; its number is named.
-    """
-    lines = content.split(b"\n")[:-1]
-    events: list[dict[str, Any]] = []
-    length = 0
-    for number, line in enumerate(lines, start=1):
-        event = _parse_event(line)
-        if event is None:
-            if number == len(lines):
-                break
-            raise RecordingError(f"{path}: line {number} is damaged: it is no journal entry")
-        events.append(event)
-        length += len(line) + 1
-    return events, length
-
-
-def _parse_event(line: bytes) -> dict[str, Any] | None:
-    try:
-        event = json.loads(line)
-    except (ValueError, RecursionError):
-        return None
-    return event if isinstance(event, dict) and "event" in event else None
-
-
-def _write_all(descriptor: int, content: bytes) -> None:
-    rest = memoryview(content)
-    while rest:
-        rest = rest[os.write(descriptor, rest) :]
-
-
 def _remove_parts(path: Path) -> None:
-    try:
-        for folder in (path, path / SHOTS):
-            for part in folder.glob(f"*{PART}"):
-                part.unlink()
-    except OSError as error:
-        raise write_error(path, error) from error
+    for folder in (path, path / SHOTS):
+        for part in folder.glob(f"*{PART}"):
+            try:
+                remove_part(part)
+            except OSError as error:
+                raise write_error(part, error) from error

@@ -191,8 +191,8 @@ def _read_impacts(impacts: Node, rig_rate_hz: float) -> tuple[Shot, ...]:
             values += int(getattr(acceleration, "size", 0) or 0)
         if values > LARGEST_ARRAY:
             raise node.error(f": the impacts claim more than {LARGEST_ARRAY} samples together")
-        shot = read_impact(node, number)
-        if math.isfinite(rig_rate_hz) and abs(shot.sample_rate_hz - rig_rate_hz) > RATE_TOLERANCE * rig_rate_hz:
-            raise node.error(f": sample_rate_hz is {shot.sample_rate_hz:g} but /rig says {rig_rate_hz:g}")
-        shots.append(shot)
+        rate_hz = node.number("sample_rate_hz", above=0.0)
+        if math.isfinite(rig_rate_hz) and abs(rate_hz - rig_rate_hz) > RATE_TOLERANCE * rig_rate_hz:
+            raise node.error(f": sample_rate_hz is {rate_hz:g} but /rig says {rig_rate_hz:g}")
+        shots.append(read_impact(node, number))
     return tuple(shots)

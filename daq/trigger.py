@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy import signal
 from daq.errors import RecordingError
 from daq.settings import Trigger
 from rig.errors import RigError
-from rig.interface import Accelerometers, Clock, Impactor
+from rig.interface import Accelerometers, Clock, Impactor, nothing
 from rig.readings import Block
 
 BASELINE_S = 0.1
@@ -152,6 +153,7 @@ def record_shot(
     trigger: Trigger,
     load_mn: float,
     hint: str = "",
+    idle: Callable[[], None] = nothing,
 ) -> Record:
     """Have one tap made and record it. The stream is stopped on return, also by an error.
 
@@ -163,6 +165,8 @@ def record_shot(
     ----------
     load_mn, hint
         Passed on to ``impactor.strike``.
+    idle
+        Called after each block until the tap is felt; what it raises ends the waiting.
 
     Raises
     ------
@@ -187,12 +191,13 @@ def record_shot(
         last_sample = trigger.pretrigger_samples + trigger.timeout_s * rate
         while stream.end - stream.begin < trigger.pretrigger_samples:
             stream.read()
+            idle()
             if stream.end > last_sample:
                 raise _lost(stream)
         threshold = _Threshold(stream.acceleration(stream.begin, stream.end), rate, trigger.threshold_m_s2)
         called = clock.now()
         impactor.strike(load_mn, hint)
-        found = _await_tap(stream, threshold, clock, trigger, clock.now() - called, rate)
+        found = _await_tap(stream, threshold, clock, trigger, clock.now() - called, rate, idle)
         time = clock.utc()
         first = found - trigger.pretrigger_samples
         last = first + trigger.record_samples
@@ -208,7 +213,13 @@ def record_shot(
 
 
 def _await_tap(
-    stream: _Stream, threshold: _Threshold, clock: Clock, trigger: Trigger, strike_s: float, rate: float
+    stream: _Stream,
+    threshold: _Threshold,
+    clock: Clock,
+    trigger: Trigger,
+    strike_s: float,
+    rate: float,
+    idle: Callable[[], None],
 ) -> int:
     """Return the index of the trigger sample. Time is counted by the clock and by the samples, in case one stands."""
     deadline = clock.now() + trigger.timeout_s
@@ -222,6 +233,7 @@ def _await_tap(
                 raise _lost(stream)  # only after a gap: before the strike there was a whole pretrigger stretch
             return found
         stream.forget(stream.end - trigger.pretrigger_samples)
+        idle()
         if clock.now() > deadline or stream.end > last_sample:
             if stream.lost:
                 raise _lost(stream)

@@ -35,30 +35,9 @@ def main() -> None:
 
 def _sentence(error: Exception) -> str | None:
     """Return the sentence of an error that is meant for a person, None for a fault of the program."""
-    from analysis.contact.inversion import TheoryError
-    from analysis.modal.exponentials import FitFailure
-    from analysis.session import AnalysisError
-    from analysis.stiffness import ResonanceError
-    from analysis.surface.scan import ScanError
-    from calibration.line import CalibrationError
-    from daq.errors import RecordingError
-    from mesotap.config import ConfigError
-    from mesotap.proof.errors import ProofError
-    from rig import RigError
+    from rig.errors import MesotapError
 
-    meant = (
-        AnalysisError,
-        CalibrationError,
-        ConfigError,
-        FitFailure,
-        ProofError,
-        RecordingError,
-        ResonanceError,
-        RigError,
-        ScanError,
-        TheoryError,
-    )
-    if isinstance(error, meant):
+    if isinstance(error, MesotapError):
         return str(error)
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +27,7 @@ def build_rig(
     seed: int | None = None,
     realtime: bool = False,
     emulated: bool = False,
+    devices: Path | None = None,
 ) -> Rig:
     """Build the rig that the configuration describes.
 
@@ -38,13 +40,20 @@ def build_rig(
     seed, realtime
         Of the simulated rig.
     emulated
-        The drivers, on emulated devices with the simulated rig's physics.
+        The drivers, on emulated devices with the simulated rig's physics; in real time these are in a process of
+        their own.
+    devices
+        Folder of that process, if it runs already.
 
     Raises
     ------
     RigError
         If a part has no driver.
     """
+    if emulated and realtime:
+        from mesotap.emulated_devices import separate_rig
+
+        return separate_rig(config, operator, config.sim_backend.seed if seed is None else seed, devices)
     if emulated:
         return emulated_rig(config, operator, seed, wires=True)
     if simulated:
@@ -61,12 +70,13 @@ def emulated_rig(
     wires: bool = False,
     amplifier_wire: Disturbance | None = None,
     stage_wire: Disturbance | None = None,
+    round_trip_s: float = 0.0,
 ) -> EmulatedRig:
     """Build the emulated rig; see `sim_backend.emulators.rig.EmulatedRig`."""
     from sim_backend.emulators.rig import EmulatedRig
 
-    stiffness = _stiffness_from_theory(config)
-    rig = EmulatedRig(config.rig, config.sim_backend, stiffness, seed, wires, amplifier_wire, stage_wire)
+    stiffness = stiffness_from_theory(config)
+    rig = EmulatedRig(config.rig, config.sim_backend, stiffness, seed, wires, amplifier_wire, stage_wire, round_trip_s)
     if config.rig.parts.stage == "hand":
         person = SimulatedPerson(rig.physics.micrometer, operator)
         rig.stage = HandStage(person, rig.clock, lambda: f"gauge {rig.load_cell.read().voltage_mv:.2f} mV")
@@ -77,14 +87,14 @@ def simulated_rig(
     config: Config, operator: Operator | None = None, seed: int | None = None, realtime: bool = False
 ) -> SimulatedRig:
     """Build the simulated rig; where its stage is turned by hand, a simulated person follows the prompts."""
-    rig = SimulatedRig(config.rig, config.sim_backend, _stiffness_from_theory(config), realtime, seed)
+    rig = SimulatedRig(config.rig, config.sim_backend, stiffness_from_theory(config), realtime, seed)
     if config.rig.parts.stage == "hand":
         person = SimulatedPerson(rig.stage, operator)
         rig.stage = HandStage(person, rig.clock, lambda: f"gauge {rig.load_cell.read().voltage_mv:.2f} mV")
     return rig
 
 
-def _stiffness_from_theory(config: Config) -> Callable[[float], float] | None:
+def stiffness_from_theory(config: Config) -> Callable[[float], float] | None:
     """Return k_c(P) of the last theory that the contact has (the roughest), or None for the table."""
     if config.sim_backend.contact.stiffness == "table":
         return None
@@ -94,5 +104,9 @@ def _stiffness_from_theory(config: Config) -> Callable[[float], float] | None:
 
 def truth_now(rig: Rig) -> dict[str, Any]:
     """Truth of a simulated or emulated rig at its present load; nothing for a real one."""
+    from mesotap.emulated_devices import SeparateRig
+
+    if isinstance(rig, SeparateRig):
+        return dict(rig.devices.call("truth"))
     physics = getattr(rig, "physics", rig)
     return physics.truth_at_load(physics.true_load_mn() * 1e-3) if isinstance(physics, SimulatedRig) else {}

@@ -113,6 +113,23 @@ def resume(
 
 
 @app.command()
+def recover(
+    folder: Annotated[Path, typer.Argument(help="Folder of a damaged session; it is only read.", show_default=False)],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Session file to write; FOLDER-recovered.h5 by default.", show_default=False
+        ),
+    ] = None,
+    json: JsonPath = None,
+) -> None:
+    """Make a sound session file of whatever shots of a damaged session are whole, and say what was lost."""
+    from mesotap.commands.recover import recover_folder
+
+    recover_folder(folder, output, json, _console(json))
+
+
+@app.command()
 def calibrate(
     simulate: Simulate = False,
     config: ConfigPath = None,

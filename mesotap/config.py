@@ -14,11 +14,12 @@ from calibration.settings import CalibrationSettings
 from daq.settings import DaqSettings
 from mesotap.settings import SessionSettings
 from mesotap.yaml_text import NOT_YAML, line_of, not_yaml, parsed, sentence, shown
+from rig.errors import MesotapError
 from rig.settings import RigSettings, Section
 from sim_backend.settings import SimBackendSettings
 
 
-class ConfigError(ValueError):
+class ConfigError(MesotapError, ValueError):
     """config.yaml cannot be used; one line a fault."""
 
 

@@ -10,7 +10,7 @@ import termios
 import time
 import tty
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType, TracebackType
 from typing import Any
 
@@ -23,7 +23,7 @@ from mesotap.session.states import State
 from rig import Operator, RigError, SessionAborted
 
 POLL_S = 0.1
-PAUSE_KEY, ABORT_KEY = "p", "q"
+PAUSE_KEY, ABORT_KEY, ENTER = "p", "q", "\n"
 
 
 class SessionDisplay:
@@ -78,7 +78,53 @@ class SessionDisplay:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._progress.stop()
+        with suppress(OSError):  # the terminal was closed: what ended the session says more
+            self._progress.stop()
+
+
+class Keyboard:
+    """Keys pressed at the terminal: read without waiting longer than asked, kept for whoever asks for them.
+
+    Without a terminal, or once it has hung up, there are none.
+    """
+
+    def __init__(self) -> None:
+        self._pressed: list[str] = []
+        self._gone = False
+
+    @property
+    def there(self) -> bool:
+        """Whether there is a terminal with somebody who can press keys."""
+        return not self._gone and sys.stdin.isatty()
+
+    def pressed(self, keys: str, wait_s: float = 0.0) -> str:
+        """Return the first of ``keys`` that was pressed and not yet asked for, waiting at most so long; or nothing."""
+        self._read(wait_s if not any(key in keys for key in self._pressed) else 0.0)
+        for i, key in enumerate(self._pressed):
+            if key in keys:
+                return self._pressed.pop(i)
+        return ""
+
+    def _read(self, wait_s: float) -> None:
+        if not self.there:
+            time.sleep(wait_s)
+            return
+        try:
+            while select.select([sys.stdin], [], [], wait_s)[0]:
+                # past Python's own buffer, which select does not see
+                data = os.read(sys.stdin.fileno(), 64)
+                self._gone = not data
+                self._pressed += data.decode(errors="ignore").lower().replace("\r", ENTER)
+                wait_s = 0.0
+                if self._gone:
+                    return
+        except OSError:  # the terminal was closed
+            self._gone = True
+
+    def forget(self) -> None:
+        """Forget what was pressed before."""
+        self._read(0.0)
+        self._pressed.clear()
 
 
 class TerminalOperator(Operator):
@@ -88,10 +134,13 @@ class TerminalOperator(Operator):
     ----------
     console
         Where things are said.
+    keyboard
+        Shared with whoever else listens to it.
     """
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console, keyboard: Keyboard | None = None) -> None:
         self._console = console
+        self.keyboard = self._keyboard = keyboard or Keyboard()
 
     def say(self, text: str) -> None:
         """Show one sentence."""
@@ -99,69 +148,89 @@ class TerminalOperator(Operator):
 
     def wait_ready(self, text: str) -> None:
         """Show what to do and wait for Enter."""
-        self._require_terminal(text)
-        self._console.print(f"[bold]{escape(text)}[/bold] Press Enter when done.", highlight=False)
-        sys.stdin.readline()
+        self._ask(text)
+        while not self._keyboard.pressed(ENTER, POLL_S):
+            self.idle()
+            self._require_terminal(text)
 
     def turn(self, text: str, step_um: float, live: Callable[[], tuple[str, bool]]) -> None:
         """Show what to turn and the live load until Enter; ring while it is time to stop."""
-        self._require_terminal(text)
-        self._console.print(f"[bold]{escape(text)}[/bold] Press Enter when done.", highlight=False)
+        self._ask(text)
         while True:
             shown, stop = live()
             bell = "\a STOP" if stop else ""
             self._console.print(f"\r{escape(shown)}{bell}   ", end="", highlight=False)
-            if select.select([sys.stdin], [], [], POLL_S)[0]:
-                sys.stdin.readline()
+            if self._keyboard.pressed(ENTER, POLL_S):
                 return
+            self.idle()
+            self._require_terminal(text)
+
+    def _ask(self, text: str) -> None:
+        self._require_terminal(text)
+        self._keyboard.forget()
+        self._console.print(f"[bold]{escape(text)}[/bold] Press Enter when done.", highlight=False)
 
     def _require_terminal(self, text: str) -> None:
-        if not sys.stdin.isatty():
+        if not self._keyboard.there:
             raise RigError(f"operator: nobody at a terminal to answer '{text}'")
 
 
-class KeyControl:
-    """Keys that interrupt a session: p pauses and goes on, q ends it safely; so do Ctrl-C and SIGTERM.
+def _endings() -> tuple[signal.Signals, ...]:
+    """Signals that end a program which does nothing about them, and can be heeded."""
+    return tuple(sorted(getattr(signal, name) for name in ENDING_SIGNALS if hasattr(signal, name)))
 
-    Use as a context manager; keys are only read where standard input is a terminal.
+
+ENDING_SIGNALS = (
+    *("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1", "SIGUSR2", "SIGXCPU", "SIGALRM", "SIGVTALRM"),
+    *("SIGPROF", "SIGPWR", "SIGIO", "SIGABRT", "SIGSYS", "SIGSTKFLT"),
+)
+SUSPENDING_SIGNALS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+"""Ctrl-Z, or a terminal that is somebody else's: a program that stands still watches no load, so they do nothing."""
+
+
+class KeyControl:
+    """Keys that interrupt a session: p pauses and goes on, q ends it safely; so does every signal that would end it.
+
+    A signal is noted at once, and heeded where the session looks, a few times a second: nothing is ever left half
+    done, and what brings the rig into its safe state is never interrupted. Use as a context manager; keys are only
+    read where standard input is a terminal.
     """
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console, keyboard: Keyboard | None = None) -> None:
         self._console = console
+        self._keyboard = keyboard or Keyboard()
         self._ended = ""
 
     def check(self, hold: Callable[[], None]) -> None:
         """Return at once, or stay while paused, or raise `SessionAborted`."""
-        if self._ended:
-            raise SessionAborted(f"session ended by {self._ended}")
-        key = self._key()
+        self._heed()
+        key = self._keyboard.pressed(PAUSE_KEY + ABORT_KEY)
         if key == ABORT_KEY:
             raise SessionAborted("session ended by the operator")
         if key == PAUSE_KEY:
             self._pause(hold)
 
+    def _heed(self) -> None:
+        if self._ended:
+            raise SessionAborted(f"session ended by {self._ended}")
+
     def _pause(self, hold: Callable[[], None]) -> None:
         self._console.print("Paused, the load is watched. Press p to go on, q to end.", highlight=False)
         while True:
             hold()
-            time.sleep(POLL_S)
-            key = self._key()
+            key = self._keyboard.pressed(PAUSE_KEY + ABORT_KEY, POLL_S)
+            self._heed()
             if key == PAUSE_KEY:
                 self._console.print("Going on.")
                 return
-            if key == ABORT_KEY or self._ended:
+            if key == ABORT_KEY:
                 raise SessionAborted("session ended while paused")
-
-    def _key(self) -> str:
-        if not sys.stdin.isatty() or not select.select([sys.stdin], [], [], 0)[0]:
-            return ""
-        # past Python's own buffer, which select does not see
-        return os.read(sys.stdin.fileno(), 1).decode(errors="ignore").lower()
 
     @contextmanager
     def listening(self) -> Iterator[KeyControl]:
         """Take keys one by one and turn signals into an orderly end; all as before afterwards."""
-        before = {number: signal.signal(number, self._signalled) for number in (signal.SIGINT, signal.SIGTERM)}
+        before: dict[int, Any] = {number: signal.signal(number, self._signalled) for number in _endings()}
+        before |= {number: signal.signal(number, signal.SIG_IGN) for number in SUSPENDING_SIGNALS}
         attributes: list[Any] | None = None
         if sys.stdin.isatty():
             attributes = termios.tcgetattr(sys.stdin)
@@ -170,13 +239,12 @@ class KeyControl:
             yield self
         finally:
             if attributes is not None:
-                termios.tcsetattr(sys.stdin, termios.TCSADRAIN, attributes)
+                with suppress(termios.error):  # the terminal was closed
+                    termios.tcsetattr(sys.stdin, termios.TCSADRAIN, attributes)
             for number, handler in before.items():
                 signal.signal(number, handler)
 
     def _signalled(self, number: int, frame: FrameType | None) -> None:
-        """Interrupt what goes on once; what then brings the rig into its safe state is not interrupted again."""
-        if self._ended:
-            return
-        self._ended = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
-        raise SessionAborted(f"session ended by {self._ended}")
+        """Note who ended the session first."""
+        if not self._ended:
+            self._ended = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name

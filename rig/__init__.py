@@ -1,6 +1,16 @@
 """What a tester is: the abstract `Rig`, its parts and readings, the interlock, and the parts that are hands."""
 
-from rig.errors import DeviceError, InterlockRefusal, NoAnswer, RigError, SessionAborted, StaleReading
+from rig.errors import (
+    DeviceError,
+    InterlockRefusal,
+    MesotapError,
+    NoAnswer,
+    RigError,
+    RigFailures,
+    SessionAborted,
+    StaleReading,
+    together,
+)
 from rig.interface import Accelerometers, Clock, DeadWeights, Impactor, LoadCell, Operator, Rig, Stage
 from rig.readings import Block, GaugeScale, LoadReading, StageReading
 
@@ -15,12 +25,15 @@ __all__ = [
     "InterlockRefusal",
     "LoadCell",
     "LoadReading",
+    "MesotapError",
     "NoAnswer",
     "Operator",
     "Rig",
     "RigError",
+    "RigFailures",
     "SessionAborted",
     "Stage",
     "StageReading",
     "StaleReading",
+    "together",
 ]

@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Sequence
 
 from rig.drivers.driver import Driver
-from rig.errors import RigError, SessionAborted
+from rig.errors import RigError, SessionAborted, together
 from rig.interface import Accelerometers, Clock, DeadWeights, Impactor, LoadCell, Rig, Stage
 
 
@@ -52,24 +52,37 @@ class AssembledRig(Rig):
         Raises
         ------
         RigError
-            Names each device that did not; those that did are let go of again.
+            A device did not; `RigFailures` where several did not. Those that did stay connected until `close`: a
+            stage that answers can still take the surfaces apart.
         """
-        lines, failures = [], []
+        lines: list[str] = []
+        failures: list[Exception] = []
         for driver in self.drivers():
             try:
                 lines.append(driver.connect())
             except SessionAborted:
-                self.close()
                 raise
-            except RigError as error:
-                failures.append(str(error))
+            except Exception as error:
+                failures.append(error)
+                with contextlib.suppress(Exception):  # why it did not connect says more
+                    driver.close()
         if failures:
-            self.close()
-            raise RigError("; ".join(failures))
+            raise together(failures)
         return lines
 
     def close(self) -> None:
-        """Let go of every driver, whatever ails another."""
+        """Let go of every driver, whatever ails another.
+
+        Raises
+        ------
+        RigError
+            What failed, once all have been let go of.
+        """
+        failures: list[Exception] = []
         for driver in self.drivers():
-            with contextlib.suppress(RigError):
+            try:
                 driver.close()
+            except Exception as error:
+                failures.append(error if isinstance(error, RigError) else RigError(f"while closing: {error}"))
+        if failures:
+            raise together(failures)

@@ -2,9 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 
-class RigError(Exception):
+
+class MesotapError(Exception):
+    """Base of every error that a person can cause or mend; the text is one sentence that says what, where, what to do.
+
+    The command line prints the sentence and ends with exit code 2. Whatever is no `MesotapError` is a fault of the
+    program.
+    """
+
+
+class RigError(MesotapError):
     """A part of the rig failed or refused; the text is one sentence for the operator."""
+
+
+class RigFailures(ExceptionGroup[Exception], RigError):
+    """Several parts failed, each with its own error; the text is their sentences one after the other.
+
+    Attributes
+    ----------
+    exceptions
+        One error for each part.
+    """
+
+    def __new__(cls, failures: Sequence[Exception]) -> RigFailures:
+        """Make a group of at least one failure."""
+        return super().__new__(cls, "several parts failed", list(failures))
+
+    def __init__(self, failures: Sequence[Exception]) -> None:
+        super().__init__("several parts failed", list(failures))
+
+    def derive(self, excs: Sequence[Exception]) -> RigFailures:  # type: ignore[override]
+        """Return a group of the same kind with some of the failures."""
+        return RigFailures(excs)
+
+    def __str__(self) -> str:
+        return "; ".join(map(str, self.exceptions))
+
+
+def together(failures: Sequence[Exception]) -> Exception:
+    """Return the failure itself where there is one, a `RigFailures` of all where there are several."""
+    return failures[0] if len(failures) == 1 else RigFailures(failures)
 
 
 class DeviceError(RigError):

@@ -13,6 +13,8 @@ from rig.errors import RigError
 from rig.interface import Clock, DeadWeights, Impactor, Operator, Stage
 from rig.readings import StageReading
 
+SETTLING_SLICE_S = 0.1  # a weight comes to rest; whoever wants to end need not wait for it
+
 
 class HandStage(Stage):
     """Micrometer turned and clamped by hand; it has no encoder, so its position is not known.
@@ -96,4 +98,8 @@ class HandWeights(DeadWeights):
         self._operator.wait_ready(
             f"Hang {load_mn:g} mN on the gauge." if load_mn else "Take all weights off the gauge."
         )
-        self._clock.sleep(self._settle_s)
+        begun, turn = self._clock.now(), 0
+        while self._clock.now() < begun + self._settle_s:
+            turn += 1
+            self._clock.sleep(begun + turn * SETTLING_SLICE_S - self._clock.now())
+            self.idle()

@@ -13,6 +13,23 @@ from typing import Any
 from rig.readings import Block, LoadReading, StageReading
 
 
+def nothing() -> None:
+    """Do nothing: what is done while a part waits, unless somebody asks for more."""
+
+
+class Waiting:
+    """Whatever may wait long: for a person, a tap, a device that was unplugged.
+
+    Attributes
+    ----------
+    idle
+        Called several times a second while it waits; what it raises ends the waiting. The session runner watches the
+        load with it and heeds the operator's wish to end; a stage that moves and a gauge that is read only heed.
+    """
+
+    idle: Callable[[], None] = staticmethod(nothing)
+
+
 class Clock(ABC):
     """Time as the rig sees it. A simulated rig passes virtual time."""
 
@@ -29,7 +46,7 @@ class Clock(ABC):
         """Date and time, ISO 8601 UTC with milliseconds and a trailing ``Z``."""
 
 
-class Operator(ABC):
+class Operator(Waiting, ABC):
     """The person at the bench: told things, asked to do things. A terminal, or a script in tests."""
 
     @abstractmethod
@@ -48,7 +65,7 @@ class Operator(ABC):
         """
 
 
-class LoadCell(ABC):
+class LoadCell(Waiting, ABC):
     """Strain-gauge bridge and its amplifier.
 
     Attributes
@@ -64,8 +81,20 @@ class LoadCell(ABC):
         """Average the bridge voltage over ``duration_s``; raises `RigError` when the gauge does not answer."""
 
 
-class Stage(ABC):
-    """Micrometer that carries the upper mass. Positive moves go towards contact."""
+class Stage(Waiting, ABC):
+    """Micrometer that carries the upper mass. Positive moves go towards contact.
+
+    Attributes
+    ----------
+    permit
+        Called just before the stage is told to move towards contact; what it raises keeps it from moving. The
+        interlock sees with it that the load is still known after whatever went on in between.
+    round_trip_s
+        Longest time from a question to its reply seen when it was connected, s.
+    """
+
+    permit: Callable[[], None] = staticmethod(nothing)
+    round_trip_s: float = 0.0
 
     @abstractmethod
     def read(self) -> StageReading:
@@ -85,6 +114,11 @@ class Stage(ABC):
         ``stop`` is called before the first step and after each one; what it raises ends the move.
         """
 
+    def retract(self, travel_um: float, aim: str = "") -> StageReading:
+        """Take the surfaces apart by ``travel_um``, clamped or not, as soon as can be; return when at rest."""
+        self.unlock()
+        return self.move_by(-travel_um, aim)
+
     @abstractmethod
     def lock(self) -> None:
         """Clamp the stage, which takes the micrometer out of the dynamics (Sec. 3.3)."""
@@ -94,7 +128,7 @@ class Stage(ABC):
         """Release the clamp."""
 
 
-class Accelerometers(ABC):
+class Accelerometers(Waiting, ABC):
     """The two accelerometers of the lower mass and the recorder behind them, streaming continuously."""
 
     sample_rate_hz: float
@@ -124,8 +158,11 @@ class Impactor(ABC):
         ``hint`` is what was wrong with the tap before (empty if nothing was).
         """
 
+    def release(self) -> None:  # noqa: B027 - a finger needs no switching off
+        """Take the current off whatever taps; harmless at any time."""
 
-class DeadWeights(ABC):
+
+class DeadWeights(Waiting, ABC):
     """Calibration weights hung on the load cell, with the surfaces apart."""
 
     @abstractmethod

@@ -3,13 +3,14 @@
 It knows the load limit, the largest step towards contact and the age of the last load reading, and it does not
 believe the gauge alone: the springs bound how much load a micrometre of travel can make, so the distance travelled
 since contact was felt is a second witness. Leaving it, by whatever exit, leaves the rig in the safe state: surfaces
-apart by the clearance.
+apart by the clearance, and what is said of it is what was seen.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from types import TracebackType
 
 from rig.errors import DeviceError, InterlockRefusal, RigError, SessionAborted, StaleReading
@@ -29,7 +30,30 @@ LARGEST_TRIES = 400
 RETRACTIONS = 3
 LEFT_THRESHOLDS = 3.0  # load, in contact thresholds, that a gauge may show with the surfaces apart
 CAREFUL_READING_S = 0.2
+CONFIRMING_READING_S = 0.1  # what a tap adds to one reading has died away, or averages out, in a longer one
+STANDING_DRIFT_UM = 1.0  # by which the encoder of a standing stage may be off: many steps of any actuator
 STANDING_CHANGE_THRESHOLDS = 4.0  # load change, in contact thresholds, that cannot happen while the stage stands
+
+
+@dataclass(frozen=True, slots=True)
+class SafeState:
+    """What became of the attempt to bring the rig into its safe state.
+
+    Attributes
+    ----------
+    troubles
+        A sentence for each thing that did not work, or is not known to have worked; empty if the gauge saw the
+        surfaces apart.
+    moved_um
+        How far the stage was moved back; 0 if it could not be.
+    """
+
+    troubles: tuple[str, ...]
+    moved_um: float
+
+    def sentence(self) -> str:
+        """Return what a person has to know of it."""
+        return "; ".join(self.troubles) or "the surfaces are apart"
 
 
 class Interlock:
@@ -56,7 +80,13 @@ class Interlock:
         self._mn_per_um = STIFFNESS_MARGIN * k1 * k2 / (k1 + k2) * 1e-3
         self._frozen = 0
         self._last_voltage = math.nan
+        self._read_at = -math.inf  # rig time of the sample behind the last believable reading
+        self._read_mn = math.nan
+        self._disbelieved = False  # the gauge contradicted the stage or itself since it was last calibrated
+        self._stands: tuple[float, bool] | None = None  # where the stage was left, and whether clamped
+        rig.stage.permit = self._permit
         self._contact: tuple[float, float] | None = None  # position and load where contact was felt
+        self._felt_before: tuple[float, float] | None = None  # the same of the last time, also when apart
         self._judged_from: tuple[float, float] | None = None  # position and load where the response began
         self._turned_at: float | None = None  # where the stage last turned back, until its play is used up
 
@@ -72,6 +102,17 @@ class Interlock:
     @contact.setter
     def contact(self, felt: tuple[float, float] | None) -> None:
         self._contact = felt
+        if felt is not None:
+            self._felt_before = felt
+
+    def expect_contact(self, felt: tuple[float, float] | None) -> None:
+        """Be told where (um, mN) the surfaces met before: they are not looked for far beyond."""
+        self._felt_before = felt
+
+    @property
+    def read_at_s(self) -> float:
+        """Rig time at which the load was last known, s; minus infinity before the first reading."""
+        return self._read_at
 
     # --- the gauge ------------------------------------------------------------------------------------------
 
@@ -81,6 +122,15 @@ class Interlock:
 
     def read_gauge(self, duration_s: float = 0.1) -> LoadReading:
         """One believable reading of the gauge."""
+        try:
+            reading = self._believable(duration_s)
+        except StaleReading:
+            self._disbelieved = True
+            raise
+        self._read_at, self._read_mn = reading.time_s, self.scale.load_mn(reading.voltage_mv)
+        return reading
+
+    def _believable(self, duration_s: float) -> LoadReading:
         try:
             reading = self._rig.load_cell.read(duration_s)
         except (StaleReading, SessionAborted):  # whoever ends the session is not the gauge's fault
@@ -120,8 +170,10 @@ class Interlock:
         InterlockRefusal
             When no contact was felt within the travel allowed.
         """
+        self._stands = None
         self._rig.stage.unlock()
         self._contact = self._judged_from = None
+        self._disbelieved = False
         resting = sum(self.load_mn() for _ in range(3)) / 3
         threshold = self._limits.contact_threshold_mn
         if abs(resting) > 2 * threshold:
@@ -130,7 +182,7 @@ class Interlock:
                 "calibrate it again, or look whether they touch"
             )
         position = self._rig.stage.read().position_um
-        reach = self._limits.expected_contact_um + self._limits.search_beyond_um
+        reach = self._reach_um()
         travel = reach - position if math.isfinite(position) else reach + self._limits.clearance_um
 
         def felt() -> bool:
@@ -139,8 +191,8 @@ class Interlock:
                 progress(f"approaching, load {load:.0f} mN")
             self._check_limit(load)
             if load < resting - 2 * threshold:
-                raise StaleReading(
-                    f"{self._gauge}: it fell from {resting:.0f} to {load:.0f} mN on the approach, which no contact "
+                raise self._doubt(
+                    f"it fell from {resting:.0f} to {load:.0f} mN on the approach, which no contact "
                     "does; check its cable and that nothing leans on the masses"
                 )
             return load - resting > threshold
@@ -150,13 +202,25 @@ class Interlock:
         load = self.load_mn()
         if load - resting <= threshold / 2:
             raise InterlockRefusal(
-                f"approach: no contact within {self._limits.search_beyond_um:g} um past where it was expected "
-                f"({self._limits.expected_contact_um:g} um); check that the gauge answers a touch of the finger, "
-                "then correct rig.limits.expected_contact_um"
+                f"approach: no contact up to {reach:g} um, {self._limits.search_beyond_um:g} um past where it was "
+                f"expected ({reach - self._limits.search_beyond_um:g} um); check that the gauge answers a touch of the "
+                "finger, then correct rig.limits.expected_contact_um"
             )
-        self._contact = (reading.position_um, load)
+        self._contact = self._felt_before = (reading.position_um, load)
         self._judged_from = None
         return load
+
+    def _reach_um(self) -> float:
+        """Position up to which contact is looked for.
+
+        Once the surfaces have met, they meet there again, give or take the play: a gauge that has died since then
+        cannot have the stage go on to where the configuration would have allowed it to look.
+        """
+        reach = self._limits.expected_contact_um + self._limits.search_beyond_um
+        if self._felt_before is None or not math.isfinite(self._felt_before[0]):
+            return reach
+        again = self._felt_before[0] + self._limits.largest_backlash_um + self._limits.search_beyond_um
+        return min(reach, again)
 
     def set_load(self, target_mn: float, tolerance_mn: float, progress: Progress | None = None) -> float:
         """Close the loop on the gauge until the load is within ``tolerance_mn`` of the target; returns the load.
@@ -204,13 +268,10 @@ class Interlock:
             self._check_travel(step_um)
         else:
             self._judged_from = None
-        standing = self.load_mn()
-        if abs(standing - before) > STANDING_CHANGE_THRESHOLDS * self._limits.contact_threshold_mn:
-            raise StaleReading(
-                f"{self._gauge}: the load changed from {before:.0f} to {standing:.0f} mN while the stage stood still; "
-                "check its cable and what touches the masses, then resume"
-            )
+        self._check_standing(before, self.load_mn())
+        self._stands = None
         position = self._rig.stage.move_by(step_um, aim).position_um
+        self._stands = (position, False)
         if step_um < 0 and math.isfinite(position):
             self._turned_at = position
         after = self.load_mn()
@@ -219,8 +280,13 @@ class Interlock:
             self._check_response(position, after)
         return after
 
-    def retract(self, progress: Progress | None = None) -> None:
+    def retract(self, progress: Progress | None = None) -> str:
         """Take the surfaces apart by the clearance, whatever the gauge says, and look whether it agrees.
+
+        Returns
+        -------
+        str
+            Empty if the gauge saw them apart; else why it is no witness, so that the travel is the only one.
 
         Raises
         ------
@@ -229,17 +295,17 @@ class Interlock:
         """
         if progress is not None:
             progress("taking the surfaces apart")
-        self._rig.stage.unlock()
-        load = math.nan
+        self._stands = None
         for _ in range(RETRACTIONS):
-            self._rig.stage.move_by(-self._limits.clearance_um, "taking the surfaces apart")
+            self._rig.stage.retract(self._limits.clearance_um, "taking the surfaces apart")
+            doubted = "cannot be believed" if self._disbelieved else ""
             try:
                 load = self.load_mn()
             except StaleReading:
-                load = math.nan  # the travel has to do as the only witness
+                load, doubted = math.nan, "is silent"
             if not load > LEFT_THRESHOLDS * self._limits.contact_threshold_mn:
                 self._contact = self._judged_from = self._turned_at = None
-                return
+                return doubted
         raise InterlockRefusal(
             f"retract: the gauge still shows {load:.0f} mN after {RETRACTIONS} times {self._limits.clearance_um:g} um; "
             "look whether the surfaces are apart, and back the micrometer off by hand"
@@ -248,6 +314,51 @@ class Interlock:
     def lock(self) -> None:
         """Clamp the stage at its load."""
         self._rig.stage.lock()
+        self._stands = (self._rig.stage.read().position_um, True)
+
+    # --- watching -------------------------------------------------------------------------------------------
+
+    def look_at_gauge(self) -> None:
+        """See that the load is known and within the limit.
+
+        A single reading may hold what a tap makes the gauge swing; over the limit counts what a longer one confirms.
+        """
+        if self.load_mn(0.0) > self._limits.load_mn:
+            self._check_limit(self.load_mn(CONFIRMING_READING_S))
+
+    def look_at_stage(self) -> None:
+        """See that the stage answers, and stands as it was left.
+
+        Raises
+        ------
+        InterlockRefusal
+            It moved by itself, or its clamp opened.
+        RigError
+            It does not answer, or does not know where it is.
+        """
+        reading = self._rig.stage.read()
+        if self._stands is None:
+            return
+        position, locked = self._stands
+        if locked and not reading.locked:
+            raise InterlockRefusal("stage: its clamp has opened by itself; look who else commands it")
+        if abs(reading.position_um - position) > STANDING_DRIFT_UM:
+            raise InterlockRefusal(
+                f"stage: it was left at {position:.2f} um, and is at {reading.position_um:.2f} um by itself; look who "
+                "else moves it"
+            )
+
+    def _permit(self) -> None:
+        """See that the load is still known when the stage is about to move towards contact.
+
+        A program that was stopped, or a machine that was busy, since the last reading knows nothing of what happened
+        meanwhile.
+        """
+        if self._rig.clock.now() - self._read_at > self._limits.stale_reading_s:
+            before = self._read_mn
+            load = self.load_mn()
+            self._check_standing(before, load)
+            self._check_limit(load)
 
     def check(self) -> float:
         """Return the load now, making sure that it is known and within the limit, mN."""
@@ -290,8 +401,8 @@ class Interlock:
             if self._contact is not None and math.isfinite(position) and math.isfinite(self._contact[0]):
                 travelled = (position - self._contact[0]) * self._mn_per_um
                 if travelled > self._limits.load_mn * 0.75 + self._contact[1]:
-                    raise StaleReading(
-                        f"{self._gauge}: {position - self._contact[0]:.1f} um past contact it shows only {load:.0f} "
+                    raise self._doubt(
+                        f"{position - self._contact[0]:.1f} um past contact it shows only {load:.0f} "
                         "mN; it does not follow the stage: look whether it answers a touch of the finger"
                     )
             return
@@ -309,24 +420,48 @@ class Interlock:
                 return
             self._turned_at = None
         if not SOFTEST_RESPONSE < response < STIFFEST_RESPONSE:
-            raise StaleReading(
-                f"{self._gauge}: {travel:.2f} um of travel changed it by {response:.0%} of what the springs allow; "
+            raise self._doubt(
+                f"{travel:.2f} um of travel changed it by {response:.0%} of what the springs allow; "
                 "gauge and stage disagree: check the gauge's wiring and what else touches the masses"
             )
 
+    def _check_standing(self, before: float, now: float) -> None:
+        """Refuse a change of the load that cannot happen while the stage stands."""
+        if abs(now - before) > STANDING_CHANGE_THRESHOLDS * self._limits.contact_threshold_mn:
+            raise self._doubt(
+                f"the load changed from {before:.0f} to {now:.0f} mN while the stage stood still; check its cable and "
+                "what touches the masses, then resume"
+            )
+
+    def _doubt(self, what: str) -> StaleReading:
+        """Return the error for a gauge that is no witness any more."""
+        self._disbelieved = True
+        return StaleReading(f"{self._gauge}: {what}")
+
     # --- leaving --------------------------------------------------------------------------------------------
 
-    def make_safe(self) -> list[str]:
-        """Bring the rig into its safe state, whatever works; returns a sentence for each thing that did not."""
+    def make_safe(self) -> SafeState:
+        """Bring the rig into its safe state, whatever works, and say what was seen of it."""
         troubles = []
-        for action in (self.retract, self._rig.accelerometers.stop):  # the load first, whatever else hangs
+        moved = 0.0
+        rig = self._rig
+        try:
+            doubted = self.retract()
+            moved = self._limits.clearance_um
+            if doubted:
+                troubles.append(
+                    f"moved back {moved:g} um, but the gauge {doubted}: look whether the surfaces are apart"
+                )
+        except InterlockRefusal as error:
+            troubles.append(str(error))
+        except Exception as error:
+            troubles.append(f"not made safe: {error}; back the micrometer off by hand")
+        for action in (rig.impactor.release, rig.accelerometers.stop):  # the load first, whatever else hangs
             try:
                 action()
-            except InterlockRefusal as error:
-                troubles.append(str(error))
             except Exception as error:  # every part gets its chance, whatever ails another
-                troubles.append(f"not made safe: {error}; back the micrometer off by hand")
-        return troubles
+                troubles.append(f"not made safe: {error}")
+        return SafeState(tuple(troubles), moved)
 
     def __enter__(self) -> Interlock:
         return self
@@ -334,8 +469,8 @@ class Interlock:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        troubles = self.make_safe()
-        if troubles and error is not None:
-            error.add_note("; ".join(troubles))
-        elif troubles:
-            raise RigError("; ".join(troubles))
+        safe = self.make_safe()
+        if safe.troubles and error is not None:
+            error.add_note(safe.sentence())
+        elif safe.troubles:
+            raise RigError(safe.sentence())

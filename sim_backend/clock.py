@@ -45,3 +45,29 @@ class VirtualClock(Clock):
         """Virtual date and time."""
         date = EPOCH + timedelta(seconds=self.time_s)
         return date.strftime("%Y-%m-%dT%H:%M:%S.") + f"{date.microsecond // 1000:03d}Z"
+
+
+class RunningClock(VirtualClock):
+    """Passes by itself, as fast as the machine's: for devices in a process of their own, whom nobody waits for."""
+
+    def __init__(self) -> None:
+        self._origin_s = time.monotonic()
+        super().__init__(realtime=True)
+
+    @property
+    def time_s(self) -> float:
+        """Seconds since it was made or set."""
+        return time.monotonic() - self._origin_s
+
+    @time_s.setter
+    def time_s(self, value: float) -> None:
+        self._origin_s = time.monotonic() - value
+
+    def sleep(self, seconds: float) -> None:
+        """Wait; less than none is none."""
+        if seconds > 0:
+            time.sleep(seconds)
+
+    def sleep_until(self, time_s: float) -> None:
+        """Wait until ``time_s``, if that lies ahead."""
+        self.sleep(time_s - self.now())

@@ -16,7 +16,6 @@ from sim_backend.settings import SimulatedGauge
 
 READING_RATE_HZ = 100.0
 LATE_BY_S = 5.0  # age of a reading with the fault "late"
-SETTLING_S = 5.0  # a weight coming to rest
 SMALLEST_WEIGHT_MN = 1e-6
 STEP_MV = 2.0**-16  # of the amplifier's converter: 24 bits over +-128 mV, whole in the float32 of a register as well
 LARGEST_CODE = 2**23 - 1
@@ -123,8 +122,9 @@ class SimulatedLoadCell(LoadCell):
 class SimulatedWeights(DeadWeights):
     """A set of weights, each a little off its nominal value, and by the same amount every time it is used."""
 
-    def __init__(self, error_mn: float, clock: VirtualClock, contact_load_mn: Callable[[], float], seed: int):
-        self._error_mn = error_mn
+    def __init__(self, settings: SimulatedGauge, clock: VirtualClock, contact_load_mn: Callable[[], float], seed: int):
+        self._error_mn = settings.weight_error_mn
+        self._settling_s = settings.weight_settling_s
         self._clock = clock
         self._contact_load_mn = contact_load_mn
         self._seed = seed
@@ -148,7 +148,7 @@ class SimulatedWeights(DeadWeights):
                 "move the stage back until they are apart."
             )
         self._nominal_mn = load_mn
-        self._clock.sleep(SETTLING_S)
+        self._clock.sleep(self._settling_s)
 
     def checkpoint(self) -> dict[str, Any]:
         """Return its state as JSON types."""

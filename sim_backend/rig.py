@@ -51,6 +51,8 @@ class SimulatedRig(Rig):
         Whether time passes as on the wall.
     seed
         Instead of the one in the settings.
+    clock
+        Instead of one of its own.
 
     Attributes
     ----------
@@ -76,6 +78,7 @@ class SimulatedRig(Rig):
         contact_stiffness: Callable[[float], float] | None = None,
         realtime: bool = False,
         seed: int | None = None,
+        clock: VirtualClock | None = None,
     ):
         self.name = "simulated rig"
         self.peak_true_load_mn = 0.0
@@ -85,11 +88,11 @@ class SimulatedRig(Rig):
             draw_parameters(rig_settings, settings, seed), ContactTable(settings.contact), contact_stiffness
         )
         wiring, analog = rig_settings.wiring, analog_filter(rig_settings.filter)
-        self.clock = VirtualClock(realtime)
+        self.clock = VirtualClock(realtime) if clock is None else clock
         # the physics keeps to its own micrometer, also when `stage` is put into somebody's hand
         self.micrometer = SimulatedStage(settings.stage, self.clock, self._note_load)
         self.stage = self.micrometer
-        self.weights = SimulatedWeights(settings.gauge.weight_error_mn, self.clock, self.true_load_mn, seed)
+        self.weights = SimulatedWeights(settings.gauge, self.clock, self.true_load_mn, seed)
         self.load_cell = SimulatedLoadCell(
             settings.gauge,
             self._truth.parameters.sensitivity_mv_per_mn,

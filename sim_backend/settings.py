@@ -100,6 +100,7 @@ class SimulatedGauge(Section):
     drift_mv_per_hour: Finite = 0.0
     sensitivity_drift_percent_per_hour: Finite = 0.0
     weight_error_mn: NonNegative = 0.1
+    weight_settling_s: NonNegative = 5.0
 
 
 class SimulatedStage(Section):
@@ -107,7 +108,8 @@ class SimulatedStage(Section):
 
     resolution_um: Positive = 0.02
     backlash_um: NonNegative = 2.0
-    speed_um_per_s: Positive = 50.0
+    speed_um_per_s: Positive = 50.0  # towards contact
+    speed_away_um_per_s: Positive = 200.0
 
 
 class SimBackendSettings(Section):

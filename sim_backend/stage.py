@@ -19,13 +19,13 @@ DIGITS = 6  # of a position in um
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A move of the knob: from where, to where, when it begins, when it has come to rest, and its speed."""
+    """A move of the knob: from where, to where, when it begins, when it has come to rest, how fast."""
 
     start_um: float
     target_um: float
     begun_s: float
     over_s: float
-    speed_um_per_s: float | None = None
+    speed_um_per_s: float
 
 
 class SimulatedStage(Stage):
@@ -116,16 +116,15 @@ class SimulatedStage(Stage):
         self._locked = closed
 
     def begin(self, position_um: float, speed_um_per_s: float | None = None) -> float:
-        """Begin to move to the multiple of the resolution next to ``position_um``; returns when it is over, s.
-
-        The speed is the stage's own, unless another is given.
-        """
+        """Begin to move to the multiple of the resolution next to ``position_um``; returns when it is over, s."""
         resolution = self._settings.resolution_um
         target = round(round(position_um / resolution) * resolution, DIGITS)
         self._keep_up()
         now = self._clock.now()
-        travel_s = abs(target - self._knob_um) / (speed_um_per_s or self._settings.speed_um_per_s)
-        self._motion = Motion(self._knob_um, target, now, now + (travel_s + SETTLING_S), speed_um_per_s)
+        away = self._settings.speed_away_um_per_s
+        speed = speed_um_per_s or (self._settings.speed_um_per_s if target > self._knob_um else away)
+        travel_s = abs(target - self._knob_um) / speed
+        self._motion = Motion(self._knob_um, target, now, now + (travel_s + SETTLING_S), speed)
         return self._motion.over_s
 
     def halt(self) -> None:
@@ -134,6 +133,8 @@ class SimulatedStage(Stage):
         self._motion = None
 
     def _go_to(self, position_um: float) -> None:
+        if position_um > self.knob_um:
+            self.permit()
         begun = self._clock.now()
         over = self.begin(position_um)
         turns = 1
@@ -153,8 +154,7 @@ class SimulatedStage(Stage):
             knob = motion.target_um
         else:
             way = motion.target_um - motion.start_um
-            speed = motion.speed_um_per_s or self._settings.speed_um_per_s
-            gone = min(abs(way), speed * (now - motion.begun_s))
+            gone = min(abs(way), motion.speed_um_per_s * (now - motion.begun_s))
             knob = motion.start_um + math.copysign(gone, way)
         if knob == self._knob_um:
             return

@@ -7,12 +7,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rig.errors import MesotapError
+
 FloatArray = NDArray[np.float64]
 CLOSEST, FARTHEST = -20.0, 35.0  # separations in R_q; beyond, all asperities are flattened or none touches
 GRID = np.linspace(CLOSEST, FARTHEST, 1101)
 
 
-class TheoryError(ValueError):
+class TheoryError(MesotapError, ValueError):
     """A contact theory does not cover what it was asked for; one sentence."""
 
 

@@ -16,6 +16,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rig.errors import MesotapError
+
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
 
@@ -25,7 +27,7 @@ LARGEST_CANCELLATION = 1e7  # energy of all columns by themselves over that of t
 LARGEST_GROWTH = 1.02  # a sampled pole beyond this modulus cannot be a ring-down
 
 
-class FitFailure(ValueError):
+class FitFailure(MesotapError, ValueError):
     """The data cannot carry the fit; the text is one sentence that says why."""
 
 

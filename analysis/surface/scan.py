@@ -20,6 +20,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.errors import MesotapError
+
 FloatArray = NDArray[np.float64]
 UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9, "å": 1e-10}
 FEWEST_POINTS = 32  # along each direction
@@ -28,7 +30,7 @@ LARGEST_FILE = 400_000_000  # bytes
 MOST_MISSING = 0.05  # share of the points that may be filled in
 
 
-class ScanError(ValueError):
+class ScanError(MesotapError, ValueError):
     """A scan cannot be used; one sentence."""
 
 

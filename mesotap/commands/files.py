@@ -27,6 +27,7 @@ from mesotap.commands.session import SESSION_FILE, partial
 from mesotap.config import Config, ConfigError, effective_text, load_config, parse_config
 from mesotap.results_files import modes_json, results_json
 from mesotap.rounding import with_uncertainty
+from mesotap.session.header import kept_config
 
 if TYPE_CHECKING:
     from mesotap.correction import Correction
@@ -157,7 +158,10 @@ def _config_for(session: Session, config_path: Path | None, changes: Sequence[st
     if config_path is not None:
         return load_config(config_path, changes)
     try:
-        own = parse_config(session.config, f"{session.source}: /config")
+        kept = kept_config(session.config, f"{session.source}: /config")
+        own = kept.config
+        for difference in kept.differences():
+            console.print(f"- {escape(session.source)}: {escape(difference)}", highlight=False)
     except ConfigError:
         # written by another version or program; the recording is as good as ever
         console.print(

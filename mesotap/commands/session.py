@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,22 +17,29 @@ from analysis.session import AnalysisError
 from calibration.line import fit_line
 from calibration.routine import calibrate, check_points
 from daq.errors import RecordingError
-from daq.journal import SessionFolder
+from daq.journal import HEADER, SessionFolder
 from daq.records import Session
 from daq.session_file import read_session, write_session
 from daq.trigger import record_shot
 from mesotap import __version__
 from mesotap.bench import build_rig, simulated_rig, truth_now
 from mesotap.commands.answers import analysed, refuse_to_overwrite, show_session, write_json
-from mesotap.config import Config, effective_text, load_config, parse_config
+from mesotap.config import Config, effective_text, load_config
 from mesotap.console import KeyControl, SessionDisplay, TerminalOperator
+from mesotap.emulated_devices import SeparateRig
 from mesotap.results_files import results_json
-from mesotap.session.progress import assemble, describe_rig, progress_of
-from mesotap.session.runner import Bench, SessionRunner
+from mesotap.session.entries import progress_in
+from mesotap.session.guardian import GuardianProcess
+from mesotap.session.header import FOLDER_FORMAT, FOLDER_VERSION, kept_config, note_version, read_header
+from mesotap.session.progress import assemble, describe_rig
+from mesotap.session.runner import Bench, Guardian, SessionRunner
 from mesotap.session.shots import judged_shot
 from mesotap.session.states import State
 from rig import GaugeScale, Rig
+from rig.assembled import AssembledRig
 from rig.interlock import Interlock
+from rig.wall_clock import WallClock
+from sim_backend.emulators.rig import EmulatedRig
 
 SESSION_FILE = "session.h5"
 
@@ -52,6 +60,8 @@ def run(
     now = datetime.datetime.now(datetime.UTC)
     path = output or Path("sessions") / now.strftime("%Y%m%d-%H%M%S")
     header = {
+        "format": FOLDER_FORMAT,
+        "format_version": FOLDER_VERSION,
         "created": now.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
         "config": effective_text(config),
         "simulated": simulate or emulate,
@@ -60,41 +70,68 @@ def run(
         "realtime": realtime,
         "software": f"mesotap {__version__}",
     }
-    rig = _rig_of(header, config, console)  # before a folder is begun that could not be carried on
-    with SessionFolder.create(path, header) as folder:
-        _carry_out(folder, config, rig, json_path, console)
-
-
-def _rig_of(header: dict[str, Any], config: Config, console: Console) -> Rig:
+    if emulate and realtime:
+        header["devices"] = tempfile.mkdtemp(prefix="mesotap-devices-")
     operator = TerminalOperator(console)
+    rig = _rig_of(header, config, operator)  # before a folder is begun to no purpose
+    with SessionFolder.create(path, header) as folder:
+        _carry_out(folder, config, rig, operator, json_path, console)
+
+
+def _rig_of(header: dict[str, Any], config: Config, operator: TerminalOperator) -> Rig:
     simulated, emulated = bool(header["simulated"]), bool(header.get("emulated"))
-    return build_rig(config, simulated, operator, int(header["seed"]), bool(header["realtime"]), emulated)
+    devices = Path(str(header["devices"])) if header.get("devices") else None
+    return build_rig(config, simulated, operator, int(header["seed"]), bool(header["realtime"]), emulated, devices)
+
+
+def _guardian(rig: Rig, config: Config, folder: SessionFolder) -> Guardian:
+    """Return who takes the surfaces apart if this program dies: for devices that do not die with it."""
+    if isinstance(rig, EmulatedRig) or not isinstance(rig, AssembledRig):
+        return Guardian()
+    return GuardianProcess(config.rig, rig, folder, rig.folder if isinstance(rig, SeparateRig) else None)
 
 
 def resume(path: Path, json_path: Path | None, console: Console) -> None:
     """Go on with a session wherever it was left."""
     with SessionFolder.open(path) as folder:
-        config = parse_config(str(folder.header["config"]), str(path / "session.json"))
-        if progress_of(folder.events()).state is State.DONE and (path / SESSION_FILE).exists():
+        header = read_header(folder)
+        kept = kept_config(header.config, str(path / HEADER))
+        config = kept.config
+        progress = progress_in(folder, len(config.mesotap.load_plan_mn))
+        for line in note_version(folder, header, kept, WallClock().utc()):
+            console.print(escape(line), highlight=False, soft_wrap=True)
+        if progress.state is State.DONE and (path / SESSION_FILE).exists():
             console.print(f"{path}: this session is finished; its report is written again", highlight=False)
             session = read_session(path / SESSION_FILE)
-            truths = progress_of(folder.events()).truths
             session = replace(session, source=SESSION_FILE)
-            results = _report(session, config, path, truths, console)
+            results = _report(session, config, path, progress.truths, console)
             write_json(json_path, results_json(results))
             _diagnose(session, results, config, path, console)
             return
-        _carry_out(folder, config, _rig_of(folder.header, config, console), json_path, console)
+        operator = TerminalOperator(console)
+        rig = _rig_of(folder.header, config, operator)
+        _carry_out(folder, config, rig, operator, json_path, console)
 
 
-def _carry_out(folder: SessionFolder, config: Config, rig: Rig, json_path: Path | None, console: Console) -> None:
+def _carry_out(
+    folder: SessionFolder,
+    config: Config,
+    rig: Rig,
+    operator: TerminalOperator,
+    json_path: Path | None,
+    console: Console,
+) -> None:
     header = folder.header
-    operator = TerminalOperator(console)
     wanted = config.mesotap.impacts_per_load * len(config.mesotap.load_plan_mn)
     good = sum(bool(e.get("accepted")) for e in folder.events() if e["event"] == "shot")
-    with KeyControl(console).listening() as control, SessionDisplay(wanted, good, console) as display:
-        runner = SessionRunner(config, folder, Bench(rig, operator, display, control, lambda: truth_now(rig)))
+    control = KeyControl(console, operator.keyboard)
+    with control.listening(), SessionDisplay(wanted, good, console) as display:
+        guardian = _guardian(rig, config, folder)
+        bench = Bench(rig, operator, display, control, lambda: truth_now(rig), guardian)
+        runner = SessionRunner(config, folder, bench)
         runner.run()
+    if isinstance(rig, SeparateRig):
+        rig.devices.call("end")
     file = folder.path / SESSION_FILE
     session = assemble(header, config, runner.progress, folder.shots())
     write_session(file, session)
@@ -146,8 +183,8 @@ def _diagnose(session: Session, results: SessionResults, config: Config, folder:
 def partial(path: Path) -> tuple[Session, Config, list[dict[str, Any]]]:
     """Return what a session folder holds so far, for a report of a session that was not finished."""
     with SessionFolder.open(path) as folder:
-        config = parse_config(str(folder.header["config"]), str(path / "session.json"))
-        progress = progress_of(folder.events())
+        config = kept_config(read_header(folder).config, str(path / HEADER)).config
+        progress = progress_in(folder, len(config.mesotap.load_plan_mn))
         session = assemble(folder.header, config, progress, folder.shots())
         if not session.shots:
             raise RecordingError(f"{path}: holds no shots yet")
@@ -167,8 +204,8 @@ def calibrate_gauge(
     config = load_config(config_path, changes)
     operator = TerminalOperator(console)
     rig = build_rig(config, simulate, operator, seed, emulated=emulate)
-    rig.open()
     try:
+        rig.open()
         points = calibrate(rig, config.calibration, operator.say)
     finally:
         rig.close()

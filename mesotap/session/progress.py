@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -18,6 +19,9 @@ SAFE = "safe"  # journal event: the surfaces were taken apart before the plan wa
 SHOT = "shot"
 NO_TAP = "no tap"  # nothing was felt in time
 STARTED = "started"
+HARDWARE = "hardware"  # what had to be repeated in one run of the program
+VERSION = "version"  # another version of the program went on
+NOTES = (NO_TAP, STARTED, HARDWARE, VERSION)  # what changes nothing
 
 
 @dataclass(slots=True)
@@ -34,6 +38,8 @@ class Progress:
         Calibrations done so far.
     contact
         Position (um) and load (mN) where contact was felt, None while apart.
+    felt_before
+        The same of the last contact, also when the surfaces are apart again.
     load_mn
         Load at which the stage was locked.
     checkpoint
@@ -45,9 +51,15 @@ class Progress:
     pre: CalibrationPoints | None = None
     post: CalibrationPoints | None = None
     contact: tuple[float, float] | None = None
+    felt_before: tuple[float, float] | None = None
     load_mn: float = float("nan")
     checkpoint: dict[str, Any] = field(default_factory=dict)
     truths: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def was_loaded(self) -> bool:
+        """Whether a load was ever set, without which there is no tap."""
+        return math.isfinite(self.load_mn)
 
     def apply(self, entry: dict[str, Any]) -> None:
         """Take in one entry of the journal."""
@@ -60,7 +72,7 @@ class Progress:
             if self.state in (State.SET_LOAD, State.LOCK, State.TAP):
                 self.state = State.APPROACH
             return
-        if name in (SHOT, NO_TAP, STARTED):
+        if name == SHOT or name in NOTES:
             return
         event = Event(name)
         if event is Event.CALIBRATED:
@@ -75,7 +87,7 @@ class Progress:
                 self.post = points
         elif event is Event.CONTACT:
             position, load = entry["position_um"], entry["load_mn"]
-            self.contact = (float("nan") if position is None else float(position), float(load))
+            self.contact = self.felt_before = (float("nan") if position is None else float(position), float(load))
         elif event is Event.LOADED:
             self.load_mn = float(entry["load_mn"])
             if entry.get("truth"):

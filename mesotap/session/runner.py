@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from calibration.line import fit_line
@@ -18,16 +18,18 @@ from daq.journal import SessionFolder
 from daq.records import CalibrationPoints, Shot
 from daq.trigger import NoTap, record_shot
 from mesotap.config import Config
-from mesotap.session.progress import NO_TAP, SAFE, SHOT, STARTED, Progress, progress_of
+from mesotap.session.progress import NO_TAP, NOTES, SAFE, SHOT, STARTED, Progress, progress_of
 from mesotap.session.shots import judged_shot, shot_entry
 from mesotap.session.states import Event, State
 from rig import GaugeScale, Operator, Rig, RigError
-from rig.interlock import Interlock
+from rig.interlock import Interlock, SafeState
+from rig.watch import LoadWatch
 
 MISSES_IN_A_ROW = 5  # waits in vain after which the sensors are suspected
 MOST_SETTINGS = 10  # times a load is set, since the last start, before it counts as creeping
-DWELL_SLICE_S = 1.0
-NOTHING_MOVED = "nothing was moved; 'mesotap resume' goes on"
+DWELL_SLICE_S, WAITING_SLICE_S = 1.0, 0.1
+NOTHING_MOVED = "nothing was moved"
+GOES_ON = "'mesotap resume' goes on"
 
 
 class Control(Protocol):
@@ -35,6 +37,25 @@ class Control(Protocol):
 
     def check(self, hold: Callable[[], None]) -> None:
         """Return at once, or stay while paused (calling ``hold`` now and then), or raise `SessionAborted`."""
+
+
+class Guardian:
+    """Who takes the surfaces apart if this program dies under load; this one does nothing."""
+
+    def start(self) -> None:
+        """Be ready before anything is loaded; `RigError` if that cannot be."""
+
+    def scale(self, scale: GaugeScale) -> None:
+        """Be told how the gauge reads."""
+
+    def arm(self, load: bool) -> None:
+        """Be told whether the surfaces may touch from now on."""
+
+    def beat(self) -> None:
+        """Be told that the program is alive; called a few times a second."""
+
+    def dismiss(self) -> None:
+        """Be no longer needed."""
 
 
 class Uninterrupted:
@@ -64,6 +85,7 @@ class Bench:
     control: Control
     annotate: Callable[[], dict[str, Any]] = dict
     """More to keep with each load that was set, such as the truth of a simulated rig."""
+    guardian: Guardian = field(default_factory=Guardian)
 
 
 class SessionRunner:
@@ -85,6 +107,7 @@ class SessionRunner:
         self._bench = bench
         self._rig = bench.rig
         self._connected = False
+        self._leaving = False
         self._reconcile()
         self.progress: Progress = progress_of(folder.events())
         self._interlock = Interlock(
@@ -93,6 +116,11 @@ class SessionRunner:
             GaugeScale(config.rig.gauge_sensitivity_mv_per_mn),
             config.rig.spring_stiffness(),
         )
+        self._watch = LoadWatch(self._rig, self._interlock, config.rig.limits.stale_reading_s)
+        for part in (bench.operator, self._rig.accelerometers, self._rig.weights):
+            part.idle = self._idle
+        # a move is watched by the readings before and after it, and a reading is no time to read
+        self._rig.stage.idle = self._rig.load_cell.idle = self._heed
         self._handlers: dict[State, Callable[[], None]] = {
             State.CONNECT: self._connect,
             State.PRE_CALIBRATION: lambda: self._calibrate("before"),
@@ -118,20 +146,39 @@ class SessionRunner:
         """
         if self.progress.state in (State.FILE, State.DONE):
             return self.progress
+        error: BaseException | None = None
         try:
-            self._open()
-            if self.progress.pre is not None:
-                self._use_scale(self.progress.pre)
-            while self.progress.state in self._handlers:
-                self._bench.control.check(self._hold)
-                self._handlers[self.progress.state]()
-        except BaseException as error:
+            try:
+                self._carry_on()
+            finally:
+                self._leaving = True  # from here on nothing interrupts
+        except BaseException as caught:
             # SessionAborted and KeyboardInterrupt too: whatever the exit, the surfaces are taken apart
+            error = caught
             self._leave_safely(error)
             raise
         finally:
-            self._rig.close()
+            self._let_go(error)
         return self.progress
+
+    def _carry_on(self) -> None:
+        self._interlock.expect_contact(self.progress.felt_before)
+        if self.progress.pre is not None:
+            self._use_scale(self.progress.pre)
+        self._open()
+        while self.progress.state in self._handlers:
+            self._bench.control.check(self._watching)
+            self._handlers[self.progress.state]()
+
+    def _let_go(self, error: BaseException | None) -> None:
+        """Let go of guardian and rig; what fails hides nothing that was said before."""
+        for end in (self._bench.guardian.dismiss, self._rig.close):
+            try:
+                end()
+            except Exception as failure:
+                if error is None:
+                    raise
+                error.add_note(str(failure))
 
     def finish(self) -> None:
         """Note that the session file was written."""
@@ -143,16 +190,16 @@ class SessionRunner:
     def _open(self) -> None:
         """Connect, and take the rig up where it was left, if it still is there."""
         self._take_up()
+        self._interlock.contact = self.progress.contact  # whoever leaves from here on knows that there may be a load
         for line in self._rig.open():
             self._tell(State.CONNECT, line)
         self._connected = True
+        self._bench.guardian.start()
         self._rig.stage.read()  # a stage that does not know where it is says so before anything is begun
         self._take_up()  # connecting must not have changed anything
         if self.progress.contact is None:
             return
-        self._interlock.contact = self.progress.contact
-        if self.progress.pre is not None:
-            self._use_scale(self.progress.pre)
+        self._bench.guardian.arm(True)
         expected = self.progress.load_mn
         load = self._interlock.check()
         self._take_up()  # nor looking
@@ -161,12 +208,19 @@ class SessionRunner:
                 State.CONNECT, f"the load is {load:.0f} mN, not the {expected:.0f} mN it was left at; it is set anew"
             )
             self._interlock.retract()
+            self._bench.guardian.arm(False)
             self._note(SAFE)
 
     def _take_up(self) -> None:
         """Give a simulated rig the state it had; a real one has kept its own."""
-        if self.progress.checkpoint:
+        if not self.progress.checkpoint:
+            return
+        try:
             self._rig.restore(self.progress.checkpoint)
+        except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+            raise RecordingError(
+                f"{self._folder.path}: the kept state of the simulated rig is damaged ({type(error).__name__}: {error})"
+            ) from error
 
     def _connect(self) -> None:
         self._done(Event.CONNECTED)
@@ -193,6 +247,7 @@ class SessionRunner:
             self._use_scale(points)
 
     def _approach(self) -> None:
+        self._bench.guardian.arm(True)
         load = self._interlock.approach(lambda text: self._tell(State.APPROACH, text))
         contact = self._interlock.contact
         position = math.nan if contact is None else contact[0]
@@ -209,7 +264,7 @@ class SessionRunner:
     def _lock_and_dwell(self) -> None:
         left = self._config.mesotap.dwell_s
         while left > 0:
-            self._rig.clock.sleep(min(DWELL_SLICE_S, left))
+            self._wait(min(DWELL_SLICE_S, left))
             left -= DWELL_SLICE_S
             self._tell(State.LOCK, f"resting, {max(left, 0.0):.0f} s left at {self.progress.load_mn:.0f} mN")
         load = self._interlock.check()
@@ -260,6 +315,7 @@ class SessionRunner:
                 self._config.daq.trigger,
                 before[0],
                 hint,
+                self._idle,
             )
         except NoTap as error:
             self._note(NO_TAP, reason=str(error))
@@ -275,7 +331,10 @@ class SessionRunner:
         return shot
 
     def _retract(self) -> None:
-        self._interlock.retract(lambda text: self._tell(State.RETRACT, text))
+        doubted = self._interlock.retract(lambda text: self._tell(State.RETRACT, text))
+        if doubted:
+            raise RigError(f"retract: the gauge {doubted}; look whether the surfaces are apart, then resume")
+        self._bench.guardian.arm(False)
         self._done(Event.APART)
 
     # --- the journal ----------------------------------------------------------------------------------------
@@ -304,7 +363,7 @@ class SessionRunner:
             shot, checkpoint = self._folder.read_shot(number)
             entry = {"event": SHOT, "at": shot.time, **shot_entry(shot)}
             # a rig that was brought into its safe state since then is no longer where the shot left it
-            later = bool(events) and events[-1]["event"] == SAFE
+            later = next((e["event"] for e in reversed(events) if e["event"] not in NOTES), "") == SAFE
             self._folder.append(entry if later else {**entry, "rig": checkpoint})
         if progress_of(events).state is not State.DONE:
             self._folder.append({"event": STARTED})
@@ -357,27 +416,54 @@ class SessionRunner:
 
     def _use_scale(self, points: CalibrationPoints) -> None:
         self._interlock.scale = fit_line(points, self._config.calibration.weight_uncertainty_mn).scale
+        self._bench.guardian.scale(self._interlock.scale)
 
-    def _hold(self) -> None:
-        """Keep watch over the load while paused."""
-        if self.progress.contact is not None:
-            self._interlock.check()
+    def _idle(self) -> None:
+        """What is done whenever somebody waits: watch the load, heed a wish to interrupt, be seen to be alive."""
+        self._bench.guardian.beat()
+        if not self._leaving:
+            self._watch.look()
+            self._bench.control.check(self._watching)
+
+    def _heed(self) -> None:
+        """Heed a wish to interrupt, without looking at the load."""
+        self._bench.guardian.beat()
+        if not self._leaving:
+            self._bench.control.check(self._watching)
+
+    def _watching(self) -> None:
+        self._bench.guardian.beat()
+        self._watch.look()
+
+    def _wait(self, seconds: float) -> None:
+        """Let time pass, a little at a time."""
+        clock = self._rig.clock
+        begun, turn = clock.now(), 0
+        while clock.now() < begun + seconds:
+            turn += 1
+            clock.sleep(min(turn * WAITING_SLICE_S, seconds) + begun - clock.now())
+            self._idle()
 
     def _tell(self, state: State, text: str) -> None:
         """Show what goes on, and heed a wish to interrupt."""
         self._bench.observer.progress(state, text)
         if state is not State.CONNECT:
-            self._bench.control.check(self._hold)
+            self._bench.control.check(self._watching)
+        self._bench.guardian.beat()
 
     def _leave_safely(self, error: BaseException) -> None:
         """Take the surfaces apart, say in the journal and with the error whether that worked."""
-        troubles = self._interlock.make_safe() if self._connected else [NOTHING_MOVED]
-        for trouble in troubles:
-            error.add_note(trouble.replace(f": {error}", ""))  # what was said need not be said again
-        if not troubles:
-            error.add_note("the surfaces are apart; 'mesotap resume' goes on")
+        if not self._connected and self._interlock.contact is None:
+            safe = SafeState((NOTHING_MOVED,), 0.0)
+        else:
+            # also where not every device was connected: the load goes first, complaints come after it
+            safe = self._interlock.make_safe()
+        for said in (safe.sentence().replace(f": {error}", ""), GOES_ON):  # what was said need not be said again
+            error.add_note(said)
+        if not safe.troubles:
+            self._bench.guardian.arm(False)
         try:
-            self._note(SAFE, reason=str(error) or type(error).__name__, troubles=troubles)
+            self._note(SAFE, reason=str(error) or type(error).__name__, troubles=list(safe.troubles))
         except UnwrittenError as unwritten:
             alike = isinstance(error, UnwrittenError) and error.cause == unwritten.cause
             error.add_note(f"nor can {unwritten.path} be written" if alike else str(unwritten))

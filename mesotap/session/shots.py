@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from daq.impact_group import digest_of
 from daq.quality import judge
 from daq.records import Shot
 from daq.trigger import Record
@@ -70,4 +71,5 @@ def shot_entry(shot: Shot) -> dict[str, Any]:
         "load_set": shot.load_set,
         "accepted": shot.accepted,
         "reject_reason": shot.reject_reason,
+        "digest": digest_of(shot),
     }

@@ -49,7 +49,7 @@ class ModbusLoadCell(LoadCell, Driver):
         self._settings = settings
         self._clock = clock
         self._map: RegisterMap = settings.map()
-        self._wire = ModbusDevice(transport, framing, settings.address, settings.reply_timeout_s, settings.tries)
+        self._wire = ModbusDevice(transport, framing, settings.address, clock, settings.reply_timeout_s, settings.tries)
         self._bridge = Bridge()
         self._block = self._map.reading_block()
 
@@ -72,6 +72,10 @@ class ModbusLoadCell(LoadCell, Driver):
         """Close the port."""
         self._transport.close()
 
+    def descriptor(self) -> int | None:
+        """Return the descriptor of its open port, for whoever takes it over; None if it has none."""
+        return self._transport.fileno()
+
     def read(self, duration_s: float = 0.1) -> LoadReading:
         """Average the bridge voltage of readings taken at ``readings_per_s`` (at least two) over ``duration_s``.
 
@@ -86,18 +90,22 @@ class ModbusLoadCell(LoadCell, Driver):
         count = max(SMALLEST_COUNT, round(duration_s * rate))
         start = self._clock.now()
         values: list[float] = []
+        taken = start
         for i in range(count):
             due = start + (i + 1) / rate
             late = self._clock.now() - due
             if late > 1 / rate and (i < count - 1 or len(values) >= SMALLEST_COUNT):
                 continue  # this turn is over; the next one is taken
+            self.idle()
             self._clock.sleep(-late)
+            taken = self._clock.now()  # before it is asked for: what is read is no older
             values.append(self._sample())
         while len(values) < SMALLEST_COUNT:
+            taken = self._clock.now()
             values.append(self._sample())
         self._clock.sleep(start + max(duration_s, count / rate) - self._clock.now())
         samples = np.array(values)
-        return LoadReading(self._clock.now(), float(np.mean(samples)), float(np.std(samples, ddof=1)), len(samples))
+        return LoadReading(taken, float(np.mean(samples)), float(np.std(samples, ddof=1)), len(samples))
 
     def _sample(self) -> float:
         """One bridge voltage, mV; NaN where the amplifier itself answers no number.

@@ -15,8 +15,17 @@ from pymodbus.client.base import ModbusBaseSyncClient
 from pymodbus.pdu import ExceptionResponse
 from pymodbus.transport import CommParams, CommType
 
-from rig.drivers.transport import Transport, settle
+from rig.drivers.transport import (
+    LARGEST_LEFTOVER,
+    PATIENT_S,
+    ROUND_TRIPS,
+    Transport,
+    reply_time_limit,
+    round_trip,
+    settle,
+)
 from rig.errors import DeviceError, NoAnswer
+from rig.interface import Clock
 
 FUNCTIONS = {"holding": 3, "input": 4}
 QUIET_S = 0.02  # without a byte, after which a late reply is taken to be over
@@ -50,17 +59,19 @@ class ModbusFault(Enum):
 class _Client(ModbusBaseSyncClient):
     """pymodbus's client over a transport of ours, without retries of its own."""
 
-    def __init__(self, transport: Transport, framer: FramerType, timeout_s: float) -> None:
+    def __init__(self, transport: Transport, framer: FramerType, clock: Clock) -> None:
         link = CommParams(
             comm_name=transport.device,
             comm_type=CommType.SERIAL,
             host=transport.port,
-            timeout_connect=timeout_s,
+            timeout_connect=PATIENT_S,
             reconnect_delay=0.0,
         )
         super().__init__(framer, 0, link, None, None, None)
         self._transport = transport
-        self._timeout_s = timeout_s
+        self._clock = clock
+        self._deadline_s = 0.0
+        self.timeout_s = PATIENT_S
         self.received = 0
 
     def connect(self) -> bool:
@@ -74,12 +85,16 @@ class _Client(ModbusBaseSyncClient):
         """Send a frame, after what is left of an earlier reply was discarded."""
         self._transport.discard()
         self.received = 0
+        self._deadline_s = self._clock.now() + self.timeout_s
         self._transport.write(request)
         return len(request)
 
     def recv(self, size: int | None) -> bytes:
-        """Return what came; nothing once it is too late."""
-        data = self._transport.read(self._timeout_s)
+        """Return what came; nothing once it is too late, however much still comes."""
+        left = self._deadline_s - self._clock.now()
+        if left <= 0 or self.received > LARGEST_LEFTOVER:
+            return b""
+        data = self._transport.read(left)
         self.received += len(data)
         return data
 
@@ -95,19 +110,45 @@ class ModbusDevice:
         ``rtu`` or ``tcp``.
     address
         Device address.
+    clock
+        Rig time.
     timeout_s
-        Time that a reply may take.
+        Time that a reply may take; None finds out from the first ones.
     tries
         How often a question is asked before the device counts as silent.
     """
 
-    def __init__(self, transport: Transport, framing: str, address: int, timeout_s: float, tries: int) -> None:
+    def __init__(
+        self, transport: Transport, framing: str, address: int, clock: Clock, timeout_s: float | None, tries: int
+    ) -> None:
         self._transport = transport
-        self._client = _Client(transport, FramerType.RTU if framing == "rtu" else FramerType.SOCKET, timeout_s)
+        self._clock = clock
+        self._client = _Client(transport, FramerType.RTU if framing == "rtu" else FramerType.SOCKET, clock)
+        self._given = timeout_s is not None
+        self._times: list[float] = []
+        if timeout_s is not None:
+            self._client.timeout_s = timeout_s
         self._address = address
         self._tries = tries
+        self.round_trip_s = 0.0
+        """Longest time that one of the first replies took, s; 0 before they came."""
         self.repeated = 0
         """How many questions had to be asked again so far."""
+
+    @property
+    def silent_after_s(self) -> float:
+        """Time after which a device that says nothing counts as silent, s."""
+        return self._tries * (self._client.timeout_s + QUIET_S)
+
+    def _learn(self, took_s: float) -> None:
+        """Take in how long a reply took, until it is known how long to wait for one."""
+        if len(self._times) >= ROUND_TRIPS:
+            return
+        self._times.append(took_s)
+        if len(self._times) == ROUND_TRIPS:
+            self.round_trip_s = round_trip(self._times)
+            if not self._given:
+                self._client.timeout_s = reply_time_limit(self.round_trip_s)
 
     def read(self, table: str, offset: int, count: int) -> list[int]:
         """Return ``count`` registers from ``offset`` on.
@@ -124,13 +165,15 @@ class ModbusDevice:
             for attempt in range(self._tries):
                 if attempt:
                     self.repeated += 1
-                    settle(self._transport, QUIET_S)
+                    settle(self._transport, self._clock, QUIET_S)
                 ask = self._client.read_input_registers if table == "input" else self._client.read_holding_registers
+                begun = self._clock.now()
                 try:
                     reply = ask(offset, count=count, device_id=self._address)
                 except ModbusException:
                     answered = self._what_came()
                     continue
+                self._learn(self._clock.now() - begun)
                 if isinstance(reply, ExceptionResponse):
                     raise DeviceError(
                         self._transport.device, self._transport.port, *ModbusFault.of(reply.exception_code)

@@ -1,8 +1,9 @@
 """Motor micrometer on a Newport controller, as a stage that moves towards contact with growing positions.
 
 A motion is followed by asking at a steady rate, so that whatever goes wrong, the stage is told to stop within one
-question. The clamp of the paper's micrometer (Sec. 3.3) is the motor switched off: its screw holds by itself, and no
-control loop moves it while the contact rings.
+question. Towards contact it moves so slowly that it passes no more than the largest step until such a stop takes
+effect, over a wire as slow as it was found to be. The clamp of the paper's micrometer (Sec. 3.3) is the motor switched
+off: its screw holds by itself, and no control loop moves it while the contact rings.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import math
 from collections.abc import Callable
 
 from rig.drivers.driver import Driver
-from rig.drivers.newport import NewportAxis
+from rig.drivers.newport import HERE_IS_HOME, NewportAxis
 from rig.drivers.newport_codes import AxisState, AxisStatus
 from rig.drivers.settings import NewportStage
 from rig.drivers.transport import Transport
@@ -25,8 +26,11 @@ DIGITS = 6  # of a position in um: the picometre that arithmetic in mm would blu
 LONGER = 2.0  # times the time that a motion should take, after which it counts as stuck
 PATIENCE_S = 1.0  # added to it
 SWITCHING_S = 2.0  # in which the motor is on or off
+SWITCHING_ON_S = 0.15  # which that mostly takes
 HOMING_S = 120.0
 ATTEMPTS = 3  # to get to a target that a damaged command or a false alarm missed
+SPEED_TOLERANCE = 0.01  # digits that a controller prints
+QUESTIONS_TO_STOP = 3.0  # round trips until a motion that goes wrong is over: state, position, stop
 
 
 class MotorStage(Stage, Driver):
@@ -50,7 +54,9 @@ class MotorStage(Stage, Driver):
         self._clock = clock
         self._overshoot = largest_overshoot_um
         self._axis = NewportAxis(transport, settings.address, clock, settings.reply_timeout_s, settings.tries)
-        self._speed = math.nan  # um/s
+        self._speed = math.nan  # um/s, of the next motion; NaN if it is not known for sure
+        self._last_um = math.nan  # where it was seen last
+        self._motor_off = False  # when it was seen last
         self._range_um = (self._to_um(settings.lowest_mm), self._to_um(settings.highest_mm))
 
     def connect(self) -> str:
@@ -71,13 +77,12 @@ class MotorStage(Stage, Driver):
                 "rig.parts.stage.expected_identity",
                 "another controller is plugged in here: exchange it, or correct the configuration",
             )
-        self._speed = self._axis.velocity_mm_s() * 1e3
-        if not 0 < self._speed * self._settings.poll_s <= self._overshoot * (1 + 1e-9):
+        if self._axis.home_kind() == HERE_IS_HOME:
             raise self._error(
-                f"its velocity is {self._speed:g} um/s: between two questions it could pass the largest step of "
-                f"{self._overshoot:g} um",
-                f"set at most {self._overshoot / self._settings.poll_s:g} um/s with the maker's program",
+                "it takes the place where it stands for its home (HT1): after a power cut it could not find it again",
+                "set another kind of home search with the maker's program",
             )
+        self._speed = self._axis.velocity_mm_s() * 1e3
         lowest, highest = (self._to_um(limit) for limit in self._axis.soft_limits_mm())
         self._range_um = (max(self._range_um[0], lowest), min(self._range_um[1], highest))
         status = self._axis.status()
@@ -85,6 +90,7 @@ class MotorStage(Stage, Driver):
             self._axis.stop()
             self._at_rest()
             status = self._axis.status()
+        self.round_trip_s = self._axis.round_trip_s
         if status.state is AxisState.NOT_REFERENCED and self._settings.home_at_connect:
             self._home()
             status = self._axis.status()
@@ -99,19 +105,43 @@ class MotorStage(Stage, Driver):
         before = "" if trouble is None else f", before: {trouble[0]}"
         return (
             f"{DEVICE} on {self._transport.port}: {version}, at {self._position_um():.2f} um, "
-            f"{status.state.value[0]}, {self._speed:g} um/s{before}"
+            f"{status.state.value[0]}, {self._approach_speed():.3g} um/s towards contact{before}"
         )
 
     def close(self) -> None:
         """Close the port; the stage stays where it is."""
         self._transport.close()
 
+    @property
+    def travel_um(self) -> tuple[float, float]:
+        """Lowest and highest position within the limits of configuration and controller."""
+        return self._range_um
+
+    def descriptor(self) -> int | None:
+        """Return the descriptor of its open port, for whoever takes the stage over; None if it has none."""
+        return self._transport.fileno()
+
+    def take_over(self, travel_um: tuple[float, float], round_trip_s: float) -> None:
+        """Stop the stage of a program that is no more, over the port that it had open.
+
+        Parameters
+        ----------
+        travel_um, round_trip_s
+            What that program knew of it.
+        """
+        self._transport.open()
+        self._axis.stop()
+        self._range_um, self.round_trip_s = travel_um, round_trip_s
+        self._axis.expect(round_trip_s)
+        self._motor_off = True  # not known: the longer way is safe
+
     def read(self) -> StageReading:
         """Position of the encoder, and whether the motor is off."""
         status = self._axis.status()
         if status.state is AxisState.NOT_REFERENCED:
             raise self._lost_reference()
-        return StageReading(self._clock.now(), self._position_um(), status.state is AxisState.DISABLED)
+        self._motor_off = status.state is AxisState.DISABLED
+        return StageReading(self._clock.now(), self._position_um(), self._motor_off)
 
     def move_by(self, step_um: float, aim: str = "") -> StageReading:
         """Move and come to rest.
@@ -153,6 +183,46 @@ class MotorStage(Stage, Driver):
         stop()
         return self.read()
 
+    def retract(self, travel_um: float, aim: str = "") -> StageReading:
+        """Move back, clamped or not, without waiting for a word first: on a slow wire each costs time under load.
+
+        A stage that has lost its reference, by a power cut, is taken apart by finding it.
+
+        Raises
+        ------
+        DeviceError
+            It does not answer, does not follow, or does not arrive in time.
+        """
+        start = self._last_um if math.isfinite(self._last_um) else self._position_um()
+        target = self._on_grid(max(start - travel_um, self._range_um[0]))
+        slack, lasts_s = self._settings.in_position_um, LONGER * travel_um / self._settings.speed_um_per_s
+        furthest = start
+        begun, turn = self._clock.now(), 0
+        again_s, moved_s = begun + lasts_s + PATIENCE_S, begun
+        self._begin_retraction(target)
+        while self._clock.now() < moved_s + SWITCHING_S:
+            status = self._axis.status()
+            here, now = self._position_um(), self._clock.now()
+            if status.state is AxisState.NOT_REFERENCED:
+                self._home()
+                return self.read()
+            if here < furthest - self._settings.resolution_um:
+                furthest, moved_s = here, now
+            if status.state in (AxisState.MOVING, AxisState.HOMING):
+                if now >= again_s or here > start + slack:  # too slow, or the wrong way: a damaged command
+                    again_s = now + lasts_s + PATIENCE_S
+                    self._begin_retraction(target)
+            else:
+                if status.state is AxisState.READY:
+                    if abs(here - target) <= slack:
+                        return self.read()
+                    begun, turn = now, 0
+                self._begin_retraction(target)
+            turn += 1
+            self._clock.sleep(begun + turn * self._settings.poll_s - self._clock.now())
+        self._require(self._axis.status(), (AxisState.READY,))
+        raise self._error(f"it did not move back by {travel_um:g} um", "look what blocks it")
+
     def lock(self) -> None:
         """Switch the motor off: the screw holds the position."""
         self._switch(False)
@@ -165,16 +235,16 @@ class MotorStage(Stage, Driver):
 
     def _go_to(self, position_um: float) -> None:
         """Be at the multiple of the resolution next to ``position_um``, whatever it takes within a few attempts."""
-        resolution = self._settings.resolution_um
-        target = round(round(position_um / resolution) * resolution, DIGITS)
+        target = self._on_grid(position_um)
         low, high = self._range_um
         if not low <= target <= high:
             raise self._error(
                 f"{target:.1f} um lies outside its travel of {low:.1f} to {high:.1f} um",
                 "correct zero_mm or the travel in rig.parts.stage, or set the specimen nearer",
             )
-        reached = math.nan
+        reached = self._position_um()
         for _ in range(ATTEMPTS):
+            self._use_speed(self._approach_speed() if target > reached else self._settings.speed_um_per_s)
             reached = self._follow(target)
             if abs(reached - target) <= self._settings.in_position_um:
                 return
@@ -185,11 +255,15 @@ class MotorStage(Stage, Driver):
 
     def _follow(self, target_um: float) -> float:
         """Begin a move and ask until it is over; returns where it ended, um. Any exit before that stops the stage."""
-        start = self._position_um()
+        start = self._last_um
         slack = self._settings.in_position_um
         lowest, highest = min(start, target_um) - slack, max(start, target_um) + slack
         begun = self._clock.now()
         deadline = begun + LONGER * abs(target_um - start) / self._speed + PATIENCE_S
+        if target_um > start:
+            self.permit()
+            begun = self._clock.now()
+            deadline = begun + LONGER * abs(target_um - start) / self._speed + PATIENCE_S
         try:
             self._axis.move_to(self._to_mm(target_um))
             turn = 0
@@ -203,6 +277,7 @@ class MotorStage(Stage, Driver):
                     # by a damaged command, or as a damaged reply says: stop first, then look
                     self._axis.stop()
                     return self._at_rest()
+                self.idle()
                 if self._clock.now() > deadline:
                     lasts = self._clock.now() - begun
                     raise self._error(
@@ -230,14 +305,41 @@ class MotorStage(Stage, Driver):
             before = now
         raise self._error("it does not come to rest", "switch its power off and look what ails it")
 
+    def _begin_retraction(self, target_um: float) -> None:
+        """Send it back; where it takes longer to ask than to switch the motor on, again and again meanwhile."""
+        self._speed = math.nan
+        place, speed = self._to_mm(target_um), self._settings.speed_um_per_s * 1e-3
+        self._axis.begin_retraction(place, speed)
+        if self._motor_off and self._axis.round_trip_s > self._settings.poll_s:
+            for _ in range(round(SWITCHING_ON_S / self._settings.poll_s)):
+                self._clock.sleep(self._settings.poll_s)
+                self._axis.begin_retraction(place, speed, stop=False)
+
+    def _approach_speed(self) -> float:
+        """Speed towards contact, um/s: what goes wrong ends within the largest step, over this wire."""
+        latency_s = self._settings.poll_s + QUESTIONS_TO_STOP * self._axis.round_trip_s
+        return min(self._settings.speed_um_per_s, self._overshoot / latency_s)
+
+    def _use_speed(self, um_per_s: float) -> None:
+        """Have the motions to come be this fast."""
+        if not abs(self._speed - um_per_s) <= SPEED_TOLERANCE * um_per_s:
+            self._axis.set_velocity(um_per_s * 1e-3)
+            self._speed = um_per_s
+
+    def _on_grid(self, position_um: float) -> float:
+        resolution = self._settings.resolution_um
+        return round(round(position_um / resolution) * resolution, DIGITS)
+
     def _home(self) -> None:
         """Look for the reference, which lies on the retracted side."""
         self._axis.power_came_back = False
+        self._speed = math.nan  # a power cut undoes what was set
         begun = self._clock.now()
         try:
             self._axis.home()
             while self._clock.now() < begun + HOMING_S:
                 self._clock.sleep(self._settings.poll_s)
+                self.idle()
                 status = self._axis.status()
                 if status.state is not AxisState.HOMING:
                     self._require(status, (AxisState.READY,))
@@ -294,7 +396,8 @@ class MotorStage(Stage, Driver):
         )
 
     def _position_um(self) -> float:
-        return self._to_um(self._axis.position_mm())
+        self._last_um = self._to_um(self._axis.position_mm())
+        return self._last_um
 
     def _to_um(self, position_mm: float) -> float:
         return round((position_mm - self._settings.zero_mm) * 1e3, DIGITS)

@@ -7,6 +7,7 @@ Nothing here configures the controller or writes to its flash memory (``PW``).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -19,14 +20,19 @@ from rig.drivers.newport_codes import (
     parse_reply,
     parse_status,
 )
-from rig.drivers.transport import Transport, settle
+from rig.drivers.transport import PATIENT_S, ROUND_TRIPS, Transport, reply_time_limit, round_trip, settle
 from rig.errors import DeviceError, NoAnswer
 from rig.interface import Clock
 
 QUIET_S = 0.02
 END = b"\n"
+VELOCITY_TOLERANCE = 0.01  # digits that a controller prints
 LONGEST_LINE = 200  # bytes; more without an end of line is noise
-COMMANDS = frozenset({"MM", "OR", "PA", "ST"})  # all that is ever told: nothing that is kept, nothing relative
+COMMANDS = frozenset({"MM", "OR", "PA", "ST", "VA"})
+"""All that is ever told: nothing that outlasts a power cut, nothing relative."""
+
+HERE_IS_HOME = 1
+"""Kind of home search (``HT``) that takes the place where the stage stands for its home and moves nothing."""
 
 T = TypeVar("T")
 
@@ -43,17 +49,21 @@ class NewportAxis:
     clock
         Rig time.
     timeout_s
-        Time that a reply may take.
+        Time that a reply may take; None finds out from the first ones.
     tries
         How often a question is asked before the controller counts as silent.
     """
 
-    def __init__(self, transport: Transport, address: int, clock: Clock, timeout_s: float, tries: int) -> None:
+    def __init__(self, transport: Transport, address: int, clock: Clock, timeout_s: float | None, tries: int) -> None:
         self._transport = transport
         self._address = address
         self._clock = clock
-        self._timeout_s = timeout_s
+        self._given = timeout_s is not None
+        self._times: list[float] = []
+        self._timeout_s = PATIENT_S if timeout_s is None else timeout_s
         self._tries = tries
+        self.round_trip_s = 0.0
+        """Longest time that one of the first replies took, s; 0 before they came."""
         self.repeated = 0
         """How many questions had to be asked again so far."""
         self.power_came_back = False
@@ -77,6 +87,10 @@ class NewportAxis:
         """Velocity of moves, mm/s."""
         return self._ask("VA", parse_number, "?")
 
+    def home_kind(self) -> int:
+        """How it looks for its home (``HT``)."""
+        return round(self._ask("HT", parse_number, "?"))
+
     def soft_limits_mm(self) -> tuple[float, float]:
         """Limits within which the controller moves, mm."""
         return self._ask("SL", parse_number, "?"), self._ask("SR", parse_number, "?")
@@ -94,6 +108,40 @@ class NewportAxis:
     def move_to(self, position_mm: float) -> None:
         """Begin to move to ``position_mm``."""
         self._tell("PA", f"{position_mm:.6f}")
+
+    def set_velocity(self, mm_per_s: float) -> None:
+        """Set the velocity of the moves to come, and see that it was understood; the next power cut undoes it.
+
+        Raises
+        ------
+        DeviceError
+            It says that it moves faster than it was told.
+        """
+        said = math.nan
+        for _ in range(self._tries):
+            self._tell("VA", f"{mm_per_s:.6f}")
+            said = self.velocity_mm_s()
+            if said <= mm_per_s * (1 + VELOCITY_TOLERANCE):
+                return
+        raise DeviceError(
+            self._transport.device,
+            self._transport.port,
+            f"it moves at {said:g} mm/s where {mm_per_s:g} were set",
+            "switch it off and on again, and check its cable",
+        )
+
+    def begin_retraction(self, position_mm: float, mm_per_s: float, stop: bool = True) -> None:
+        """Stop, switch the motor on and send it to ``position_mm``, all without waiting for a word.
+
+        May be repeated: what the controller was not ready to take is taken then. Without ``stop`` a motion that has
+        begun meanwhile goes on.
+        """
+        orders = [("VA", f"{mm_per_s:.6f}"), ("MM", "1"), ("PA", f"{position_mm:.6f}")]
+        if stop:
+            orders.insert(0, ("ST", ""))
+        with self._transport.lock:
+            for command, value in orders:
+                self._transport.write(self._line(command, value))
 
     def switch_motor(self, on: bool) -> None:
         """Switch the motor's control loop on or off; the screw holds the position."""
@@ -140,19 +188,22 @@ class NewportAxis:
             for attempt in range(self._tries):
                 if attempt:
                     self.repeated += 1
-                    self._watch_for_nul(settle(self._transport, QUIET_S))
+                    self._watch_for_nul(settle(self._transport, self._clock, QUIET_S))
                 else:
                     self._watch_for_nul(self._transport.discard())
+                begun = self._clock.now()
                 self._transport.write(self._line(command, suffix))
-                deadline = self._clock.now() + self._timeout_s
+                deadline = begun + self._timeout_s
                 pending = b""
                 while (line := self._next_line(pending, deadline)) is not None:
                     whole, pending = line
                     heard = True
                     try:
-                        return parse(parse_reply(whole, self._address, command))
+                        answer = parse(parse_reply(whole, self._address, command))
                     except ReplyError:
                         continue  # foreign or damaged: the true reply may follow
+                    self._learn(self._clock.now() - begun)
+                    return answer
         what = "its replies make no sense" if heard else "it does not answer"
         raise NoAnswer(
             self._transport.device,
@@ -160,6 +211,23 @@ class NewportAxis:
             f"{what}, asked {command} {self._tries} times",
             "check its power, its cable, and the address and speed in rig.parts.stage",
         )
+
+    def expect(self, round_trip_s: float) -> None:
+        """Be told how long a reply takes."""
+        self._times = [round_trip_s] * ROUND_TRIPS
+        self.round_trip_s = round_trip_s
+        if not self._given:
+            self._timeout_s = reply_time_limit(round_trip_s)
+
+    def _learn(self, took_s: float) -> None:
+        """Take in how long a reply took, until it is known how long to wait for one."""
+        if len(self._times) >= ROUND_TRIPS:
+            return
+        self._times.append(took_s)
+        if len(self._times) == ROUND_TRIPS:
+            self.round_trip_s = round_trip(self._times)
+            if not self._given:
+                self._timeout_s = reply_time_limit(self.round_trip_s)
 
     def _watch_for_nul(self, data: bytes) -> bytes:
         """Return the bytes without a NUL, which says that the motor's power was cut and came back."""
@@ -170,8 +238,10 @@ class NewportAxis:
 
     def _next_line(self, pending: bytes, deadline: float) -> tuple[bytes, bytes] | None:
         """Return the next whole line and what came after it; None once it is too late."""
-        while END not in pending:
+        while True:
             left = deadline - self._clock.now()
+            if END in pending and left > -self._timeout_s:  # a line that has come is read, if not one of very many
+                break
             if left <= 0 or len(pending) > LONGEST_LINE:
                 return None
             data = self._transport.read(left)

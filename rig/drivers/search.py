@@ -46,7 +46,7 @@ def who_answers(port: str, clock: Clock, wire: Wire | None = None) -> str:
         if said:
             return f"{said}; rig.parts.stage: {{driver: {driver}, port: {port}}}"
     for rate in MODBUS_BAUD_RATES:
-        said = _asked(wire(rate), _amplifier)
+        said = _asked(wire(rate), lambda transport: _amplifier(transport, clock))
         if said:
             return f"{said}; rig.parts.load_cell: {{driver: modbus-rtu, port: {port}, baud_rate: {rate}, preset: ...}}"
     return NOBODY
@@ -67,8 +67,8 @@ def _stage(transport: Transport, clock: Clock) -> str:
     return f"a stage controller, '{version}'"
 
 
-def _amplifier(transport: Transport) -> str:
-    device = ModbusDevice(transport, "rtu", ADDRESS, REPLY_S, tries=1)
+def _amplifier(transport: Transport, clock: Clock) -> str:
+    device = ModbusDevice(transport, "rtu", ADDRESS, clock, REPLY_S, tries=1)
     try:
         return f"a device on Modbus at address {ADDRESS}, its first register reads {device.read('holding', 0, 1)[0]}"
     except NoAnswer:

@@ -22,7 +22,7 @@ class Amplifier(Section):
     mv_per_count: Positive = 2.0**-16
     excitation_v: Positive = 5.0
     readings_per_s: Annotated[float, Field(gt=0, le=1000)] = 100.0
-    reply_timeout_s: Annotated[float, Field(gt=0, le=10)] = 0.06  # while it passes nobody knows the load
+    reply_timeout_s: Annotated[float, Field(gt=0, le=10)] | None = None  # None: from the replies' own time at connect
     tries: Annotated[int, Field(ge=1, le=10)] = 3
     expected_id: int | None = None
 
@@ -67,9 +67,10 @@ class NewportStage(Section):
     highest_mm: Finite = 12.0
     resolution_um: Positive = 0.02
     in_position_um: Positive = 0.1
+    speed_um_per_s: Annotated[float, Field(gt=0, le=5000)] = 200.0  # away from contact; towards it as the wire allows
     poll_s: Annotated[float, Field(gt=0, le=0.1)] = 0.01
     home_at_connect: bool = False
-    reply_timeout_s: Annotated[float, Field(gt=0, le=10)] = 0.06  # each costs time on the way to the safe state
+    reply_timeout_s: Annotated[float, Field(gt=0, le=10)] | None = None  # None: from the replies' own time at connect
     tries: Annotated[int, Field(ge=1, le=10)] = 3
     expected_identity: str = ""
 

@@ -15,11 +15,28 @@ from pathlib import Path
 import serial
 
 from rig.errors import DeviceError
+from rig.interface import Clock
 
 PARITIES = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
 LARGEST_READ = 4096
 CONNECT_S = 3.0
-LARGEST_LEFTOVERS = 100
+LARGEST_LEFTOVER = 65536  # bytes; more that nobody asked for is no late reply
+SETTLING_S = 0.1  # in which a line has to fall quiet
+
+PATIENT_S = 0.5  # for which a reply is waited while nobody knows yet how long one takes
+ROUND_TRIPS = 5  # questions from which that is found out
+SHORTEST_WAIT_S, WAIT_SHARE, WAIT_MARGIN_S = 0.04, 1.2, 0.02
+"""A reply counts as lost after 1.2 times what the slowest took, and 20 ms for a busy machine; never before 40 ms."""
+
+
+def round_trip(times_s: list[float]) -> float:
+    """Return how long a reply takes: the longest of several, without the one that a lost reply had asked again."""
+    return sorted(times_s)[-2]
+
+
+def reply_time_limit(round_trip_s: float) -> float:
+    """Return how long to wait for a reply on a wire with this round trip, s."""
+    return max(SHORTEST_WAIT_S, WAIT_SHARE * round_trip_s + WAIT_MARGIN_S)
 
 
 class Transport(ABC):
@@ -56,12 +73,33 @@ class Transport(ABC):
     def read(self, timeout_s: float) -> bytes:
         """Return what has come, waiting for the first byte at most ``timeout_s``; empty if nothing came."""
 
+    def fileno(self) -> int | None:
+        """Return the descriptor of the open port, for whoever takes it over; None if it has none."""
+        return None
+
     def discard(self) -> bytes:
-        """Read away what has come unasked, such as what is left of an earlier reply; returns it."""
+        """Read away what has come unasked, such as what is left of an earlier reply; returns it.
+
+        Raises
+        ------
+        DeviceError
+            It does not end.
+        """
         unasked = b""
         while data := self.read(0.0):
             unasked += data
+            if len(unasked) > LARGEST_LEFTOVER:
+                raise self.babbling()
         return unasked
+
+    def babbling(self) -> DeviceError:
+        """Return the error for a device that sends and sends."""
+        return DeviceError(
+            self.device,
+            self.port,
+            "it sends without being asked, and without end",
+            "check which device is connected there, and its speed",
+        )
 
     def gone(self, why: object = "") -> DeviceError:
         """Return the error for a port that was there and is no longer."""
@@ -129,10 +167,66 @@ class SerialTransport(Transport):
         except (OSError, TypeError) as error:  # TypeError: pyserial 3.5 on a port closed by another thread
             raise self.gone(error) from error
 
+    def fileno(self) -> int | None:
+        """Return the descriptor of the port; its lock goes with it."""
+        return None if self._serial is None else int(self._serial.fileno())
+
     def _opened(self) -> serial.Serial:
         if self._serial is None:
             raise self.gone("the port is closed")
         return self._serial
+
+
+class InheritedTransport(Transport):
+    """A port that a program which is no more had open: its descriptor, its settings and its lock passed on.
+
+    Parameters
+    ----------
+    device, port
+        What and where.
+    descriptor
+        Of the open port or connection; this object closes it.
+    """
+
+    def __init__(self, device: str, port: str, descriptor: int) -> None:
+        super().__init__(device, port)
+        self._descriptor = descriptor
+
+    def open(self) -> None:
+        """Be open already."""
+        if self._descriptor < 0:
+            raise self.gone("the port is closed")
+
+    def close(self) -> None:
+        """Let go of the port."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def write(self, data: bytes) -> None:
+        """Send all of ``data``."""
+        rest = memoryview(data)
+        try:
+            while rest:
+                if not select.select([], [self._descriptor], [], CONNECT_S)[1]:
+                    raise self.gone("it takes no bytes")
+                rest = rest[os.write(self._descriptor, rest) :]
+        except (OSError, ValueError) as error:
+            raise self.gone(error) from error
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what has come, waiting for the first byte."""
+        try:
+            if not select.select([self._descriptor], [], [], timeout_s)[0]:
+                return b""
+            data = os.read(self._descriptor, LARGEST_READ)
+        except BlockingIOError:
+            return b""
+        except (OSError, ValueError) as error:
+            raise self.gone(error) from error
+        if not data:
+            raise self.gone("the device closed it")
+        return data
 
 
 class TcpTransport(Transport):
@@ -190,6 +284,10 @@ class TcpTransport(Transport):
             raise self.gone("the device closed it")
         return data
 
+    def fileno(self) -> int | None:
+        """Return the descriptor of the connection."""
+        return None if self._socket is None else self._socket.fileno()
+
     def _opened(self) -> socket.socket:
         if self._socket is None:
             raise self.gone("it is closed")
@@ -237,15 +335,17 @@ def _why_not_opened(port: str, error: Exception) -> tuple[str, str]:
     return f"it cannot be opened ({text})", "check the cable and the port in rig.parts"
 
 
-def settle(transport: Transport, quiet_s: float) -> bytes:
+def settle(transport: Transport, clock: Clock, quiet_s: float) -> bytes:
     """Read away what still comes, until nothing has come for ``quiet_s``: a late reply must not answer the next.
+
+    A line that never falls quiet is left after a tenth of a second: the request that follows notices.
 
     Returns what was read.
     """
     unasked = b""
-    for _ in range(LARGEST_LEFTOVERS):  # a line that never falls quiet is noticed by the request that follows
-        data = transport.read(quiet_s)
-        if not data:
-            break
+    end = clock.now() + SETTLING_S
+    while data := transport.read(quiet_s):
         unasked += data
+        if clock.now() > end or len(unasked) > LARGEST_LEFTOVER:
+            break
     return unasked

@@ -22,8 +22,22 @@ LARGEST_ADDRESS = 31
 DECIMALS = 6  # of positions, mm; no page says how many
 
 
+def _of_the_motion(name: str) -> Any:
+    """Return an attribute that is its motion's."""
+    return property(lambda self: getattr(self._motion, name), lambda self, value: setattr(self._motion, name, value))
+
+
 class EmulatedController:
     """Controller of the simulated micrometer.
+
+    Parameters
+    ----------
+    stage, clock
+        The micrometer and its time.
+    model
+        Which controller, with what on it.
+    speed_um_per_s
+        VA at work, where the power was on before.
 
     Attributes
     ----------
@@ -51,7 +65,7 @@ class EmulatedController:
         self._model = model
         self._clock = clock
         actuator = ACTUATORS[model.actuator] if model.actuator else None
-        top = actuator.speed_mm_per_s if actuator else speed_um_per_s * 1e-3
+        top = actuator.speed_mm_per_s if actuator else model.ideal_speed_mm_per_s
         self._motion = ControlledMotion(stage, clock, actuator, top, model.zero_mm, model.seed)
         if actuator is None:
             self.ends_um = (model.lowest_mm - model.zero_mm) * 1e3, (model.highest_mm - model.zero_mm) * 1e3
@@ -60,6 +74,7 @@ class EmulatedController:
         if model.referenced:
             self._motion.find_home(manual.END_OF_RUN)
             self._state = State.READY_MOVING
+            self._parameters.values["VA"] = min(top, speed_um_per_s * 1e-3)
 
     def _boot(self) -> None:
         """Be as after power-on or RS: parameters from memory, position counted from where it stands."""
@@ -71,32 +86,9 @@ class EmulatedController:
         self._busy_until_s = 0.0
         self._motion.forget()
 
-    @property
-    def stalled(self) -> bool:
-        """Whether the motor is held fast."""
-        return self._motion.stalled
-
-    @stalled.setter
-    def stalled(self, held: bool) -> None:
-        self._motion.stalled = held
-
-    @property
-    def fails_next(self) -> int:
-        """Positioner error bits with which the next move fails."""
-        return self._motion.fails_next
-
-    @fails_next.setter
-    def fails_next(self, bits: int) -> None:
-        self._motion.fails_next = int(bits)
-
-    @property
-    def ends_um(self) -> tuple[float, float]:
-        """Where the actuator runs into its ends, knob, um."""
-        return self._motion.ends_um
-
-    @ends_um.setter
-    def ends_um(self, ends: tuple[float, float]) -> None:
-        self._motion.ends_um = ends
+    stalled = _of_the_motion("stalled")
+    fails_next = _of_the_motion("fails_next")
+    ends_um = _of_the_motion("ends_um")
 
     # --- power ----------------------------------------------------------------------------------------------
 

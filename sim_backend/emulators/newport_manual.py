@@ -204,3 +204,5 @@ ACTUATORS = {
     "trb6cc": Actuator(6.0, 0.1, 0.01447, 0.2, 0.05, 0.8),
     "cma25ccl": Actuator(25.0, 0.2, 0.048828, 0.4, 0.1, 1.6),
 }
+IDEAL_SPEED_MM_PER_S = ACTUATORS["tra12cc"].speed_mm_per_s
+"""As fast as an actuator without a name is: with the step of the simulated micrometer, and otherwise like this one."""

@@ -111,14 +111,12 @@ class ControlledMotion:
         low, high = self.ends_um
         reached = min(max(knob_um, low), high)
         if self.fails_next:
-            self._fail_later(self.fails_next)
+            self._fail_later(int(self.fails_next))
             self.fails_next = 0
         elif self.stalled or speed_mm_per_s > self._top:
             self._fail_later(manual.FOLLOWING)
         else:
-            # the micrometer's own speed is not handed over: what has no number of its own is as without a controller
-            speed = None if speed_mm_per_s == self._top and self._actuator is None else speed_mm_per_s * 1e3
-            over = self._stage.begin(reached, speed)
+            over = self._stage.begin(reached, speed_mm_per_s * 1e3)
             if reached != knob_um:
                 end = manual.NEGATIVE_END if knob_um < low else manual.POSITIVE_END
                 self._fails_s, self._why = over, end

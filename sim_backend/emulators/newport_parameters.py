@@ -40,6 +40,8 @@ class ControllerModel:
         HT: 0 to 4.
     referenced
         Whether the power was on before and a home found. Real controllers wake up NOT REFERENCED.
+    ideal_speed_mm_per_s
+        As fast as an ideal actuator can be driven.
     saving_s
         How long PW0 takes.
     tells_errors_once
@@ -57,6 +59,7 @@ class ControllerModel:
     highest_mm: float = 12.0
     home_type: int = manual.END_OF_RUN
     referenced: bool = False
+    ideal_speed_mm_per_s: float = manual.IDEAL_SPEED_MM_PER_S
     saving_s: float = manual.SAVING_S
     tells_errors_once: bool = True
     seed: int = 0

@@ -9,9 +9,13 @@ import socket
 import threading
 import time
 import tty
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from typing import Any
 
 from sim_backend.emulators.wire import Clean, Disturbance, EmulatedDevice
+
+Lock = AbstractContextManager[Any, Any]
 
 POLL_S = 0.05
 LOCALHOST = "127.0.0.1"
@@ -29,10 +33,25 @@ class PtyPort:
         Name of the port, made as a link; its folder is made and taken away with it.
     disturbance
         Faults on the wire; None for none.
+    lock
+        Held while the device answers.
+
+    Attributes
+    ----------
+    taken
+        How many bytes the device has taken.
     """
 
-    def __init__(self, emulated: EmulatedDevice, path: Path, disturbance: Disturbance | None = None) -> None:
+    def __init__(
+        self,
+        emulated: EmulatedDevice,
+        path: Path,
+        disturbance: Disturbance | None = None,
+        lock: Lock | None = None,
+    ) -> None:
+        self._lock: Lock = nullcontext() if lock is None else lock
         self.path = path
+        self.taken = 0
         self._emulated = emulated
         self._disturbance: Disturbance = Clean() if disturbance is None else disturbance
         self._ends: tuple[int, int] | None = None
@@ -69,8 +88,10 @@ class PtyPort:
         while self._ends is not None and self._ends[0] == master:
             if not select.select([master], [], [], POLL_S)[0]:
                 continue
-            for data in _answers(self._emulated, self._disturbance, os.read(master, LARGEST_READ)):
+            asked = os.read(master, LARGEST_READ)
+            for data in _answers(self._emulated, self._disturbance, asked, self._lock):
                 os.write(master, data)
+            self.taken += len(asked)
 
 
 class TcpPort:
@@ -80,9 +101,15 @@ class TcpPort:
     ----------
     host, tcp_port
         Where it listens.
+    taken
+        How many bytes the device has taken.
     """
 
-    def __init__(self, emulated: EmulatedDevice, disturbance: Disturbance | None = None) -> None:
+    def __init__(
+        self, emulated: EmulatedDevice, disturbance: Disturbance | None = None, lock: Lock | None = None
+    ) -> None:
+        self._lock: Lock = nullcontext() if lock is None else lock
+        self.taken = 0
         self._emulated = emulated
         self._disturbance: Disturbance = Clean() if disturbance is None else disturbance
         with socket.create_server((LOCALHOST, 0)) as found:
@@ -124,16 +151,19 @@ class TcpPort:
                 data = connection.recv(LARGEST_READ)
                 if not data:
                     return
-                for reply in _answers(self._emulated, self._disturbance, data):
+                for reply in _answers(self._emulated, self._disturbance, data, self._lock):
                     connection.sendall(reply)
+                self.taken += len(data)
             except OSError:
                 return  # the program hung up
 
 
-def _answers(emulated: EmulatedDevice, disturbance: Disturbance, data: bytes) -> list[bytes]:
+def _answers(emulated: EmulatedDevice, disturbance: Disturbance, data: bytes, lock: Lock) -> list[bytes]:
     """Return what goes back for bytes that came, waiting where it comes late."""
-    answers = [unasked] if (unasked := emulated.unasked()) else []
-    for reply in emulated.receive(disturbance.request(data)):
+    with lock:
+        answers = [unasked] if (unasked := emulated.unasked()) else []
+        replies = emulated.receive(disturbance.request(data))
+    for reply in replies:
         for delay, part in disturbance.reply(reply):
             if delay > 0:
                 time.sleep(delay)

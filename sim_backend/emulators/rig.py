@@ -11,6 +11,7 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from threading import RLock
 from typing import Any
 
 from rig import Accelerometers, Impactor, LoadCell, RigError, Stage
@@ -25,6 +26,7 @@ from rig.drivers.solenoid import SolenoidImpactor
 from rig.drivers.transport import SerialTransport, TcpTransport, Transport
 from rig.drivers.usb1608 import Usb1608
 from rig.settings import RigSettings
+from sim_backend.clock import VirtualClock
 from sim_backend.emulators.amplifier import EmulatedAmplifier
 from sim_backend.emulators.described import amplifier_of
 from sim_backend.emulators.modbus import ModbusServer
@@ -54,6 +56,10 @@ class EmulatedRig(AssembledRig):
         function call.
     amplifier_wire, stage_wire
         Faults on the wires; None for none.
+    round_trip_s
+        Of both wires, within the process.
+    clock
+        Of the physics; None for a virtual one.
 
     Attributes
     ----------
@@ -63,6 +69,8 @@ class EmulatedRig(AssembledRig):
         The emulated devices, to be made to fail.
     ports
         Pseudo-terminals and TCP servers, where ``wires`` asked for them.
+    lock
+        Held by a port while its device answers: one thing happens at a time.
     """
 
     def __init__(
@@ -74,10 +82,14 @@ class EmulatedRig(AssembledRig):
         wires: bool = False,
         amplifier_wire: Disturbance | None = None,
         stage_wire: Disturbance | None = None,
+        round_trip_s: float = 0.0,
+        clock: VirtualClock | None = None,
     ) -> None:
-        self.physics = physics = SimulatedRig(rig_settings, settings, contact_stiffness, False, seed)
+        self.physics = physics = SimulatedRig(rig_settings, settings, contact_stiffness, False, seed, clock)
+        self.lock = RLock()
         parts = rig_settings.parts
         self._wires = wires
+        self._round_trip_s = round_trip_s
         self.ports: list[PtyPort | TcpPort] = []
         load_cell = self._load_cell(parts.load_cell, amplifier_wire)
         motor = DEFAULT_STAGE if isinstance(parts.stage, str) else parts.stage
@@ -123,15 +135,15 @@ class EmulatedRig(AssembledRig):
         wire: Transport
         if not self._wires:
             port = settings.port if isinstance(settings, AmplifierRtu) else f"{settings.host}:{settings.tcp_port}"
-            wire = InProcessTransport(AMPLIFIER, port, server, self.physics.clock, disturbance)
+            wire = InProcessTransport(AMPLIFIER, port, server, self.physics.clock, disturbance, self._round_trip_s)
         elif isinstance(settings, AmplifierRtu):
-            pty = PtyPort(server, self._place("amplifier"), disturbance)
+            pty = PtyPort(server, self._place("amplifier"), disturbance, self.lock)
             self.ports.append(pty)
-            wire = self._in_virtual_time(SerialTransport(AMPLIFIER, str(pty.path), settings.baud_rate))
+            wire = self._in_virtual_time(SerialTransport(AMPLIFIER, str(pty.path), settings.baud_rate), pty)
         else:
-            tcp = TcpPort(server, disturbance)
+            tcp = TcpPort(server, disturbance, self.lock)
             self.ports.append(tcp)
-            wire = self._in_virtual_time(TcpTransport(AMPLIFIER, tcp.host, tcp.tcp_port))
+            wire = self._in_virtual_time(TcpTransport(AMPLIFIER, tcp.host, tcp.tcp_port), tcp)
         return ModbusLoadCell(wire, framing, settings, self.physics.clock)
 
     def _controller(self, motor: NewportStage, speed_um_per_s: float) -> EmulatedController:
@@ -143,11 +155,13 @@ class EmulatedRig(AssembledRig):
     def _motor_stage(self, settings: NewportStage, step_um: float, disturbance: Disturbance | None) -> Stage:
         wire: Transport
         if self._wires:
-            pty = PtyPort(self.controller, self._place("stage"), disturbance)
+            pty = PtyPort(self.controller, self._place("stage"), disturbance, self.lock)
             self.ports.append(pty)
-            wire = self._in_virtual_time(SerialTransport(STAGE, str(pty.path), settings.line_rate()))
+            wire = self._in_virtual_time(SerialTransport(STAGE, str(pty.path), settings.line_rate()), pty)
         else:
-            wire = InProcessTransport(STAGE, settings.port, self.controller, self.physics.clock, disturbance)
+            wire = InProcessTransport(
+                STAGE, settings.port, self.controller, self.physics.clock, disturbance, self._round_trip_s
+            )
         return MotorStage(wire, settings, self.physics.clock, step_um)
 
     def _recorder(self, rig_settings: RigSettings, settings: SimBackendSettings) -> tuple[Accelerometers, Impactor]:
@@ -179,5 +193,5 @@ class EmulatedRig(AssembledRig):
     def _place(self, name: str) -> Path:
         return Path(tempfile.gettempdir()) / f"mesotap-emulated-{os.getpid()}-{id(self):x}" / name
 
-    def _in_virtual_time(self, inner: Transport) -> Transport:
-        return VirtualTimeTransport(inner, self.physics.clock, PATIENCE_S)
+    def _in_virtual_time(self, inner: Transport, port: PtyPort | TcpPort) -> Transport:
+        return VirtualTimeTransport(inner, self.physics.clock, PATIENCE_S, lambda: port.taken)

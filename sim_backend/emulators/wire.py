@@ -6,11 +6,14 @@ the wire is virtual: a reply that does not come costs its time-out in virtual se
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from typing import Protocol
 
 from rig import Clock
 from rig.drivers.transport import Transport
 
+ARRIVAL_S = 1e-4  # between two looks whether bytes have arrived
 Delayed = tuple[float, bytes]  # delay, s, and bytes
 
 
@@ -64,16 +67,27 @@ class InProcessTransport(Transport):
         Virtual time.
     disturbance
         Faults; None for none.
+    round_trip_s
+        Time from a question to its reply, half of it on the way there: a USB adapter collects bytes for 16 ms, a
+        controller thinks for 10.
     """
 
     def __init__(
-        self, device: str, port: str, emulated: EmulatedDevice, clock: Clock, disturbance: Disturbance | None = None
+        self,
+        device: str,
+        port: str,
+        emulated: EmulatedDevice,
+        clock: Clock,
+        disturbance: Disturbance | None = None,
+        round_trip_s: float = 0.0,
     ) -> None:
         super().__init__(device, port)
         self._emulated = emulated
         self._clock = clock
         self._disturbance: Disturbance = Clean() if disturbance is None else disturbance
-        self._coming: list[tuple[float, bytes]] = []  # when, and what
+        self._half_s = round_trip_s / 2
+        self._going: list[tuple[float, bytes]] = []  # when it arrives, and what
+        self._coming: list[tuple[float, bytes]] = []
         self._open = False
 
     def open(self) -> None:
@@ -85,18 +99,32 @@ class InProcessTransport(Transport):
     def close(self) -> None:
         """Close the wire; what is under way is lost."""
         self._open = False
+        self._going.clear()
         self._coming.clear()
 
     def write(self, data: bytes) -> None:
         """Let the device have ``data``, and its replies be on their way."""
         self._require_connection()
-        for reply in self._emulated.receive(self._disturbance.request(data)):
-            now = self._clock.now()
-            self._coming += [(now + delay, part) for delay, part in self._disturbance.reply(reply)]
+        self._going.append((self._clock.now() + self._half_s, data))
+        self._arrive()
+
+    def _arrive(self) -> None:
+        """Let the device have what has arrived by now."""
+        while self._going and self._going[0][0] <= self._clock.now():
+            _, data = self._going.pop(0)
+            for reply in self._emulated.receive(self._disturbance.request(data)):
+                now = self._clock.now() + self._half_s
+                self._coming += [(now + delay, part) for delay, part in self._disturbance.reply(reply)]
 
     def read(self, timeout_s: float) -> bytes:
         """Return what has come; time passes until then, or until it is too late."""
         self._require_connection()
+        self._arrive()
+        end = self._clock.now() + timeout_s
+        while self._going and self._going[0][0] <= min([end, *(when for when, _ in self._coming)]):
+            self._clock.sleep(self._going[0][0] - self._clock.now())
+            self._arrive()
+        timeout_s = max(0.0, end - self._clock.now()) if timeout_s > 0 else 0.0
         unasked = self._emulated.unasked()
         now = self._clock.now()
         if unasked:
@@ -132,13 +160,16 @@ class VirtualTimeTransport(Transport):
         Virtual time.
     patience_s
         Real time that an emulated device, which answers at once, is given by a busy machine.
+    taken
+        How many bytes the device has taken so far: what is sent takes effect before virtual time goes on.
     """
 
-    def __init__(self, inner: Transport, clock: Clock, patience_s: float) -> None:
+    def __init__(self, inner: Transport, clock: Clock, patience_s: float, taken: Callable[[], int]) -> None:
         super().__init__(inner.device, inner.port)
         self._inner = inner
         self._clock = clock
         self._patience_s = patience_s
+        self._taken = taken
 
     def open(self) -> None:
         """Open the port."""
@@ -149,8 +180,12 @@ class VirtualTimeTransport(Transport):
         self._inner.close()
 
     def write(self, data: bytes) -> None:
-        """Send."""
+        """Send, and wait until it has arrived."""
+        wanted = self._taken() + len(data)
         self._inner.write(data)
+        end = time.monotonic() + self._patience_s
+        while self._taken() < wanted and time.monotonic() < end:
+            time.sleep(ARRIVAL_S)
 
     def read(self, timeout_s: float) -> bytes:
         """Return what has come."""

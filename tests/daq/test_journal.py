@@ -1,20 +1,26 @@
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import signal
+import struct
 import subprocess
 import sys
 import time
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from daq.errors import RecordingError
-from daq.journal import SessionFolder, parse_journal
+from daq.impact_group import digest_of
+from daq.journal import SessionFolder, append_after_death
+from daq.journal_file import parse_journal
 from daq.records import Shot
 
 from .same import same
@@ -228,3 +234,98 @@ def test_a_shot_is_kept_within_milliseconds(tmp_path: Path, shot: Shot) -> None:
             run.write_shot(replace(shot, number=number), {"n": number})
             times.append(time.perf_counter() - begin)
     assert sorted(times)[15] < 0.05  # 2 ms on a quiet machine; a shared one gets room
+
+
+@pytest.mark.parametrize("torn", [b"", b'{"event": "sh', b"\0\0\0\n"])
+def test_an_event_is_added_after_the_death_of_a_session(folder: Path, torn: bytes) -> None:
+    journal = folder / "journal.jsonl"
+    whole = journal.read_bytes()
+    journal.write_bytes(whole + torn)
+    assert append_after_death(folder, {"event": "safe", "troubles": []})
+    assert journal.read_bytes() == whole + b'{"event": "safe", "troubles": []}\n'
+    with SessionFolder.open(folder) as run:
+        assert run.events()[-1] == {"event": "safe", "troubles": []}
+
+
+def test_damage_further_up_does_not_keep_an_event_out_of_the_journal(folder: Path) -> None:
+    journal = folder / "journal.jsonl"
+    before = b'rubbish\n{"event": "begin"}\n'
+    journal.write_bytes(before)
+    assert append_after_death(folder, {"event": "safe"})
+    assert journal.read_bytes() == before + b'{"event": "safe"}\n'
+
+
+@pytest.mark.parametrize("what", ["no folder", "no journal", "a folder", "a link", "a FIFO"])
+def test_nothing_is_added_where_there_is_no_journal(tmp_path: Path, what: str) -> None:
+    run = tmp_path / "run"
+    if what != "no folder":
+        run.mkdir()
+    if what == "a folder":
+        (run / "journal.jsonl").mkdir()
+    if what == "a link":
+        (tmp_path / "other").write_text("")
+        (run / "journal.jsonl").symlink_to(tmp_path / "other")
+    if what == "a FIFO":
+        os.mkfifo(run / "journal.jsonl")
+    assert not append_after_death(run, {"event": "safe"})
+    if what == "a link":
+        assert (tmp_path / "other").read_text() == ""
+    if what == "no journal":
+        assert list(run.iterdir()) == []
+
+
+def test_a_full_disk_leaves_the_journal_of_a_dead_session_as_it_was(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = (folder / "journal.jsonl").read_bytes()
+    monkeypatch.setattr(os, "fsync", lambda descriptor: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    assert not append_after_death(folder, {"event": "safe"})
+    assert (folder / "journal.jsonl").read_bytes() == before
+
+
+def altered(path: Path, item: str) -> None:
+    with h5py.File(path, "r+") as file:
+        group = file["shot"] if "shot" in file else file["impacts/00003"]
+        if item == "sample":
+            group["acceleration"][1, 17] = np.nextafter(group["acceleration"][1, 17], 1e9)
+        elif item == "strain":
+            group["strain_mv"][5] += 1e-6
+        else:
+            group.attrs[item] = {"accepted": True, "load_before_mn": 264.6, "reject_reason": ""}[item]
+
+
+@pytest.mark.parametrize("item", ["sample", "strain", "accepted", "load_before_mn", "reject_reason"])
+def test_a_shot_that_was_altered_is_named(folder: Path, shot: Shot, item: str) -> None:
+    with SessionFolder.open(folder) as run:
+        run.write_shot(shot, {})
+        altered(folder / "shots" / "00003.h5", item)
+        with pytest.raises(RecordingError, match=r"00003\.h5: /shot: .* of shot 00003 were altered"):
+            run.read_shot(3)
+
+
+def test_a_shot_without_a_digest_is_read_as_it_is(folder: Path, shot: Shot) -> None:
+    with SessionFolder.open(folder) as run:
+        run.write_shot(shot, {})
+        with h5py.File(folder / "shots" / "00003.h5", "r+") as file:
+            del file["shot"].attrs["digest"]
+        assert same(run.read_shot(3)[0], shot)
+
+
+def test_a_shot_that_was_exchanged_for_another_is_named(folder: Path, shot: Shot) -> None:
+    with SessionFolder.open(folder) as run:
+        run.append({"event": "shot", "number": 3, "digest": digest_of(shot)})
+        run.write_shot(replace(shot, load_after_mn=265.2), {})
+        with pytest.raises(RecordingError, match="is not the shot 3 that the journal lists"):
+            run.read_shot(3)
+
+
+def test_the_digest_is_that_of_samples_and_numbers_as_documented(shot: Shot) -> None:
+    content = b"mesotap impact 1\n"
+    content += b"acceleration (2, 300)\n" + b"".join(struct.pack("<d", v) for row in shot.acceleration for v in row)
+    content += b"strain_mv (300,)\n" + b"".join(struct.pack("<d", v) for v in shot.strain_mv)
+    content += json.dumps([1, 265.0, 264.5, 265.1, 11.1, 11.2, 25000.0, 50, False, "too weak; noisy – µ", []]).encode()
+    assert digest_of(shot) == "sha256:" + hashlib.sha256(content).hexdigest()
+
+
+def test_equal_taps_have_equal_digests_whenever_they_were_made(shot: Shot) -> None:
+    assert digest_of(shot) == digest_of(replace(shot, time="2030-01-01T00:00:00Z", number=9, extra={}))

@@ -356,3 +356,12 @@ def test_a_practice_session_survives_a_round_trip(recordings: Path, tmp_path: Pa
     session = read_session(recordings / "concealed-practice" / "case-007.h5")
     write_session(tmp_path / "copy.h5", session)
     assert same(read_session(tmp_path / "copy.h5"), replace(session, source=str(tmp_path / "copy.h5")))
+
+
+def test_an_impact_that_was_altered_is_named(session: Session, tmp_path: Path) -> None:
+    file = tmp_path / "session.h5"
+    write_session(file, session)
+    with h5py.File(file, "r+") as opened:
+        opened["impacts/00003/acceleration"][0, 0] += 1e-9
+    with pytest.raises(RecordingError, match=r"/impacts/00003: the samples or numbers of shot 00003 were altered"):
+        read_session(file)

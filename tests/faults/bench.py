@@ -95,14 +95,21 @@ class Outcome:
 class FaultyBench:
     """A small session in a folder, and the handles to make things happen."""
 
-    def __init__(self, path: Path, config: Config, seed: int = 1, wires: bool = False) -> None:
+    def __init__(
+        self, path: Path, config: Config, seed: int = 1, wires: bool = False, round_trip_s: float = 0.0
+    ) -> None:
         self.config = config
         self.path = path
         tcp = isinstance(config.rig.parts.load_cell, AmplifierTcp)
         self.amplifier_wire = DisturbedWire(foreign_tcp if tcp else foreign_rtu, seed)
         self.stage_wire = DisturbedWire(foreign_line, seed + 1)
         self.rig = emulated_rig(
-            config, seed=seed, wires=wires, amplifier_wire=self.amplifier_wire, stage_wire=self.stage_wire
+            config,
+            seed=seed,
+            wires=wires,
+            amplifier_wire=self.amplifier_wire,
+            stage_wire=self.stage_wire,
+            round_trip_s=round_trip_s,
         )
         self.controller, self.amplifier, self.recorder = self.rig.controller, self.rig.amplifier, self.rig.recorder
         self._version = self.controller.version
@@ -169,7 +176,8 @@ class FaultyBench:
             leave = self.runner._leave_safely
             self.runner._leave_safely = lambda error: self._leaving(error, leave)
             try:
-                with KeyControl(Console(file=io.StringIO())).listening():  # signals end it as they end the program
+                keys = KeyControl(Console(file=io.StringIO()))
+                with keys.listening() as self._keys:  # signals end it as they end the program
                     self.runner.run()
             except (RigError, RecordingError, Killed) as error:
                 self._outcome.error = error
@@ -187,6 +195,7 @@ class FaultyBench:
                 self._waiting.remove(entry)
                 self.happens(self.rig.clock.now())
                 action()
+        self._keys.check(hold)
 
     def accepted(self) -> dict[int, tuple]:
         """Everything that was accepted, to the last bit."""

@@ -70,8 +70,9 @@ class Invented(Transport):
 
 
 def registers_of(answers: list[bytes], framing: str) -> None:
+    wire = Invented(answers)
     try:
-        words = ModbusDevice(Invented(answers), framing, 1, 0.05, 2).read("holding", 77, 2)
+        words = ModbusDevice(wire, framing, 1, wire.clock, 0.05, 2).read("holding", 77, 2)
     except DeviceError as error:
         assert "a device on /dev/ttyX: " in str(error)
         assert "\n" not in str(error)

@@ -103,7 +103,7 @@ def test_nothing_but_moves_and_the_motor_is_ever_told_to_the_stage(tmp_path):
     rig = emulated_rig(config)
     session(tmp_path / "a", config, rig)
     told = {line.strip("0123456789.-?")[:2] for line in rig.controller.sent}
-    assert told == {"VE", "VA", "SL", "SR", "TS", "TP", "TE", "PA", "MM"}
+    assert told == {"VE", "HT", "VA", "SL", "SR", "TS", "TP", "TE", "PA", "MM", "ST"}
 
 
 def test_an_emulated_session_goes_on_from_its_journal(tmp_path, monkeypatch):

@@ -21,8 +21,8 @@ from rig import Clock
 from rig.drivers.amplifier import ModbusLoadCell
 from rig.drivers.settings import PRESETS, AmplifierRtu, AmplifierTcp
 from rig.drivers.transport import TcpTransport
+from sim_backend.clock import RunningClock
 from sim_backend.emulators.amplifier_tables import TABLES
-from tests.sim_backend.wall_clock import WallClock
 
 F32, I32, U32, REGISTER = DataType.FLOAT32, DataType.INT32, DataType.UINT32, DataType.REGISTERS
 
@@ -112,7 +112,7 @@ def read_mv(table: dict, preset: str, framing: str, **settings) -> float:
         if framing == "tcp"
         else AmplifierRtu(driver="modbus-rtu", port="none", **common)
     )
-    clock: Clock = WallClock()
+    clock: Clock = RunningClock()
     with served(table, preset, framer) as (host, port):
         wire = TcpTransport("strain-gauge amplifier", host, port)
         cell = ModbusLoadCell(wire, framing, section, clock)

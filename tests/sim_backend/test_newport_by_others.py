@@ -14,12 +14,12 @@ from types import SimpleNamespace
 
 import pytest
 
+from sim_backend.clock import RunningClock
 from sim_backend.emulators.newport import EmulatedController
 from sim_backend.emulators.newport_parameters import ControllerModel
 from sim_backend.emulators.ports import PtyPort
 from sim_backend.settings import SimulatedStage as StageSettings
 from sim_backend.stage import SimulatedStage
-from tests.sim_backend.wall_clock import WallClock
 
 SPEED_UM_PER_S = 20000.0
 SAVING_S = 0.2
@@ -32,10 +32,13 @@ class Plugged:
     """A controller behind a pseudo-terminal."""
 
     def __init__(self, folder: Path, **model) -> None:
-        clock = WallClock()
+        clock = RunningClock()
         self.stage = SimulatedStage(StageSettings(speed_um_per_s=SPEED_UM_PER_S), clock, lambda: None)
         self.controller = EmulatedController(
-            self.stage, ControllerModel(saving_s=SAVING_S, **model), SPEED_UM_PER_S, clock
+            self.stage,
+            ControllerModel(saving_s=SAVING_S, ideal_speed_mm_per_s=SPEED_UM_PER_S * 1e-3, **model),
+            SPEED_UM_PER_S,
+            clock,
         )
         self.port = PtyPort(self.controller, folder / "port" / "stage")
         self.port.plug()

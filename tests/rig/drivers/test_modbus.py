@@ -19,7 +19,7 @@ GOOD = rtu(1, 3, 4, 0x12, 0x34, 0x56, 0x78)
 
 def asked(*pairs, tries=3, framing="rtu"):
     wire = Dialogue(*pairs)
-    device = ModbusDevice(wire, framing, 1, 0.1, tries)
+    device = ModbusDevice(wire, framing, 1, wire.clock, 0.1, tries)
     return wire, device
 
 

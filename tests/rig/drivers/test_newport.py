@@ -106,14 +106,21 @@ def test_a_stop_waits_for_nothing():
 
 
 def test_nothing_that_is_kept_in_flash_can_be_sent():
-    assert not COMMANDS & {"PW", "VA", "AC", "JR", "SL", "SR", "HT", "BA", "BH", "RS", "SA", "PR"}
+    # VA outside of the configuration state lasts until the next power cut; only PW writes to flash
+    assert not COMMANDS & {"PW", "AC", "JR", "SL", "SR", "HT", "BA", "BH", "RS", "SA", "PR"}
     _, axis = axis_of()
     with pytest.raises(DeviceError, match="PW is never sent"):
         axis._tell("PW", "1")
 
 
-def connecting(velocity="0.05", state="000033", version="CONEX-CC 2.0.1"):
-    pairs = [("1VE", f"1VE {version}"), ("1VA?", f"1VA{velocity}"), ("1SL?", "1SL-1"), ("1SR?", "1SR25")]
+def connecting(velocity="0.05", state="000033", version="CONEX-CC 2.0.1", home="4"):
+    pairs = [
+        ("1VE", f"1VE {version}"),
+        ("1HT?", f"1HT{home}"),
+        ("1VA?", f"1VA{velocity}"),
+        ("1SL?", "1SL-1"),
+        ("1SR?", "1SR25"),
+    ]
     pairs += [("1TS", f"1TS{state}")] * (2 if state[:4] != "0000" else 1)
     return pairs
 
@@ -126,15 +133,34 @@ def stage_of(*pairs, **settings):
 
 def test_connecting_says_what_answers():
     wire, stage = stage_of(*connecting(), ("1TP", "1TP2.000000"))
-    expected = "micrometer stage on /dev/ttyX: CONEX-CC 2.0.1, at 0.00 um, ready, 50 um/s"
+    expected = "micrometer stage on /dev/ttyX: CONEX-CC 2.0.1, at 0.00 um, ready, 50 um/s towards contact"
     assert stage.connect() == expected
     wire.finished()
 
 
-def test_a_stage_too_fast_to_be_stopped_within_a_step_is_refused():
-    _, stage = stage_of(*connecting(velocity="0.4"))
-    with pytest.raises(DeviceError, match=r"its velocity is 400 um/s: .* set at most 50 um/s"):
+def test_a_stage_whose_home_is_wherever_it_stands_is_refused():
+    _, stage = stage_of(*connecting(home="1"))
+    with pytest.raises(DeviceError, match=r"it takes the place where it stands for its home \(HT1\)"):
         stage.connect()
+
+
+def test_a_stage_that_is_too_fast_is_slowed_down_before_it_moves_towards_contact():
+    slower = [("1VA0.050000", ""), ("1TE", "1TE@"), ("1VA?", "1VA0.05")]
+    start = [("1TP", "1TP2.000000"), ("1TS", "1TS000033"), ("1TP", "1TP2.000000"), ("1TP", "1TP2.000000")]
+    wire, stage = stage_of(*connecting(velocity="0.4"), *start, *slower, *BEGIN[1:], *MOVING, *THERE, *THERE)
+    stage.connect()
+    stage.move_by(0.5)
+    wire.finished()
+
+
+def test_a_stage_that_does_not_take_the_slower_speed_does_not_move():
+    same = [("1VA0.050000", ""), ("1TE", "1TE@"), ("1VA?", "1VA0.4")] * 3
+    start = [("1TP", "1TP2.000000"), ("1TS", "1TS000033"), ("1TP", "1TP2.000000"), ("1TP", "1TP2.000000")]
+    wire, stage = stage_of(*connecting(velocity="0.4"), *start, *same)
+    stage.connect()
+    with pytest.raises(DeviceError, match=r"it moves at 0\.4 mm/s where 0\.05 were set"):
+        stage.move_by(0.5)
+    wire.finished()
 
 
 @pytest.mark.parametrize("state", ["000046", "000047"])
@@ -189,7 +215,7 @@ STANDING = [("1TP", "1TP2.000700"), ("1TP", "1TP2.000700"), ("1TS", "1TS000033")
 
 
 def test_a_stage_that_goes_too_far_is_stopped_within_one_question():
-    back = [("1TP", "1TP2.000700"), ("1PA2.000500", ""), ("1TE", "1TE@"), *THERE]
+    back = [("1PA2.000500", ""), ("1TE", "1TE@"), *THERE]
     far = [("1TS", "1TS000028"), ("1TP", "1TP2.000700")]
     wire, stage = ready(*BEGIN, *far, *STOP, *STANDING, *back, *THERE)
     assert stage.move_by(0.5).position_um == 0.5
@@ -197,7 +223,7 @@ def test_a_stage_that_goes_too_far_is_stopped_within_one_question():
 
 
 def test_a_stage_that_is_moved_from_its_keypad_does_not_stand():
-    back = [("1TP", "1TP2.000700"), ("1PA2.000500", ""), ("1TE", "1TE@"), *THERE]
+    back = [("1PA2.000500", ""), ("1TE", "1TE@"), *THERE]
     far = [("1TS", "1TS000028"), ("1TP", "1TP2.000700")]
     jogging = [("1TP", "1TP2.000700"), ("1TP", "1TP2.000700"), ("1TS", "1TS000046")]
     wire, stage = ready(*BEGIN, *far, *STOP, *jogging, *STANDING[1:], *back, *THERE)

@@ -1,0 +1,55 @@
+"""``recover``: a sound session file from a damaged session folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from daq.errors import RecordingError
+from daq.session_file import read_session, write_session
+from mesotap.commands.answers import write_json
+from mesotap.recovery import recover
+
+
+def recover_folder(folder: Path, output: Path | None, json_path: Path | None, console: Console) -> None:
+    """Write a session file of the whole shots in a folder, and say line by line what was lost.
+
+    Raises
+    ------
+    RecordingError
+        There is no whole shot, or the file is there already or would stand in the folder that is to be left alone.
+    """
+    where = folder.resolve()
+    target = output or where.with_name(f"{where.name}-recovered.h5")
+    if target.resolve().is_relative_to(where):
+        raise RecordingError(f"{target}: lies in the damaged folder, which is left as it is; name a place outside")
+    if target.exists() or target.is_symlink():
+        raise RecordingError(f"{target}: exists already and is left as it is; name another file with -o")
+    found = recover(folder)
+    write_session(target, found.session)
+    session = read_session(target)  # what was written can be read, or this is the place to say so
+    for line in found.losses:
+        console.print(f"- {escape(line)}", highlight=False, soft_wrap=True)
+    accepted = sum(shot.accepted for shot in session.shots)
+    state = "complete" if session.complete else "not complete, as far as can be proven"
+    console.print(
+        f"{escape(str(target))}: {len(session.shots)} shots, {accepted} of them accepted; {state}; "
+        f"{len(found.losses) or 'no'} {'thing was' if len(found.losses) == 1 else 'things were'} amiss",
+        highlight=False,
+        soft_wrap=True,
+    )
+    write_json(
+        json_path,
+        {
+            "format": "mesotap-recovery",
+            "version": 1,
+            "source": str(folder),
+            "file": str(target),
+            "shots": [shot.number for shot in session.shots],
+            "accepted": accepted,
+            "complete": session.complete,
+            "losses": list(found.losses),
+        },
+    )

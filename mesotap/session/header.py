@@ -1,0 +1,199 @@
+"""The header of a session folder: what was asked for, by which version, and whether this version can go on with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from daq.errors import RecordingError, one_line
+from daq.impact_group import check_time
+from daq.journal import HEADER, SessionFolder
+from daq.journal_file import mend
+from mesotap import __version__
+from mesotap.config import Config, parse_config
+from mesotap.session.progress import VERSION
+from mesotap.yaml_text import NOT_YAML, parsed
+
+FOLDER_FORMAT = "mesotap-folder"
+FOLDER_VERSION = 1
+"""Of header, journal and shot files together; raised when an older program would misread them."""
+
+SOFTWARE = f"mesotap {__version__}"
+LONGEST_SHOWN = 60
+MOST_ROUNDS = 20  # of taking out keys: a key within a key that is unknown too shows up only then
+
+
+class Header(BaseModel):
+    """``session.json``; a header without a format is of the first version."""
+
+    model_config = ConfigDict(strict=True, extra="allow")
+
+    format: Literal["mesotap-folder"] = "mesotap-folder"
+    format_version: Annotated[int, Field(ge=1)] = 1
+    created: str
+    config: str
+    simulated: bool = False
+    emulated: bool = False
+    seed: Annotated[int, Field(ge=0)] = 0
+    realtime: bool = False
+    software: str = ""
+
+    @model_validator(mode="after")
+    def _date(self) -> Header:
+        check_time(self.created, "created")
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class KeptConfig:
+    """A configuration as a session keeps it, read by this version.
+
+    Attributes
+    ----------
+    config
+        What is in force.
+    left_out
+        Keys that this version does not know.
+    defaults
+        Keys that the text does not have, which now are at their defaults.
+    """
+
+    config: Config
+    left_out: tuple[str, ...] = ()
+    defaults: tuple[str, ...] = ()
+
+    def differences(self) -> list[str]:
+        """Return a sentence for each kind of difference."""
+        said = []
+        if self.left_out:
+            said.append(f"keys of its configuration that this version does not know: {', '.join(self.left_out)}")
+        if self.defaults:
+            said.append(f"keys at their defaults, for its configuration has none: {', '.join(self.defaults)}")
+        return said
+
+
+def read_header(folder: SessionFolder) -> Header:
+    """Return the header of a session folder.
+
+    Raises
+    ------
+    RecordingError
+        An item is missing or of the wrong type (it is named), or a newer version wrote the folder.
+    """
+    fault = header_fault(folder.header)
+    if fault:
+        raise RecordingError(f"{folder.path / HEADER}: {fault}; {mend(folder.path)}")
+    return Header.model_validate(folder.header)
+
+
+def header_fault(header: dict[str, Any]) -> str:
+    """Return what is wrong with a header; empty if nothing is."""
+    version = header.get("format_version", 1)
+    if isinstance(version, int) and version > FOLDER_VERSION:
+        return (
+            f"was written by a newer version ({_shown(header.get('software', 'unknown'))}, format {version}), which "
+            f"alone goes on with it: this one, {SOFTWARE}, reads up to format {FOLDER_VERSION}"
+        )
+    try:
+        Header.model_validate(header)
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        field = ".".join(map(str, fault["loc"]))
+        message = fault["msg"].removeprefix("Value error, ")
+        what = f"{field} is missing" if fault["type"] == "missing" else f"{field}: {_shown(message)}".removeprefix(": ")
+        return f"is damaged: {what}"
+    return ""
+
+
+def kept_config(text: str, name: str) -> KeptConfig:
+    """Return the configuration in a session's header or file, as this version can understand it.
+
+    Keys that it does not know are left out, keys that it has besides are at their defaults.
+
+    Raises
+    ------
+    ConfigError
+        A value that it does know is not allowed, or the text is no configuration at all.
+    """
+    try:
+        content = parsed(text)[1]
+    except NOT_YAML:
+        content = None
+    left_out: list[str] = []
+    if isinstance(content, dict):
+        for _ in range(MOST_ROUNDS):
+            unknown = _unknown(content)
+            if not unknown:
+                break
+            for path in unknown:
+                left_out.append(one_line(".".join(_take_out(content, path))))
+        if left_out:
+            text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+    config = parse_config(text, name)
+    known = _keys(config.model_dump(mode="json"))
+    given = _keys(content) if isinstance(content, dict) else set()
+    missing = known - given
+    # a text written by hand relies on defaults: nothing is missing there
+    return KeptConfig(config, tuple(left_out), tuple(sorted(missing)) if 2 * len(missing) < len(known) else ())
+
+
+def note_version(folder: SessionFolder, header: Header, kept: KeptConfig, now: str) -> list[str]:
+    """Note in the journal that another version goes on, once; returns what to tell about it.
+
+    Parameters
+    ----------
+    now
+        ISO 8601 UTC.
+    """
+    entry: dict[str, Any] = {"software": SOFTWARE, "left_out": list(kept.left_out), "defaults": list(kept.defaults)}
+    noted: dict[str, Any] = {"software": header.software, "left_out": [], "defaults": []}
+    for earlier in folder.events():
+        if earlier["event"] == VERSION:
+            noted = {key: earlier.get(key) for key in entry}
+    if entry == noted:
+        return []
+    before = str(noted["software"] or "a version that did not say which")
+    folder.append({"event": VERSION, "at": now, **entry, "before": before})
+    begun = [] if before == SOFTWARE else [f"was run by {before}, {SOFTWARE} goes on"]
+    return [f"{folder.path}: {one_line(said)}" for said in (*begun, *kept.differences())]
+
+
+def _unknown(content: dict[str, Any]) -> list[tuple[Any, ...]]:
+    try:
+        Config.model_validate(content)
+    except ValidationError as error:
+        return [fault["loc"] for fault in error.errors(include_url=False) if fault["type"] == "extra_forbidden"]
+    return []
+
+
+def _take_out(content: dict[str, Any], path: tuple[Any, ...]) -> list[str]:
+    """Delete a key by the path that validation gave it, in which the kind of an alternative may stand between keys.
+
+    Returns the path as it stands in the text.
+    """
+    place: Any = content
+    way = []
+    for part in path[:-1]:
+        in_list = isinstance(place, list) and isinstance(part, int) and part < len(place)
+        if in_list or (isinstance(place, dict) and part in place):
+            place = place[part]
+            way.append(str(part))
+    if isinstance(place, dict):
+        place.pop(path[-1], None)
+    return [*way, str(path[-1])]
+
+
+def _keys(content: dict[str, Any], before: str = "") -> set[str]:
+    found = set()
+    for key, value in content.items():
+        name = f"{before}.{key}" if before else str(key)
+        found |= _keys(value, name) if isinstance(value, dict) and value else {name}
+    return found
+
+
+def _shown(value: object) -> str:
+    text = one_line(str(value))
+    return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."

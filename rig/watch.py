@@ -1,0 +1,66 @@
+"""The watch over the load: one period, whatever the session is waiting for.
+
+Whoever waits (for a dwell, a tap, a person, a device that was unplugged) calls `LoadWatch.look` in between; it asks
+the gauge and the stage when their time has come, and raises what the interlock has to say.
+"""
+
+from __future__ import annotations
+
+import math
+
+from rig.interface import Clock, Rig
+from rig.interlock import Interlock
+
+PERIOD_S = 0.1
+"""Between two looks at the gauge: with what a silent gauge and a retraction take, half a second from the fault."""
+
+STAGE_PERIOD_S = 0.2
+"""Between two looks at the stage, which has to answer when it is needed."""
+
+SHARE_OF_BUDGET = 0.2
+"""Of the time for which a load may be unknown: no more of it may pass between two looks."""
+
+
+class LoadWatch:
+    """Looks at the load and at the stage while the surfaces may touch.
+
+    Parameters
+    ----------
+    rig
+        Opened rig.
+    interlock
+        What judges them.
+    stale_s
+        Longest time for which the load may be unknown.
+    """
+
+    def __init__(self, rig: Rig, interlock: Interlock, stale_s: float) -> None:
+        self._clock: Clock = rig.clock
+        self._interlock = interlock
+        self._period_s = min(PERIOD_S, SHARE_OF_BUDGET * stale_s)
+        self._stage_seen_at = -math.inf
+        self._looking = False
+
+    def look(self) -> None:
+        """Look at what is due; nothing while the surfaces are apart.
+
+        Raises
+        ------
+        StaleReading
+            The gauge is silent, frozen or senseless.
+        InterlockRefusal
+            The load is over the limit, or the stage moved by itself.
+        RigError
+            The stage does not answer.
+        """
+        if self._looking or self._interlock.contact is None:
+            return
+        self._looking = True  # a part that waits while it is looked at calls this again
+        try:
+            if self._clock.now() - self._interlock.read_at_s >= self._period_s:
+                self._interlock.look_at_gauge()
+            if self._clock.now() - self._stage_seen_at >= STAGE_PERIOD_S:
+                self._interlock.look_at_stage()
+                self._stage_seen_at = self._clock.now()
+        finally:
+            self._looking = False

@@ -21,6 +21,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 from daq.records import Shot
 from mesotap.session.states import State
 from rig import Operator, RigError, SessionAborted
+from rig.interface import nothing
 
 POLL_S = 0.1
 PAUSE_KEY, ABORT_KEY, ENTER = "p", "q", "\n"
@@ -200,31 +201,31 @@ class KeyControl:
         self._console = console
         self._keyboard = keyboard or Keyboard()
         self._ended = ""
+        self._told = False
 
-    def check(self, hold: Callable[[], None]) -> None:
-        """Return at once, or stay while paused, or raise `SessionAborted`."""
-        self._heed()
+    def check(self, hold: Callable[[], None] = nothing) -> None:
+        """Return at once, or stay while paused, or raise `SessionAborted`, once: who leaves is not interrupted."""
+        if self._told:
+            return
         key = self._keyboard.pressed(PAUSE_KEY + ABORT_KEY)
-        if key == ABORT_KEY:
-            raise SessionAborted("session ended by the operator")
+        self._heed(key)
         if key == PAUSE_KEY:
             self._pause(hold)
 
-    def _heed(self) -> None:
-        if self._ended:
-            raise SessionAborted(f"session ended by {self._ended}")
+    def _heed(self, key: str) -> None:
+        if self._ended or key == ABORT_KEY:
+            self._told = True
+            raise SessionAborted(f"session ended by {self._ended or 'the operator'}")
 
     def _pause(self, hold: Callable[[], None]) -> None:
         self._console.print("Paused, the load is watched. Press p to go on, q to end.", highlight=False)
         while True:
             hold()
             key = self._keyboard.pressed(PAUSE_KEY + ABORT_KEY, POLL_S)
-            self._heed()
+            self._heed(key)
             if key == PAUSE_KEY:
                 self._console.print("Going on.")
                 return
-            if key == ABORT_KEY:
-                raise SessionAborted("session ended while paused")
 
     @contextmanager
     def listening(self) -> Iterator[KeyControl]:

@@ -66,6 +66,11 @@ class AssembledRig(Rig):
                 failures.append(error)
                 with contextlib.suppress(Exception):  # why it did not connect says more
                     driver.close()
+        if not failures:
+            try:
+                self.impactor.release()
+            except RigError as error:
+                failures.append(error)
         if failures:
             raise together(failures)
         return lines

@@ -108,8 +108,8 @@ class SimulatedStage(Section):
 
     resolution_um: Positive = 0.02
     backlash_um: NonNegative = 2.0
-    speed_um_per_s: Positive = 50.0  # towards contact
-    speed_away_um_per_s: Positive = 200.0
+    speed_um_per_s: Positive = 50.0
+    speed_away_um_per_s: Positive = 200.0  # when the surfaces are taken apart
 
 
 class SimBackendSettings(Section):

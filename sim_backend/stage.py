@@ -99,6 +99,12 @@ class SimulatedStage(Stage):
         stop()
         return self.read()
 
+    def retract(self, travel_um: float, aim: str = "") -> StageReading:
+        """Move back, clamped or not, faster than in other moves."""
+        self.unlock()
+        self._go_to(self.knob_um - travel_um, self._settings.speed_away_um_per_s)
+        return self.read()
+
     def lock(self) -> None:
         """Close the clamp."""
         if not self._locked:
@@ -121,8 +127,7 @@ class SimulatedStage(Stage):
         target = round(round(position_um / resolution) * resolution, DIGITS)
         self._keep_up()
         now = self._clock.now()
-        away = self._settings.speed_away_um_per_s
-        speed = speed_um_per_s or (self._settings.speed_um_per_s if target > self._knob_um else away)
+        speed = self._settings.speed_um_per_s if speed_um_per_s is None else speed_um_per_s
         travel_s = abs(target - self._knob_um) / speed
         self._motion = Motion(self._knob_um, target, now, now + (travel_s + SETTLING_S), speed)
         return self._motion.over_s
@@ -132,11 +137,11 @@ class SimulatedStage(Stage):
         self._keep_up()
         self._motion = None
 
-    def _go_to(self, position_um: float) -> None:
+    def _go_to(self, position_um: float, speed_um_per_s: float | None = None) -> None:
         if position_um > self.knob_um:
             self.permit()
         begun = self._clock.now()
-        over = self.begin(position_um)
+        over = self.begin(position_um, speed_um_per_s)
         turns = 1
         while begun + turns * POLL_S < over:
             turns += 1

@@ -59,10 +59,13 @@ def check(
 ) -> None:
     """Connect, test the rig part by part, print a verdict a line; `RigError` if any is bad."""
     config = load_config(config_path, changes)
-    rig = build_rig(config, simulate, TerminalOperator(console), seed, emulated=emulate)
+    operator = TerminalOperator(console)
+    rig = build_rig(config, simulate, operator, seed, emulated=emulate)
     verdicts: list[Verdict] = []
     troubles = ""
-    with KeyControl(console).listening():
+    with KeyControl(console, operator.keyboard).listening() as control:
+        for part in (operator, rig.stage, rig.load_cell, rig.accelerometers, rig.weights):
+            part.idle = control.check
         try:
             for line in rig.open():
                 _show(Verdict("connection", True, line), verdicts, console)

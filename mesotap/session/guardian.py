@@ -116,8 +116,6 @@ class GuardianProcess(Guardian):
         if self._socket is not None:
             with contextlib.suppress(OSError, RigError):
                 self._socket.send(json.dumps({"state": DISMISSED}).encode())
-            self._socket.close()
-            self._socket = None
         if self._process is not None:
             try:
                 self._process.wait(DISMISSING_S)
@@ -125,6 +123,9 @@ class GuardianProcess(Guardian):
                 self._process.kill()
                 self._process.wait()
             self._process = None
+        if self._socket is not None:  # not earlier: a word not yet read would be lost with it
+            self._socket.close()
+            self._socket = None
 
     # --- the socket -----------------------------------------------------------------------------------------
 

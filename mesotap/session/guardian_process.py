@@ -116,8 +116,9 @@ class Successor:
                     return False
                 if said.get("state") in (ARMED, APART):
                     armed = said["state"] == ARMED
-                    with contextlib.suppress(OSError):
-                        session.send(said["state"].encode())
+                    if armed:
+                        with contextlib.suppress(OSError):
+                            session.send(ARMED.encode())
             elif watched in ready:
                 return armed
             elif armed and time.monotonic() - heard_s > SILENCE_S:

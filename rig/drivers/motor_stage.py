@@ -243,8 +243,8 @@ class MotorStage(Stage, Driver):
                 "correct zero_mm or the travel in rig.parts.stage, or set the specimen nearer",
             )
         reached = self._position_um()
+        self._use_speed(self._approach_speed())
         for _ in range(ATTEMPTS):
-            self._use_speed(self._approach_speed() if target > reached else self._settings.speed_um_per_s)
             reached = self._follow(target)
             if abs(reached - target) <= self._settings.in_position_um:
                 return

@@ -67,7 +67,7 @@ class NewportStage(Section):
     highest_mm: Finite = 12.0
     resolution_um: Positive = 0.02
     in_position_um: Positive = 0.1
-    speed_um_per_s: Annotated[float, Field(gt=0, le=5000)] = 200.0  # away from contact; towards it as the wire allows
+    speed_um_per_s: Annotated[float, Field(gt=0, le=5000)] = 200.0  # apart; else as the wire allows
     poll_s: Annotated[float, Field(gt=0, le=0.1)] = 0.01
     home_at_connect: bool = False
     reply_timeout_s: Annotated[float, Field(gt=0, le=10)] | None = None  # None: from the replies' own time at connect

@@ -40,6 +40,18 @@ class SolenoidImpactor(Impactor):
         self._settings = settings
         self._clock = clock
         self._factor = 1.0
+        self._may_be_on = True  # a program that was killed may have left it so
+
+    def release(self) -> None:
+        """Switch the solenoid off, unless it is known to be off.
+
+        Raises
+        ------
+        RigError
+            It may still be under current.
+        """
+        if self._may_be_on:
+            self._switch_off()
 
     def strike(self, load_mn: float, hint: str = "") -> None:
         """Switch the solenoid on for one pulse.
@@ -58,6 +70,7 @@ class SolenoidImpactor(Impactor):
             self._factor = min(self._factor * STEP, FURTHEST)
         settings = self._settings
         pulse_ms = self._factor * (settings.pulse_ms + settings.pulse_ms_per_n * load_mn * 1e-3)
+        self._may_be_on = True
         try:
             self._outputs.set_line(settings.line, True)
             self._clock.sleep(min(pulse_ms, settings.longest_pulse_ms) * 1e-3)
@@ -72,3 +85,4 @@ class SolenoidImpactor(Impactor):
                 self._outputs.set_line(self._settings.line, False)
             except RigError as error:
                 raise RigError(f"solenoid: it may still be under current ({error}); switch its supply off") from error
+        self._may_be_on = False

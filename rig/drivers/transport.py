@@ -25,8 +25,8 @@ SETTLING_S = 0.1  # in which a line has to fall quiet
 
 PATIENT_S = 0.5  # for which a reply is waited while nobody knows yet how long one takes
 ROUND_TRIPS = 5  # questions from which that is found out
-SHORTEST_WAIT_S, WAIT_SHARE, WAIT_MARGIN_S = 0.04, 1.2, 0.02
-"""A reply counts as lost after 1.2 times what the slowest took, and 20 ms for a busy machine; never before 40 ms."""
+SHORTEST_WAIT_S, WAIT_SHARE, WAIT_MARGIN_S = 0.06, 1.2, 0.02
+"""A reply counts as lost after 1.2 times what the slowest took, and 20 ms for a busy machine; never before 60 ms."""
 
 
 def round_trip(times_s: list[float]) -> float:

@@ -155,7 +155,7 @@ def test_a_stage_that_did_not_retract_is_told(tmp_path):
     config = small_config()
     with killed_while_tapping(tmp_path, config) as folder:
         rig = simulated_rig(config)
-        rig.stage.move_by = lambda step_um, aim="": rig.stage.read()
+        rig.stage.retract = lambda travel_um, aim="": rig.stage.read()
         control = Interrupt(SessionAborted("ended"), State.TAP)
         runner = runner_in(folder, config, rig, control=control)
         control.runner = runner

@@ -76,7 +76,9 @@ def test_over_real_ports_each_emulated_device_is_found(tmp_path):
     assert "a device on Modbus at address 1, its first register reads 14" in found[0]
     assert "a stage controller, 'CONEX-CC 2.0.1'" in found[1]
     assert not [
-        line for line in rig.controller.sent if not line.startswith(("1VE", "1VA?", "1SL?", "1SR?", "1TS", "1TP"))
+        line
+        for line in rig.controller.sent
+        if not line.startswith(("1VE", "1VA?", "1HT?", "1SL?", "1SR?", "1TS", "1TP"))
     ]
 
 

@@ -260,8 +260,10 @@ class EmulatedController:
         refused = self._allow(manual.DISABLE if number else manual.READY)
         if refused:
             return refused
-        self._motion.switch(bool(number))
-        self._state = State.READY_DISABLE if number else State.DISABLE_READY
+        target = State.READY_DISABLE if number else State.DISABLE_READY
+        if self._state is not target:  # else it is on its way there
+            self._motion.switch(bool(number))
+            self._state = target
         return manual.NONE
 
     def _stop(self, _rest: str) -> str:

@@ -150,6 +150,16 @@ def test_disable_and_back():
     assert line.wait(1.0).state() == "34"
 
 
+def test_the_motor_is_on_in_time_however_often_it_is_told():
+    line = Line().homed()
+    line.ask("1MM0")
+    line.wait(1.0)
+    for _ in range(12):
+        line.ask("1MM1")
+        line.wait(0.01)
+    assert line.state() == "34"
+
+
 def test_home_is_looked_for_at_the_end_or_taken_where_it_stands():
     at_the_end = Line(zero_mm=2.0).homed()
     assert (at_the_end.position(), at_the_end.stage.knob_um) == (0.0, -2000.0)

@@ -9,6 +9,7 @@ from sim_backend.emulators.amplifier import AmplifierModel
 from sim_backend.emulators.amplifier_tables import Live, Table
 
 MODELS = {"seneca-ze-sg3": "ze-sg3", "seneca-z-sg": "z-sg", "seneca-z-sg2": "z-sg2", "laumas-tlb": "tlb"}
+ROOMY_MV_PER_V = 16.0  # of a cell that 10 N bring to 80 mV: more than the simulated gauge gives
 SIZE = 0x2100  # registers of a described device: room for the maps in use
 CONTENTS = {"counts": tables.RAW, "mv": tables.MV, "mv_per_v": tables.MV_PER_V, "load": tables.GROSS}
 
@@ -25,6 +26,8 @@ def amplifier_of(settings: Any, realistic: bool = False) -> AmplifierModel:
         Whether it converts, filters and rounds as one sold does.
     """
     own = {"excitation_v": settings.excitation_v, "mv_per_count": settings.mv_per_count, "realistic": realistic}
+    if realistic:
+        own["ratio_mv_per_v"] = ROOMY_MV_PER_V
     # what the owner has set in the amplifier, if the section has room for it
     cell = {"ratio_mv_per_v": "cell_ratio_mv_per_v", "full_scale": "cell_full_scale"}
     own |= {mine: value for mine, theirs in cell.items() if (value := getattr(settings, theirs, None)) is not None}

@@ -60,6 +60,12 @@ class EmulatedRig(AssembledRig):
         Of both wires, within the process.
     clock
         Of the physics; None for a virtual one.
+    actuator
+        Name of the actuator, with its step, encoder and speed; empty for an ideal one.
+    realistic
+        Whether the amplifier converts, filters and rounds as one sold does.
+    referenced
+        Whether the stage's controller has found its home before; after power-on it has not.
 
     Attributes
     ----------
@@ -84,6 +90,9 @@ class EmulatedRig(AssembledRig):
         stage_wire: Disturbance | None = None,
         round_trip_s: float = 0.0,
         clock: VirtualClock | None = None,
+        actuator: str = "",
+        realistic: bool = False,
+        referenced: bool = True,
     ) -> None:
         self.physics = physics = SimulatedRig(rig_settings, settings, contact_stiffness, False, seed, clock)
         self.lock = RLock()
@@ -91,9 +100,9 @@ class EmulatedRig(AssembledRig):
         self._wires = wires
         self._round_trip_s = round_trip_s
         self.ports: list[PtyPort | TcpPort] = []
-        load_cell = self._load_cell(parts.load_cell, amplifier_wire)
+        load_cell = self._load_cell(parts.load_cell, amplifier_wire, realistic)
         motor = DEFAULT_STAGE if isinstance(parts.stage, str) else parts.stage
-        self.controller = self._controller(motor, settings.stage.speed_um_per_s)
+        self.controller = self._controller(motor, settings.stage.speed_um_per_s, actuator, referenced)
         stage: Stage = physics.stage
         if parts.stage != "hand":
             stage = self._motor_stage(motor, rig_settings.limits.largest_approach_step_um, stage_wire)
@@ -127,10 +136,14 @@ class EmulatedRig(AssembledRig):
 
     # --- the parts ------------------------------------------------------------------------------------------
 
-    def _load_cell(self, part: str | AmplifierRtu | AmplifierTcp, disturbance: Disturbance | None) -> LoadCell:
+    def _load_cell(
+        self, part: str | AmplifierRtu | AmplifierTcp, disturbance: Disturbance | None, realistic: bool
+    ) -> LoadCell:
         settings = DEFAULT_AMPLIFIER if isinstance(part, str) else part
         framing = "rtu" if isinstance(settings, AmplifierRtu) else "tcp"
-        self.amplifier = EmulatedAmplifier(self.physics.load_cell, amplifier_of(settings), self.physics.clock)
+        self.amplifier = EmulatedAmplifier(
+            self.physics.load_cell, amplifier_of(settings, realistic), self.physics.clock
+        )
         server = ModbusServer(self.amplifier, settings.address, framing)
         wire: Transport
         if not self._wires:
@@ -146,9 +159,18 @@ class EmulatedRig(AssembledRig):
             wire = self._in_virtual_time(TcpTransport(AMPLIFIER, tcp.host, tcp.tcp_port), tcp)
         return ModbusLoadCell(wire, framing, settings, self.physics.clock)
 
-    def _controller(self, motor: NewportStage, speed_um_per_s: float) -> EmulatedController:
+    def _controller(
+        self, motor: NewportStage, speed_um_per_s: float, actuator: str, referenced: bool
+    ) -> EmulatedController:
         model = ControllerModel(
-            motor.driver, motor.address, "", motor.zero_mm, motor.lowest_mm, motor.highest_mm, referenced=True
+            kind=motor.driver,
+            address=motor.address,
+            actuator=actuator,
+            zero_mm=motor.zero_mm,
+            lowest_mm=motor.lowest_mm,
+            highest_mm=motor.highest_mm,
+            referenced=referenced,
+            seed=self.physics.seed,
         )
         return EmulatedController(self.physics.micrometer, model, speed_um_per_s, self.physics.clock)
 

@@ -27,7 +27,7 @@ QUICK = (
     "mesotap.dwell_s=1",
 )
 PORTS = (
-    "rig.parts.load_cell={driver: modbus-rtu, preset: seneca-z-sg, port: /dev/ttyUSB0, expected_id: 14}",
+    "rig.parts.load_cell={driver: modbus-rtu, preset: seneca-ze-sg3, port: /dev/ttyUSB0, expected_id: 14}",
     "rig.parts.stage={driver: conex-cc, port: /dev/ttyUSB1, zero_mm: 0.2, expected_identity: CONEX-CC}",
     "rig.parts.accelerometers={driver: usb-1608fs-plus, serial_number: 01D2E3F4}",
 )

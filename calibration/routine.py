@@ -56,7 +56,7 @@ def calibrate(
         What the parts raise.
     """
     sequence = list(_sequence(settings))
-    voltages: list[float] = []
+    readings: list[LoadReading] = []
     operator_say(
         f"Calibrating the strain gauge with {len(set(settings.weights_mn))} weights up to "
         f"{max(settings.weights_mn):g} mN, {len(sequence)} readings of {settings.averaging_s:g} s."
@@ -65,11 +65,12 @@ def calibrate(
     with _weights_removed(rig, operator_say):
         for done, load in enumerate(sequence):
             rig.weights.place(load)
-            voltages.append(_living_reading(rig, load, settings.averaging_s).voltage_mv)
+            readings.append(_living_reading(rig, load, settings.averaging_s))
             if progress is not None:
                 progress(done + 1, len(sequence))
         ended = rig.clock.utc()
-    return CalibrationPoints(np.array(sequence, dtype=np.float64), np.array(voltages), _midway(begun, ended))
+    voltages, quantum = np.array([r.voltage_mv for r in readings]), max(r.quantum_mv for r in readings)
+    return CalibrationPoints(np.array(sequence, dtype=np.float64), voltages, _midway(begun, ended), quantum)
 
 
 def check_points(points: CalibrationPoints, settings: CalibrationSettings, declared_sensitivity: float) -> list[str]:
@@ -104,7 +105,8 @@ def check_points(points: CalibrationPoints, settings: CalibrationSettings, decla
             "the surfaces are apart"
         )
     span = sensitivity * float(np.ptp(load))
-    if fit.dof > 0 and (fit.residual_std_mv <= _NO_SCATTER * span or _repeats_are_copies(load, voltage)):
+    copies = fit.dof > 0 and (fit.residual_std_mv <= _NO_SCATTER * span or _repeats_are_copies(load, voltage))
+    if copies and not points.quantum_mv:  # what the amplifier rounds may well be the same twice
         complaints.append("repeated readings have no noise at all: the gauge is frozen or the readings are not its own")
     return complaints
 
@@ -118,7 +120,7 @@ def _sequence(settings: CalibrationSettings) -> Iterator[float]:
 def _living_reading(rig: Rig, load_mn: float, duration_s: float) -> LoadReading:
     for _ in range(_ATTEMPTS):
         reading = rig.load_cell.read(duration_s)
-        frozen = reading.samples > 1 and reading.spread_mv == 0.0
+        frozen = reading.samples > 1 and reading.spread_mv == 0.0 and not reading.quantum_mv
         if math.isfinite(reading.voltage_mv) and not frozen:
             return reading
     state = "its samples are all the same" if math.isfinite(reading.voltage_mv) else "it does not read a number"

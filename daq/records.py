@@ -35,11 +35,15 @@ class RigDescription:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPoints:
-    """Dead-weight calibration: ``load_mn`` (n,) against ``voltage_mv`` (n,), and when (ISO 8601 UTC)."""
+    """Dead-weight calibration: ``load_mn`` (n,) against ``voltage_mv`` (n,), and when (ISO 8601 UTC).
+
+    ``quantum_mv`` is the step of a gauge that rounds its voltages, known where they were just read; it is not kept.
+    """
 
     load_mn: NDArray[np.float64]
     voltage_mv: NDArray[np.float64]
     time: str
+    quantum_mv: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -422,10 +422,12 @@ def config_check(
     changes: Changes = None,
 ) -> None:
     """Hold a configuration against what is allowed."""
-    from mesotap.config import load_config
+    from mesotap.config import load_config, settable_loads
 
-    load_config(file, changes or ())
+    config = load_config(file, changes or ())
     typer.echo(f"{file or 'config.yaml'}: good")
+    for line in settable_loads(config):
+        typer.echo(line)
 
 
 @config_app.command("show")

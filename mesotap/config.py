@@ -14,7 +14,9 @@ from calibration.settings import CalibrationSettings
 from daq.settings import DaqSettings
 from mesotap.settings import SessionSettings
 from mesotap.yaml_text import NOT_YAML, line_of, not_yaml, parsed, sentence, shown
+from rig.drivers.settings import NewportStage
 from rig.errors import MesotapError
+from rig.settable import too_fine, what_can_be_set
 from rig.settings import RigSettings, Section
 from sim_backend.settings import SimBackendSettings
 
@@ -41,10 +43,25 @@ class Config(Section):
                 f"mesotap.load_plan_mn with its tolerance goes up to {highest:g} mN, past rig.limits.load_mn "
                 f"({self.rig.limits.load_mn:g})"
             )
+        stage = self.rig.parts.stage
+        if isinstance(stage, NewportStage):
+            why = too_fine(self.mesotap.load_tolerance_mn, stage.resolution_um, self.rig.spring_stiffness())
+            if why:
+                raise ValueError(why)
         record = self.daq.trigger
         if record.pretrigger_samples >= record.record_samples // 2:
             raise ValueError("daq.trigger.pretrigger_samples must be less than half of daq.trigger.record_samples")
         return self
+
+
+def settable_loads(config: Config) -> list[str]:
+    """Return in sentences to what the loads of the plan can be set; none for a stage that is turned by hand."""
+    part = config.rig.parts.stage
+    if part == "hand":
+        return []
+    step_um = part.resolution_um if isinstance(part, NewportStage) else config.sim_backend.stage.resolution_um
+    plan = config.mesotap
+    return what_can_be_set(plan.load_plan_mn, plan.load_tolerance_mn, step_um, config.rig.spring_stiffness())
 
 
 def default_text() -> str:

@@ -122,7 +122,7 @@ def _gauge_zero(rig: Rig, config: Config) -> tuple[float, bool, str]:
     said = f"{reading.voltage_mv:.3f} mV, noise {reading.spread_mv:.2g} mV ({noise:.2g} mN)"
     if not math.isfinite(reading.voltage_mv):
         return math.nan, False, "the amplifier answers no number: check the bridge's wiring"
-    if reading.spread_mv == 0.0:
+    if reading.spread_mv == 0.0 and not reading.quantum_mv:
         return math.nan, False, f"{said}: {reading.samples} readings are the same; restart the amplifier"
     if noise > LARGEST_NOISE_SHARE * threshold:
         return math.nan, False, f"{said}, too much to feel a contact of {threshold:g} mN: check cables and shielding"

@@ -91,10 +91,13 @@ class Stage(Waiting, ABC):
         interlock sees with it that the load is still known after whatever went on in between.
     round_trip_s
         Longest time from a question to its reply seen when it was connected, s.
+    step_um
+        Positions are whole multiples of this; 0 where any position can be had, or nobody knows.
     """
 
     permit: Callable[[], None] = staticmethod(nothing)
     round_trip_s: float = 0.0
+    step_um: float = 0.0
 
     @abstractmethod
     def read(self) -> StageReading:

@@ -15,18 +15,18 @@ from types import TracebackType
 
 from rig.errors import DeviceError, InterlockRefusal, RigError, SessionAborted, StaleReading
 from rig.interface import Rig
+from rig.load_loop import LoadLoop
 from rig.readings import GaugeScale, LoadReading
+from rig.settable import largest_mn_per_um, whole_steps
 from rig.settings import Limits
 
 Progress = Callable[[str], None]
 
-STIFFNESS_MARGIN = 1.03  # by which the springs may be stiffer than declared
 SOFTEST_RESPONSE = 0.55  # of the springs' stiffness: below this, at load, the gauge does not follow the stage
 STIFFEST_RESPONSE = 1.35
 RESPONSE_FROM_THRESHOLDS = 5.0  # contact thresholds of load from which the response is judged
 RESPONSE_TRAVEL_UM = 0.4  # travel over which it is judged
-SHORTFALL = 0.8  # of the remaining load that one step closes: the target is approached from below
-LARGEST_TRIES = 400
+QUANTA = 2.0  # steps of a rounded voltage by which the load must have risen before a gauge that stands still is frozen
 RETRACTIONS = 3
 LEFT_THRESHOLDS = 3.0  # load, in contact thresholds, that a gauge may show with the surfaces apart
 CAREFUL_READING_S = 0.2
@@ -75,9 +75,7 @@ class Interlock:
         self._rig = rig
         self._limits = limits
         self.scale = scale
-        k1, k2 = spring_stiffness
-        # N/m times 1e-3 is mN/um
-        self._mn_per_um = STIFFNESS_MARGIN * k1 * k2 / (k1 + k2) * 1e-3
+        self._mn_per_um = largest_mn_per_um(spring_stiffness)
         self._frozen = 0
         self._last_voltage = math.nan
         self._read_at = -math.inf  # rig time of the sample behind the last believable reading
@@ -85,6 +83,7 @@ class Interlock:
         self._disbelieved = False  # the gauge contradicted the stage or itself since it was last calibrated
         self._stands: tuple[float, bool] | None = None  # where the stage was left, and whether clamped
         rig.stage.permit = self._permit
+        self._travelled_um = 0.0  # towards contact since the voltage changed
         self._contact: tuple[float, float] | None = None  # position and load where contact was felt
         self._felt_before: tuple[float, float] | None = None  # the same of the last time, also when apart
         self._judged_from: tuple[float, float] | None = None  # position and load where the response began
@@ -148,6 +147,10 @@ class Interlock:
         if not math.isfinite(reading.voltage_mv):
             raise StaleReading(f"{self._gauge}: the amplifier answers no number; check the bridge's wiring")
         same = reading.voltage_mv == self._last_voltage or (reading.samples > 1 and reading.spread_mv == 0.0)
+        if reading.quantum_mv:  # what the amplifier rounds may stand still while the load does
+            same = reading.voltage_mv == self._last_voltage and self._must_show(reading.quantum_mv)
+        if reading.voltage_mv != self._last_voltage:
+            self._travelled_um = 0.0
         self._frozen = self._frozen + 1 if same else 0
         self._last_voltage = reading.voltage_mv
         if self._frozen >= self._limits.frozen_readings:
@@ -198,6 +201,7 @@ class Interlock:
             return load - resting > threshold
 
         step = min(self._limits.largest_approach_step_um, self._limits.load_mn / self._mn_per_um)
+        step = whole_steps(step, self._rig.stage.step_um)
         reading = self._rig.stage.advance(travel, step, felt, "until the load just begins to rise")
         load = self.load_mn()
         if load - resting <= threshold / 2:
@@ -225,10 +229,12 @@ class Interlock:
     def set_load(self, target_mn: float, tolerance_mn: float, progress: Progress | None = None) -> float:
         """Close the loop on the gauge until the load is within ``tolerance_mn`` of the target; returns the load.
 
+        The target is approached from below, see `LoadLoop`.
+
         Raises
         ------
         InterlockRefusal
-            If the target lies past the limit, a step would pass it, or the loop does not close.
+            If the target lies past the limit, a step would pass it, or no step ends within the tolerance.
         StaleReading
             If the gauge cannot be believed.
         """
@@ -237,21 +243,8 @@ class Interlock:
                 f"load: {target_mn:g} mN is past the limit of {self._limits.load_mn:g} mN (rig.limits.load_mn)"
             )
         self._rig.stage.unlock()
-        load = self.load_mn()
-        for _ in range(LARGEST_TRIES):
-            if progress is not None:
-                progress(f"load {load:.0f} mN, target {target_mn:.0f} mN")
-            error = target_mn - load
-            if abs(error) <= tolerance_mn:
-                return load
-            step = SHORTFALL * error / self._mn_per_um
-            if error > 0:
-                step = max(step, 0.5 * tolerance_mn / self._mn_per_um)
-            load = self.move_by(step, f"load {load:.0f} mN, target {target_mn:.0f} mN", load)
-        raise InterlockRefusal(
-            f"load: {target_mn:g} mN was not reached within {tolerance_mn:g} mN in {LARGEST_TRIES} steps; "
-            "check stage and gauge"
-        )
+        loop = LoadLoop(self._mn_per_um, self._rig.stage.step_um, self._limits.largest_approach_step_um)
+        return loop.close(target_mn, tolerance_mn, self.load_mn(), self.move_by, progress)
 
     def move_by(self, step_um: float, aim: str = "", load_mn: float | None = None) -> float:
         """Make one guarded step and return the load after it, mN. Steps towards contact are cut to the limit."""
@@ -272,6 +265,7 @@ class Interlock:
         self._stands = None
         position = self._rig.stage.move_by(step_um, aim).position_um
         self._stands = (position, False)
+        self._travelled_um += max(step_um, 0.0)
         if step_um < 0 and math.isfinite(position):
             self._turned_at = position
         after = self.load_mn()
@@ -375,6 +369,12 @@ class Interlock:
 
     # --- witnesses ------------------------------------------------------------------------------------------
 
+    def _must_show(self, quantum_mv: float) -> bool:
+        """Whether a gauge that rounds its voltage would have changed by now, by what the stage went since it did."""
+        play = 0.0 if self._turned_at is None else self._limits.largest_backlash_um
+        rise_mn = SOFTEST_RESPONSE * self._mn_per_um * (self._travelled_um - play)
+        return self._contact is not None and rise_mn * abs(self.scale.sensitivity_mv_per_mn) > QUANTA * quantum_mv
+
     def _check_limit(self, load: float) -> None:
         if load > self._limits.load_mn:
             raise InterlockRefusal(
@@ -415,8 +415,8 @@ class Interlock:
         response = (load - self._judged_from[1]) / (travel * self._mn_per_um)
         self._judged_from = (position, load)
         if self._turned_at is not None:
-            # the play of a stage that was turned back comes first: until it is used up a step may do nothing
-            if response < SOFTEST_RESPONSE and position - self._turned_at < self._limits.largest_backlash_um:
+            # a stage that was turned back has play: a step that begins before that is used up may do nothing
+            if response < SOFTEST_RESPONSE and position - travel - self._turned_at < self._limits.largest_backlash_um:
                 return
             self._turned_at = None
         if not SOFTEST_RESPONSE < response < STIFFEST_RESPONSE:

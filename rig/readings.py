@@ -20,15 +20,19 @@ class LoadReading:
         Mean bridge voltage, mV.
     spread_mv
         Standard deviation of the samples, mV. Exactly zero over several samples means a frozen gauge:
-        a living one is noisy.
+        a living one is noisy, unless its amplifier rounds that away.
     samples
         Number of samples behind the mean.
+    quantum_mv
+        Smallest step of a voltage that the amplifier itself rounds and filters, mV: below it a living gauge may stand
+        still. 0 for one that shows its noise.
     """
 
     time_s: float
     voltage_mv: float
     spread_mv: float
     samples: int
+    quantum_mv: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from rig.drivers.settings import NewportStage
 from rig.parts import Parts
 from rig.section import Finite, NonNegative, Positive, Section
 
@@ -74,7 +75,7 @@ class Wiring(Section):
     accelerometer_b: Channel = Channel(input=1, polarity=-1)
     strain_gauge_input: Annotated[int, Field(ge=0, le=31)] | None = 2
     strain_gauge_gain: Positive = 1.0
-    strain_gauge_range_v: Positive = 0.3125
+    strain_gauge_range_v: Positive = 1.0
     input_range_v: Positive = 5.0
     bits: Annotated[int, Field(ge=8, le=32)] = 16
     sample_rate_hz: Positive = 25000.0
@@ -158,6 +159,12 @@ class RigSettings(Section):
                 f"limits.clearance_um of {self.limits.clearance_um:g} would not take the surfaces apart from "
                 f"{self.limits.load_mn:g} mN with {self.limits.largest_backlash_um:g} um of backlash; give at least "
                 f"{needed:.3g}"
+            )
+        stage = self.parts.stage
+        if isinstance(stage, NewportStage) and self.limits.largest_approach_step_um < stage.resolution_um:
+            raise ValueError(
+                f"limits.largest_approach_step_um of {self.limits.largest_approach_step_um:g} is less than a step of "
+                f"the stage, {stage.resolution_um:g} um (parts.stage.resolution_um)"
             )
         worst = self.limits.search_beyond_um * mn_per_um
         if worst > self.limits.load_mn:

@@ -37,6 +37,7 @@ class SimulatedStage(Stage):
     """
 
     def __init__(self, settings: sections.SimulatedStage, clock: VirtualClock, moved: Callable[[], None]):
+        self.step_um = settings.resolution_um
         self._settings = settings
         self._clock = clock
         self._moved = moved

@@ -9,13 +9,17 @@ import numpy as np
 from rig.drivers.driver import Driver
 from rig.drivers.modbus import ModbusDevice
 from rig.drivers.registers import (
+    ONE_MAKER,
+    PRESETS,
     Bridge,
     Register,
     RegisterMap,
     decode,
+    fits,
     other_order,
     plausible,
     possible_signal,
+    quantum_mv,
     signal_mv,
 )
 from rig.drivers.settings import Amplifier
@@ -50,7 +54,7 @@ class ModbusLoadCell(LoadCell, Driver):
         self._clock = clock
         self._map: RegisterMap = settings.map()
         self._wire = ModbusDevice(transport, framing, settings.address, clock, settings.reply_timeout_s, settings.tries)
-        self._bridge = Bridge()
+        self._bridge = Bridge(settings.cell_ratio_mv_per_v or math.nan, settings.cell_full_scale or math.nan)
         self._block = self._map.reading_block()
 
     def connect(self) -> str:
@@ -59,10 +63,10 @@ class ModbusLoadCell(LoadCell, Driver):
         Raises
         ------
         DeviceError
-            It is another device, the word order is the other one, or unit, ratio or full scale cannot be.
+            It is another device or model, the word order is the other one, or unit, ratio or full scale cannot be.
         """
         self._transport.open()
-        known = [self._identity(), self._unit(), self._ratio_and_full_scale(), self._rate()]
+        known = [self._identity(), self._model(), self._unit(), self._ratio_and_full_scale(), self._rate()]
         said = ", ".join(text for text in known if text)
         return f"{DEVICE} on {self._transport.port}: answers at address {self._settings.address}" + (
             f"; {said}" if said else ""
@@ -105,7 +109,8 @@ class ModbusLoadCell(LoadCell, Driver):
             values.append(self._sample())
         self._clock.sleep(start + max(duration_s, count / rate) - self._clock.now())
         samples = np.array(values)
-        return LoadReading(taken, float(np.mean(samples)), float(np.std(samples, ddof=1)), len(samples))
+        mean, spread = float(np.mean(samples)), float(np.std(samples, ddof=1))
+        return LoadReading(taken, mean, spread, len(samples), self._quantum_mv())
 
     def _sample(self) -> float:
         """One bridge voltage, mV; NaN where the amplifier itself answers no number.
@@ -128,6 +133,10 @@ class ModbusLoadCell(LoadCell, Driver):
             raise self._impossible(voltage, self._voltage_mv(signal, other_order(self._map.word_order)))
         negative = self._map.negative_bit is not None and status >> self._map.negative_bit & 1
         return -voltage if negative else voltage
+
+    def _quantum_mv(self) -> float:
+        chosen = self._settings
+        return chosen.division * quantum_mv(self._map, chosen.mv_per_count, chosen.excitation_v, self._bridge)
 
     def _voltage_mv(self, signal: list[int], word_order: str) -> float:
         value = decode(signal, self._map.signal.kind, word_order)
@@ -158,10 +167,24 @@ class ModbusLoadCell(LoadCell, Driver):
         firmware = "" if self._map.firmware is None else f", firmware {self._word(self._map.firmware)}"
         return f"id {number}{firmware}"
 
+    def _model(self) -> str:
+        """Refuse another model of the maker: nothing in its registers would be where it is looked for."""
+        preset = self._settings.preset
+        if preset not in ONE_MAKER or fits(self._map, self._word):
+            return ""
+        for other in ONE_MAKER:
+            if other != preset and fits(PRESETS[other], self._word):
+                raise self._error(
+                    f"its registers read like those of a {other}, not of the {preset} that is configured",
+                    f"give preset: {other} in rig.parts.load_cell, if that is what its label says",
+                )
+        return ""  # whichever register cannot be is named by the question that it belongs to
+
     def _unit(self) -> str:
         if self._map.unit is None:
             return ""
         code = self._word(self._map.unit)
+        code = code >> 8 if self._map.unit_byte == "high" else code
         if code >= len(self._map.units):
             raise self._error(
                 f"its unit reads {code}, which is none", "check that preset and address belong to this device"
@@ -196,9 +219,10 @@ class ModbusLoadCell(LoadCell, Driver):
         if self._map.adc_rate is None:
             return ""
         code = self._word(self._map.adc_rate)
-        if code >= len(self._map.adc_rates_hz):
+        if code not in self._map.adc_rates_hz:
             raise self._error(
-                f"its converter's rate reads {code}, which is none", "check that preset and address belong to it"
+                f"its converter's rate reads {code}, which is none of {', '.join(map(str, self._map.adc_rates_hz))}",
+                "check that preset and address belong to it",
             )
         rate = self._map.adc_rates_hz[code]
         if rate < self._settings.readings_per_s:

@@ -53,7 +53,10 @@ class MotorStage(Stage, Driver):
         self._settings = settings
         self._clock = clock
         self._overshoot = largest_overshoot_um
-        self._axis = NewportAxis(transport, settings.address, clock, settings.reply_timeout_s, settings.tries)
+        self._axis = NewportAxis(
+            transport, settings.address, clock, settings.reply_timeout_s, settings.tries, settings.driver
+        )
+        self.step_um = settings.resolution_um
         self._speed = math.nan  # um/s, of the next motion; NaN if it is not known for sure
         self._last_um = math.nan  # where it was seen last
         self._motor_off = False  # when it was seen last
@@ -105,7 +108,7 @@ class MotorStage(Stage, Driver):
         before = "" if trouble is None else f", before: {trouble[0]}"
         return (
             f"{DEVICE} on {self._transport.port}: {version}, at {self._position_um():.2f} um, "
-            f"{status.state.value[0]}, {self._approach_speed():.3g} um/s towards contact{before}"
+            f"{status.state.value}, {self._approach_speed():.3g} um/s towards contact{before}"
         )
 
     def close(self) -> None:
@@ -299,7 +302,12 @@ class MotorStage(Stage, Driver):
         for _ in range(round(PATIENCE_S / self._settings.poll_s)):
             self._clock.sleep(self._settings.poll_s)
             now = self._position_um()
-            standing = self._axis.status().state not in (AxisState.MOVING, AxisState.HOMING, AxisState.JOGGING)
+            standing = self._axis.status().state not in (
+                AxisState.MOVING,
+                AxisState.HOMING,
+                AxisState.JOGGING,
+                AxisState.TRACKING,
+            )
             if standing and abs(now - before) <= self._settings.resolution_um:
                 return now
             before = now
@@ -384,8 +392,10 @@ class MotorStage(Stage, Driver):
             if status.state is AxisState.DISABLED:
                 raise self._error("it is clamped (motor off)", "unlock it before it is moved")
             if status.state is AxisState.JOGGING:
-                raise self._error(f"it is {status.state.value[0]}", "let go of the keypad and end jogging there")
-            raise self._error(f"it is {status.state.value[0]}", "wait until it is ready, or switch it off and on again")
+                raise self._error(f"it is {status.state.value}", "let go of the keypad and end jogging there")
+            if status.state is AxisState.TRACKING:
+                raise self._error(f"it is {status.state.value}", "end that with the maker's program (TK0)")
+            raise self._error(f"it is {status.state.value}", "wait until it is ready, or switch it off and on again")
 
     def _lost_reference(self) -> DeviceError:
         cut = "its power was cut and came back: it" if self._axis.power_came_back else "it"

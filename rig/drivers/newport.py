@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import TypeVar
 
 from rig.drivers.newport_codes import (
     AxisStatus,
     CommandError,
+    Controller,
     ReplyError,
     parse_error,
     parse_number,
@@ -52,9 +54,19 @@ class NewportAxis:
         Time that a reply may take; None finds out from the first ones.
     tries
         How often a question is asked before the controller counts as silent.
+    controller
+        Which one it is, for its own codes; None takes those of either.
     """
 
-    def __init__(self, transport: Transport, address: int, clock: Clock, timeout_s: float | None, tries: int) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        address: int,
+        clock: Clock,
+        timeout_s: float | None,
+        tries: int,
+        controller: Controller | None = None,
+    ) -> None:
         self._transport = transport
         self._address = address
         self._clock = clock
@@ -64,6 +76,8 @@ class NewportAxis:
         self._tries = tries
         self.round_trip_s = 0.0
         """Longest time that one of the first replies took, s; 0 before they came."""
+        self._status = partial(parse_status, controller=controller)
+        self._error = partial(parse_error, controller=controller)
         self.repeated = 0
         """How many questions had to be asked again so far."""
         self.power_came_back = False
@@ -73,10 +87,10 @@ class NewportAxis:
 
     def status(self) -> AxisStatus:
         """Errors and state; errors count once two answers in a row name them."""
-        first = self._ask("TS", parse_status)
+        first = self._ask("TS", self._status)
         if not first.errors:
             return first
-        second = self._ask("TS", parse_status)
+        second = self._ask("TS", self._status)
         return AxisStatus(first.errors & second.errors, second.state, second.code)
 
     def position_mm(self) -> float:
@@ -169,7 +183,7 @@ class NewportAxis:
             for _ in range(self._tries):
                 self._watch_for_nul(self._transport.discard())
                 self._transport.write(self._line(command, value))
-                error = self._ask("TE", parse_error)
+                error = self._ask("TE", self._error)
                 if error is CommandError.NONE or error in so_already:
                     return
                 # a damaged line is not the operator's business as long as the next one gets through

@@ -1,18 +1,24 @@
 """What Newport's CONEX-CC and SMC100 controllers say, in their letters and in sentences.
 
-The facts are those on which public drivers of these controllers agree.
+Sources, for the makers' command manuals could not be had: qmi 0.54.2 (``single_axis_motion_controller.py``, tables of
+states and of positioner errors of the CONEX-CC), hvl_ccb 0.19.6 (``dev/newport/newport.py``, SMC100PP: letters of
+``TE``, errors, states), pystages (``smc100.py``) and SMC100Chained (``StatusLibrary``) for the SMC100. Where they
+agree and where not stands in docs/hardware.md.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum, IntFlag
+from typing import Literal
+
+Controller = Literal["conex-cc", "smc100"]
 
 LARGEST_NUMBER = 1e6  # mm, or any other quantity of these controllers
 
 
 class CommandError(Enum):
-    """Letters that ``TE`` answers after a command."""
+    """Letters that ``TE`` answers after a command; some only one of the controllers knows."""
 
     NONE = ("@", "")
     CODE = ("A", "the command or its address is not known to the controller")
@@ -29,18 +35,29 @@ class CommandError(Enum):
     HOMING = ("L", "not allowed while the stage looks for its reference")
     MOVING = ("M", "not allowed while the stage moves")
     SOFT_LIMIT = ("N", "the position is outside the soft limits")
+    TRACKING = ("P", "not allowed in tracking mode")
     TIMED_OUT = ("S", "communication timed out")
     EEPROM = ("U", "its memory failed")
     EXECUTION = ("V", "the command could not be carried out")
+    NOT_PP = ("W", "the command is not for the PP version of the controller")
+    NOT_CC = ("X", "the command is not for the CC version of the controller")
 
     @classmethod
-    def of(cls, letter: str) -> CommandError | None:
-        """Return the error of a letter; None if there is no such letter."""
-        return next((error for error in cls if error.value[0] == letter), None)
+    def of(cls, letter: str, controller: Controller | None = None) -> CommandError | None:
+        """Return the error of a letter; None if the controller (None: either) has no such letter."""
+        return next((e for e in cls if e.value[0] == letter and controller in (None, ONLY.get(e, controller))), None)
+
+
+ONLY: dict[CommandError, Controller] = {
+    CommandError.TRACKING: "conex-cc",  # a public CONEX-CC driver (class NewportConexCC, table errorDict)
+    CommandError.NOT_PP: "smc100",  # hvl_ccb, ControllerErrors
+    CommandError.NOT_CC: "smc100",
+}
+"""Letters that one controller has and the other has not."""
 
 
 class PositionerError(IntFlag):
-    """Bits of the error word in the answer to ``TS``."""
+    """Bits of the error word in the answer to ``TS``: qmi, hvl_ccb and pystages agree on all ten."""
 
     NEGATIVE_END = 0x001
     POSITIVE_END = 0x002
@@ -75,20 +92,49 @@ MEANINGS: dict[PositionerError, tuple[str, str]] = {
 
 
 class AxisState(Enum):
-    """State codes in the answer to ``TS``: the kind of state, and what it is called."""
+    """Kinds of state in the answer to ``TS``, by what they are called."""
 
-    NOT_REFERENCED = ("not referenced", tuple(range(0x0A, 0x11)))
-    CONFIGURATION = ("in configuration", (0x14,))
-    HOMING = ("looking for its reference", (0x1E, 0x1F))
-    MOVING = ("moving", (0x28,))
-    READY = ("ready", (0x32, 0x33, 0x34, 0x35, 0x36, 0x37, 0x38))
-    DISABLED = ("motor off", (0x3C, 0x3D, 0x3E, 0x3F))
-    JOGGING = ("moved by hand from its keypad (jogging)", (0x46, 0x47))
+    NOT_REFERENCED = "not referenced"
+    CONFIGURATION = "in configuration"
+    HOMING = "looking for its reference"
+    MOVING = "moving"
+    READY = "ready"
+    DISABLED = "motor off"
+    JOGGING = "moved by hand from its keypad (jogging)"
+    TRACKING = "in tracking mode"
 
     @classmethod
-    def of(cls, code: int) -> AxisState | None:
-        """Return the state of a code; None if there is no such code."""
-        return next((state for state in cls if code in state.value[1]), None)
+    def of(cls, code: int, controller: Controller | None = None) -> AxisState | None:
+        """Return the state of a code; None if the controller (None: either) has no such code."""
+        tables = STATES.values() if controller is None else (STATES[controller],)
+        return next((table[code] for table in tables if code in table), None)
+
+
+BOTH: dict[int, AxisState] = {
+    **dict.fromkeys(range(0x0A, 0x11), AxisState.NOT_REFERENCED),
+    0x14: AxisState.CONFIGURATION,
+    0x1E: AxisState.HOMING,
+    0x1F: AxisState.HOMING,  # by the SMC100's keypad; no source lists it for the CONEX-CC
+    0x28: AxisState.MOVING,
+    **dict.fromkeys((0x32, 0x33, 0x34), AxisState.READY),  # from homing, moving, disable
+    **dict.fromkeys((0x3C, 0x3D, 0x3E), AxisState.DISABLED),  # from ready, moving; 3E from tracking or jogging
+}
+STATES: dict[Controller, dict[int, AxisState]] = {
+    "conex-cc": {
+        **BOTH,
+        # READY T is ready in tracking mode (TK1), in which nobody says that a PA keeps to the velocity VA
+        **dict.fromkeys((0x36, 0x37, 0x38), AxisState.TRACKING),
+        0x3F: AxisState.DISABLED,
+        **dict.fromkeys((0x46, 0x47), AxisState.TRACKING),
+    },
+    "smc100": {
+        **BOTH,
+        0x11: AxisState.NOT_REFERENCED,  # from jogging
+        0x35: AxisState.READY,  # from jogging
+        **dict.fromkeys((0x46, 0x47), AxisState.JOGGING),
+    },
+}
+"""State codes of each controller: qmi for the CONEX-CC; hvl_ccb, pystages and SMC100Chained for the SMC100."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,12 +175,15 @@ def parse_reply(line: bytes, address: int, command: str) -> str:
     return text[len(prefix) :].strip(" ")
 
 
-def parse_status(value: str) -> AxisStatus:
-    """Return the status in the value of a ``TS`` reply: four hexadecimal digits of errors, two of state."""
+def parse_status(value: str, controller: Controller | None = None) -> AxisStatus:
+    """Return the status in the value of a ``TS`` reply: four hexadecimal digits of errors, two of state.
+
+    ``controller`` says whose codes these are; None takes either's.
+    """
     if len(value) != 6 or any(c not in "0123456789ABCDEFabcdef" for c in value):
         raise ReplyError(f"{value!r} is no status")
     errors, code = int(value[:4], 16), int(value[4:], 16)
-    state = AxisState.of(code)
+    state = AxisState.of(code, controller)
     if state is None:
         raise ReplyError(f"{code:02X} is no state")
     if errors & ~sum(PositionerError):
@@ -142,9 +191,9 @@ def parse_status(value: str) -> AxisStatus:
     return AxisStatus(PositionerError(errors), state, code)
 
 
-def parse_error(value: str) -> CommandError:
+def parse_error(value: str, controller: Controller | None = None) -> CommandError:
     """Return the error in the value of a ``TE`` reply."""
-    error = CommandError.of(value)
+    error = CommandError.of(value, controller)
     if error is None:
         raise ReplyError(f"{value!r} is no error letter")
     return error

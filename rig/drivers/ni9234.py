@@ -33,11 +33,14 @@ BUFFER_S = 4.0
 READ_MARGIN_S = 0.1
 MOST_RESTARTS = 3
 
-OVERRUNS = {-200279, -200222, -200613}
-"""NI-DAQmx: samples were overwritten, or acquisition stopped so that they would not be."""
+OVERRUNS = {-200279, -200222, -200613, -200361, -200714}
+"""NI-DAQmx: samples were overwritten, or acquisition stopped so that they would not be; the module's memory ran over
+(-200361), or its driver could not fetch in time (-200714). Names: nidaqmx ``error_codes.py``, DAQmxErrors
+SAMPLES_NO_LONGER_AVAILABLE, ACQ_STOPPED_TO_PREVENT_INPUT_BUFFER_OVERWRITE and ..._ONE_DATA_XFER_MECH,
+INPUT_FIFO_OVERFLOW_2, ACQ_STOPPED_DRIVER_CANT_XFER_DATA_FAST_ENOUGH."""
 
 TIMED_OUT = {-200284}
-"""NI-DAQmx: the samples have not come yet."""
+"""NI-DAQmx: the samples have not come yet (SAMPLES_NOT_YET_AVAILABLE)."""
 
 
 class Ni9234(Accelerometers, Driver):

@@ -1,20 +1,22 @@
 """Register maps of strain-gauge amplifiers as data: where each quantity stands, and how it is written.
 
-Offsets are zero-based. The presets come from the makers' manuals; where a manual is thin or contradicts itself (the
-word order of the Seneca), what was read is held against what a bridge can be when the device connects.
+Offsets are zero-based. What the presets say is from the makers' manuals and from public drivers, named beside each;
+where those are thin or contradict themselves (the word order of the Seneca), what was read is held against what a
+bridge can be when the device connects. docs/hardware.md lists what could not be verified.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from rig.section import Section
+from rig.errors import DeviceError, NoAnswer
+from rig.section import Positive, Section
 
 Offset = Annotated[int, Field(ge=0, le=65534)]
 Kind = Literal["uint16", "int16", "int32", "uint32", "float32"]
@@ -38,13 +40,27 @@ class Register(Section):
         return WORDS[self.kind]
 
 
+class Mark(Section):
+    """A register whose two bytes lie within these bounds in every device of the model, and hardly in another."""
+
+    offset: Offset
+    high: tuple[int, int] = (0, 255)
+    low: tuple[int, int] = (0, 255)
+
+    def fits(self, word: int) -> bool:
+        """Whether the register can read so."""
+        return self.high[0] <= word >> 8 <= self.high[1] and self.low[0] <= word & 0xFF <= self.low[1]
+
+
 class RegisterMap(Section):
     """Where an amplifier keeps what the driver needs.
 
     ``signal_is`` says what the signal register holds: ``counts`` of the converter (times ``mv_per_count``), ``mv``,
     ``mv_per_v`` (times ``excitation_v``), or ``load`` (over the full scale, times ratio and ``excitation_v``).
-    ``troubles`` are the status bits that make a reading worthless, with a sentence each; ``negative_bit`` is the one
-    that holds the sign of an unsigned signal.
+    ``quantum`` is the smallest step of a signal that the amplifier itself rounds (of a load: as a share of the full
+    scale); such a signal may stand still while the gauge lives. ``troubles`` are the status bits that make a reading
+    worthless, with a sentence each; ``negative_bit`` is the one that holds the sign of an unsigned signal. The rates
+    are given by their code, or as a list from code 0 on. ``marks`` tell the model from others of its maker.
     """
 
     table: Literal["holding", "input"] = "holding"
@@ -56,17 +72,25 @@ class RegisterMap(Section):
     negative_bit: Annotated[int, Field(ge=0, le=15)] | None = None
     identity: Offset | None = None
     firmware: Offset | None = None
+    marks: tuple[Mark, ...] = ()
+    quantum: Positive | None = None
     unit: Offset | None = None
+    unit_byte: Literal["low", "high"] = "low"
     units: tuple[str, ...] = ()
     ratio: Register | None = None
     full_scale: Register | None = None
     adc_rate: Offset | None = None
-    adc_rates_hz: tuple[float, ...] = ()
+    adc_rates_hz: dict[int, float] = Field(default_factory=dict)
+
+    @field_validator("adc_rates_hz", mode="before")
+    @classmethod
+    def _by_code(cls, rates: Any) -> Any:
+        return dict(enumerate(rates)) if isinstance(rates, list | tuple) else rates
 
     @model_validator(mode="after")
     def _whole(self) -> RegisterMap:
-        if self.signal_is == "load" and (self.ratio is None or self.full_scale is None):
-            raise ValueError("a signal that is a load needs the registers ratio and full_scale")
+        if (self.ratio is None) != (self.full_scale is None):
+            raise ValueError("ratio and full_scale are of use only together")
         if (self.troubles or self.negative_bit is not None) and self.status is None:
             raise ValueError("troubles and negative_bit are bits of the register status, which is not given")
         if self.reading_block()[1] > LARGEST_BLOCK:
@@ -81,24 +105,68 @@ class RegisterMap(Section):
         return low, high - low
 
 
-SENECA = RegisterMap(
-    signal=Register(offset=93, kind="int32"),
+SENECA_UNITS = ("kg", "g", "t", "lb", "l", "N", "bar", "atm", "other")  # Z-SG2 manual MI-005370 p. 42; ZE-SG3 scripts
+SENECA_NET, SENECA_GROSS = 63, 65  # float32; net: Z-SG manual MI002636 p. 17, both: ZE-SG3 scripts
+SENECA_STATUS = 77  # Z-SG2 manual p. 52; ZE-SG3 scripts
+FULL_SCALE_REACHED = {1: "its full scale is reached"}  # Z-SG2 manual p. 52
+POINTS_30000 = 1 / 30000  # of its full scale: what its weight can be rounded to, manuals of Z-SG and ZC-SG, p. 20
+
+# two independent public drivers of it, both by its manual MI00617: H. Rahman's ZESG3 class, and the constants of the
+# "ZE-SG3 Torque Acquisition"; they differ in the place of the rate (33 and 34: 34 is half of a float32 in the former)
+SENECA_ZE_SG3 = RegisterMap(
+    signal=Register(offset=93, kind="int32"),  # filtered; 91 is not
     signal_is="counts",
-    status=77,
-    troubles={1: "its full scale is reached"},
+    status=SENECA_STATUS,
+    troubles=FULL_SCALE_REACHED,
     identity=0,
     firmware=1,
+    marks=(Mark(offset=2, high=(0, 0), low=(0, 8)), Mark(offset=3, high=(0, 0), low=(0, 1))),  # unit; unipolar
     unit=2,
-    units=("kg", "g", "t", "lb", "l", "N", "bar", "atm", "other"),
+    units=SENECA_UNITS,
     ratio=Register(offset=13, kind="float32"),
     full_scale=Register(offset=15, kind="float32"),
     adc_rate=33,
-    adc_rates_hz=(960.0, 300.0, 150.0, 100.0, 60.0, 12.0, 4.7),
+    adc_rates_hz={0: 960.0, 1: 300.0, 2: 150.0, 3: 100.0, 4: 60.0, 5: 12.0, 6: 4.7},
 )
-# weights are magnitudes, their signs stand in the status; no raw signal: a weight of whole divisions is the signal
+# no raw signal is known of these two: their gross weight is the signal, for a tare does not shift it
+SENECA_Z_SG = RegisterMap(
+    signal=Register(offset=SENECA_GROSS, kind="float32"),
+    signal_is="load",
+    quantum=POINTS_30000,
+    identity=0,
+    firmware=1,
+    adc_rate=58,  # manual MI002636 p. 20, default 0x0052
+    adc_rates_hz={  # codes of the ZC-SG, manual p. 20, where 82 (0x52) is the default too
+        27: 151.71,
+        55: 74.46,
+        82: 49.95,
+        109: 37.59,
+        155: 50.57,
+        183: 24.82,
+        210: 16.65,
+        237: 12.53,
+    },
+)
+SENECA_Z_SG2 = RegisterMap(
+    signal=Register(offset=SENECA_GROSS, kind="float32"),
+    signal_is="load",
+    quantum=POINTS_30000,
+    status=SENECA_STATUS,
+    troubles=FULL_SCALE_REACHED,
+    identity=0,
+    firmware=1,
+    # manual MI-005370 p. 42: unit and unipolar; Modbus station and parity
+    marks=(Mark(offset=2, high=(0, 8), low=(0, 1)), Mark(offset=3, high=(1, 247), low=(0, 2))),
+    unit=2,
+    unit_byte="high",
+    units=SENECA_UNITS,
+)
+# offsets 0 to 9: LAUMAS TLU manual p. 30, TLB4 protocols manual. Weights are magnitudes, their signs stand in the
+# status; no raw signal: a weight of whole divisions is the signal
 LAUMAS = RegisterMap(
     signal=Register(offset=7, kind="uint32"),
     signal_is="counts",
+    quantum=1.0,
     status=6,
     troubles={
         0: "it reports a load-cell error",
@@ -111,7 +179,14 @@ LAUMAS = RegisterMap(
     identity=1,
     firmware=0,
 )
-PRESETS: dict[str, RegisterMap] = {"seneca-z-sg": SENECA, "seneca-ze-sg3": SENECA, "laumas-tlb": LAUMAS}
+PRESETS: dict[str, RegisterMap] = {
+    "seneca-z-sg": SENECA_Z_SG,
+    "seneca-z-sg2": SENECA_Z_SG2,
+    "seneca-ze-sg3": SENECA_ZE_SG3,
+    "laumas-tlb": LAUMAS,
+}
+ONE_MAKER = ("seneca-z-sg", "seneca-z-sg2", "seneca-ze-sg3")
+"""Presets that are easily taken for each other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +195,30 @@ class Bridge:
 
     ratio_mv_per_v: float = math.nan
     full_scale: float = math.nan
+
+
+def fits(settings_map: RegisterMap, word: Callable[[int], int]) -> bool:
+    """Whether a device reads like those of this map, as far as the map tells them from others.
+
+    ``word`` returns the register at an offset; a device that has no such register does not.
+
+    Raises
+    ------
+    NoAnswer
+        It does not answer at all.
+    """
+    try:
+        return _fits(settings_map, word)
+    except NoAnswer:
+        raise
+    except DeviceError:
+        return False
+
+
+def _fits(settings_map: RegisterMap, word: Callable[[int], int]) -> bool:
+    if settings_map.adc_rate is not None and word(settings_map.adc_rate) not in settings_map.adc_rates_hz:
+        return False
+    return all(mark.fits(word(mark.offset)) for mark in settings_map.marks)
 
 
 def decode(words: Sequence[int], kind: Kind, word_order: str) -> float:
@@ -184,3 +283,11 @@ def signal_mv(value: float, settings_map: RegisterMap, mv_per_count: float, exci
     if settings_map.signal_is == "mv_per_v":
         return value * excitation_v
     return value / cell.full_scale * cell.ratio_mv_per_v * excitation_v
+
+
+def quantum_mv(settings_map: RegisterMap, mv_per_count: float, excitation_v: float, cell: Bridge) -> float:
+    """Return the smallest step of a signal that the amplifier rounds, mV; 0 where it does not."""
+    if settings_map.quantum is None:
+        return 0.0
+    step = settings_map.quantum * (cell.full_scale if settings_map.signal_is == "load" else 1.0)
+    return abs(signal_mv(step, settings_map, mv_per_count, excitation_v, cell))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 
 from rig.drivers.modbus import ModbusDevice
 from rig.drivers.newport import NewportAxis
+from rig.drivers.registers import ONE_MAKER, PRESETS, fits
 from rig.drivers.settings import BAUD_RATES
 from rig.drivers.transport import SerialTransport, Transport
 from rig.errors import DeviceError, NoAnswer
@@ -70,8 +72,18 @@ def _stage(transport: Transport, clock: Clock) -> str:
 def _amplifier(transport: Transport, clock: Clock) -> str:
     device = ModbusDevice(transport, "rtu", ADDRESS, clock, REPLY_S, tries=1)
     try:
-        return f"a device on Modbus at address {ADDRESS}, its first register reads {device.read('holding', 0, 1)[0]}"
+        first = f"its first register reads {device.read('holding', 0, 1)[0]}"
     except NoAnswer:
         raise
     except DeviceError as error:  # an exception code is an answer too
-        return f"a device on Modbus at address {ADDRESS}, asked for its first register {error.what}"
+        first = f"asked for its first register {error.what}"
+    return f"a device on Modbus at address {ADDRESS}, {first}{_like(device)}"
+
+
+def _like(device: ModbusDevice) -> str:
+    """Say which of the presets that can be told apart it reads like."""
+    with suppress(NoAnswer):
+        for preset in ONE_MAKER:
+            if fits(PRESETS[preset], lambda offset: device.read("holding", offset, 1)[0]):
+                return f", and it reads like a {preset}"
+    return ""

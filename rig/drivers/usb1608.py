@@ -18,7 +18,7 @@ from rig.drivers.driver import Driver
 from rig.drivers.recorder_settings import Usb1608Settings
 from rig.drivers.usb1608_protocol import DEVICE, NoRecorder, Status, Usb1608Protocol, find
 from rig.drivers.usb1608_scale import Scale, check_wiring
-from rig.drivers.usb_transport import UsbDamaged, UsbFault, UsbGone, UsbMute, UsbSilent
+from rig.drivers.usb_transport import UsbDead, UsbFault, UsbGone, UsbMute, UsbOverrun, UsbSilent
 from rig.errors import RigError
 from rig.interface import Accelerometers, Clock
 from rig.readings import Block
@@ -140,7 +140,7 @@ class Usb1608(Accelerometers, Driver):
         try:
             device.stop_scan()  # a program that was killed may have left one running
             wired = zip(self._inputs, self._ranges_v, strict=True)
-            self._scale.calibrate([device.calibration(protocol.RANGES_V.index(r), i) for i, r in wired])
+            self._scale.calibrate([device.calibration(r, i) for i, r in wired])
         except RigError:
             device.transport.close()
             raise
@@ -220,7 +220,7 @@ class Usb1608(Accelerometers, Driver):
         device = self._opened()
         ranges = [0] * protocol.CHANNELS
         for channel, range_v in zip(self._inputs, self._ranges_v, strict=True):
-            ranges[channel] = protocol.RANGES_V.index(range_v)
+            ranges[channel] = protocol.RANGE_CODES[range_v]
         device.stop_scan()
         device.clear_fifo()
         device.set_ranges(ranges)
@@ -234,6 +234,8 @@ class Usb1608(Accelerometers, Driver):
             device = self._opened()
             device.stop_scan()
             device.clear_fifo()
+            if isinstance(fault, UsbOverrun):
+                device.clear_errors()
             device.clear_halt()
         self._start_scan()
         since = self._clock.now() - self._started_s
@@ -255,7 +257,7 @@ class Usb1608(Accelerometers, Driver):
             self._clock.sleep(LOOK_AGAIN_S)
 
     def _given_up(self, fault: UsbFault | None) -> RigError:
-        return RigError(f"{fault} (to start it again did not help)")
+        return RigError(str(fault) if isinstance(fault, UsbDead) else f"{fault} (to start it again did not help)")
 
     def _fill(self) -> bytes | array.array[int]:
         """Return the bytes of one block, however the device cuts them into transfers."""
@@ -281,9 +283,15 @@ class Usb1608(Accelerometers, Driver):
 
     def _explained(self, device: Usb1608Protocol, fault: UsbFault) -> UsbFault:
         """Return the fault in the words of the device's own status."""
-        transport, status = device.transport, device.status()
+        transport = device.transport
+        try:
+            status = device.status()
+        except UsbMute as mute:
+            if isinstance(fault, UsbSilent):
+                raise UsbDead(mute.device, mute.port, mute.what, mute.check) from fault
+            raise
         if Status.OVERRUN in status:
-            return UsbDamaged(
+            return UsbOverrun(
                 transport.name,
                 transport.port,
                 "its memory ran over, for this computer did not fetch the samples in time",
@@ -303,5 +311,5 @@ class Usb1608(Accelerometers, Driver):
 
 
 def _mute(*faults: UsbFault | None) -> bool:
-    """Whether one request after the other was not answered, so that asking again is a waste of time."""
-    return all(isinstance(fault, UsbMute) for fault in faults)
+    """Whether two transfers in a row were not answered, so that asking again is a waste of time."""
+    return isinstance(faults[-1], UsbDead) or all(isinstance(fault, UsbMute) for fault in faults)

@@ -1,19 +1,21 @@
 """Requests of the MCC USB-1608FS-Plus: eight 16-bit inputs sampled together, paced by the device's own clock.
 
-Source: the public Linux driver set for these devices. Two requests are left out on purpose: 0x50 erases the
-program memory, and writing 0x30 the calibration.
+Sources: the maker's library uldaq (``AiUsb1608fsPlus.cpp``, ``Usb1608fsPlus.cpp``), W. Jasper's Linux drivers
+(``usb-1608FS-Plus.c`` and ``.h``), the maker's user's guide (ranges: p. 11). Two requests are left out on purpose: 0x50
+erases the program memory, and writing 0x30 the calibration.
 """
 
 from __future__ import annotations
 
 import array
+import contextlib
 import math
 import struct
 from enum import IntEnum, IntFlag
 
 from usb.backend import IBackend
 
-from rig.drivers.usb_transport import UsbTransport, connected
+from rig.drivers.usb_transport import UsbStalled, UsbTransport, connected
 from rig.errors import RigError
 
 VENDOR, PRODUCT = 0x09DB, 0x00EA
@@ -28,7 +30,9 @@ BASE_CLOCK_HZ = 40e6
 HIGHEST_RATE_HZ = 100e3
 CHANNELS = 8
 BITS = 16
-RANGES_V = (10.0, 5.0, 2.5, 2.0, 1.25, 1.0, 0.625, 0.3125)
+RANGE_CODES = {10.0: 0, 5.0: 1, 2.0: 3, 1.0: 5}
+"""Ranges, plus and minus volts, and their codes: those sold, by the user's guide p. 11, DAQFlex specification p. 30,
+uldaq (``mapRangeCode`` refuses others) and Jasper's C driver. The codes between are in one Python driver alone."""
 
 LARGEST_SLOPE_ERROR = 0.2
 LARGEST_INTERCEPT = 4096.0
@@ -49,7 +53,7 @@ class Request(IntEnum):
     SCAN_RANGES = 0x14
     CLEAR_FIFO = 0x15
     CALIBRATION = 0x30
-    STATUS = 0x44
+    STATUS = 0x44  # written, it clears the errors: Jasper's C driver, usbStatus_USB1608FS_Plus
     SERIAL_NUMBER = 0x48
 
 
@@ -101,9 +105,9 @@ class Usb1608Protocol:
             raise self.transport.damaged(f"its serial number reads {answer!r}")
         return text
 
-    def calibration(self, range_code: int, channel: int) -> tuple[float, float]:
+    def calibration(self, range_v: float, channel: int) -> tuple[float, float]:
         """Return slope and intercept, in codes, of one input at one range."""
-        address = (range_code * CHANNELS + channel) * 8
+        address = (RANGE_CODES[range_v] * CHANNELS + channel) * 8
         answer = self.transport.ask(Request.CALIBRATION, 8, address)
         if len(answer) != 8:
             raise self.transport.damaged(f"its calibration memory gave {len(answer)} of 8 bytes")
@@ -111,7 +115,7 @@ class Usb1608Protocol:
         # written so that a NaN is refused too
         if not (abs(slope - 1) <= LARGEST_SLOPE_ERROR and abs(intercept) <= LARGEST_INTERCEPT):
             raise self.transport.unusable(
-                f"the calibration of input {channel} at {RANGES_V[range_code]:g} V is slope {slope:g}, "
+                f"the calibration of input {channel} at {range_v:g} V is slope {slope:g}, "
                 f"intercept {intercept:g}, which cannot be",
                 "have it calibrated",
             )
@@ -139,6 +143,11 @@ class Usb1608Protocol:
     def clear_fifo(self) -> None:
         """Forget what was sampled and not read."""
         self.transport.send(Request.CLEAR_FIFO)
+
+    def clear_errors(self) -> None:
+        """Have the status forget an overrun; a device that does not know of this forgets it with the next scan."""
+        with contextlib.suppress(UsbStalled):
+            self.transport.send(Request.STATUS)
 
     def clear_halt(self) -> None:
         """Take the data endpoint back into use after a stall."""
@@ -183,7 +192,7 @@ def find(serial_number: str | None, backend: IBackend | None = None) -> tuple[Us
     RigError
         There is none, there are several and none was named, or only others answer.
     """
-    devices = connected(VENDOR, PRODUCT, backend)
+    devices = connected(VENDOR, PRODUCT, backend, DEVICE)
     if not devices:
         raise NoRecorder(f"{DEVICE}: there is none on USB; check its cable and the hub")
     if serial_number is None and len(devices) > 1:

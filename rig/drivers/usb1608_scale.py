@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.drivers.usb1608_protocol import BITS, CHANNELS, NAME, RANGES_V
+from rig.drivers.usb1608_protocol import BITS, CHANNELS, NAME, RANGE_CODES
 from rig.errors import RigError
 from rig.settings import Wiring
 
@@ -55,10 +55,10 @@ def check_wiring(wiring: Wiring) -> None:
     RigError
         Names the key, its value and what is possible.
     """
-    possible = ", ".join(f"{r:g}" for r in RANGES_V)
+    possible = ", ".join(f"{r:g}" for r in RANGE_CODES)
     for key in ("input_range_v", "strain_gauge_range_v"):
         range_v = getattr(wiring, key)
-        if range_v not in RANGES_V:
+        if range_v not in RANGE_CODES:
             raise RigError(f"rig.wiring.{key}: the {NAME} has no range of {range_v:g} V; it has {possible}")
     if max(wiring.inputs()) >= CHANNELS:
         raise RigError(f"rig.wiring: the {NAME} has no input {max(wiring.inputs())}; its inputs are 0 to 7")

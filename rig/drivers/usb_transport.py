@@ -18,8 +18,10 @@ from rig.errors import DeviceError, RigError
 VENDOR_OUT, VENDOR_IN = 0x40, 0xC0
 """bmRequestType of vendor requests to the device."""
 
-CONTROL_TIMEOUT_MS = 50
-"""A control transfer takes a few milliseconds; this long without an answer is silence."""
+CONTROL_TIMEOUT_MS = 100
+"""This long without an answer to a control transfer is silence: the shortest that a public driver of the recorder takes
+(Jasper's Python driver 100 ms, 200 for the start of a scan; his C driver 2000, uldaq 1000). Not more, for while it is
+waited for nobody watches the load, and two in a row have to fit into the half second until the surfaces are apart."""
 
 PLUG_AGAIN = "plug it out and in again"
 
@@ -43,16 +45,24 @@ class UsbMute(UsbSilent):
     """Not even a request was answered in time."""
 
 
+class UsbDead(UsbMute):
+    """Neither samples came nor an answer: asking once more would only cost time."""
+
+
 class UsbDamaged(UsbFault):
     """What came is not what was asked for."""
+
+
+class UsbOverrun(UsbDamaged):
+    """The device's memory ran over."""
 
 
 class UsbGone(UsbFault):
     """The device is no longer on the bus; it has to be looked for and opened again."""
 
 
-def connected(vendor: int, product: int, backend: IBackend | None = None) -> list[Any]:
-    """Return the devices on the bus with these numbers, as pyusb devices.
+def connected(vendor: int, product: int, backend: IBackend | None = None, name: str = "USB") -> list[Any]:
+    """Return the devices on the bus with these numbers, called ``name`` in errors, as pyusb devices.
 
     Raises
     ------
@@ -62,9 +72,9 @@ def connected(vendor: int, product: int, backend: IBackend | None = None) -> lis
     try:
         return list(usb.core.find(find_all=True, backend=backend, idVendor=vendor, idProduct=product))
     except usb.core.NoBackendError as error:
-        raise RigError("USB: libusb is not installed; on Debian: apt-get install libusb-1.0-0") from error
+        raise RigError(f"{name}: libusb is not installed; on Debian: apt-get install libusb-1.0-0") from error
     except usb.core.USBError as error:
-        raise RigError(f"USB: the bus cannot be listed ({error.strerror}); plug the hub in again") from error
+        raise RigError(f"{name}: the bus cannot be listed ({error.strerror}); plug the hub in again") from error
 
 
 class UsbTransport:

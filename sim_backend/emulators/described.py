@@ -52,7 +52,7 @@ def described_table(registers: Any) -> Table:
     if status is not None:
         live.append(Live(status, tables.STATUS, "uint16"))
     constants = {"firmware": tables.FIRMWARE, "unit": tables.UNIT_NEWTON}
-    rates = dict(enumerate(getattr(registers, "adc_rates_hz", ())))
+    rates: dict[int, float] = dict(getattr(registers, "adc_rates_hz", {}))
     return Table(
         size=SIZE,
         constants={offset: value for name, value in constants.items() if (offset := place(name)) is not None},
@@ -63,7 +63,7 @@ def described_table(registers: Any) -> Table:
         functions=(tables.READ_HOLDING, tables.READ_INPUT),
         rates_hz=rates,
         rate=place("adc_rate"),
-        rate_code=0,
+        rate_code=max(rates, key=rates.__getitem__, default=0),  # set up as fast as it goes
         word_order=registers.word_order,
         negative_bit=place("negative_bit"),
     )

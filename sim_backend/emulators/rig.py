@@ -40,7 +40,7 @@ from sim_backend.rig import SimulatedRig
 from sim_backend.settings import SimBackendSettings
 
 DEFAULT_AMPLIFIER = AmplifierRtu(driver="modbus-rtu", preset="seneca-ze-sg3", port="/dev/ttyUSB0")
-DEFAULT_STAGE = NewportStage(driver="conex-cc", port="/dev/ttyUSB1")
+DEFAULT_STAGE = NewportStage(driver="conex-cc", port="/dev/ttyUSB1", resolution_um=0.02)
 PATIENCE_S = 2.0  # real time that an emulated device is given by a busy machine before it counts as silent
 
 

@@ -133,6 +133,11 @@ def test_complaint_about_a_gauge_without_noise():
     assert "no noise at all" in complaint
 
 
+def test_no_complaint_about_a_gauge_that_rounds_its_noise_away():
+    load = np.array([0, 500, 1000, 1000, 500, 0.0])
+    assert check_points(CalibrationPoints(load, 0.042 * load, "", quantum_mv=0.042), SETTINGS, 0.042) == []
+
+
 def test_complaint_about_a_frozen_gauge():
     load = np.array([0, 500, 1000.0])
     (complaint,) = check_points(CalibrationPoints(load, np.full(3, 0.35), ""), SETTINGS, 0.042)

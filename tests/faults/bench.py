@@ -28,7 +28,8 @@ QUICK = (
 )
 PORTS = (
     "rig.parts.load_cell={driver: modbus-rtu, preset: seneca-ze-sg3, port: /dev/ttyUSB0, expected_id: 14}",
-    "rig.parts.stage={driver: conex-cc, port: /dev/ttyUSB1, zero_mm: 0.2, expected_identity: CONEX-CC}",
+    "rig.parts.stage={driver: conex-cc, port: /dev/ttyUSB1, zero_mm: 0.2, resolution_um: 0.02, "
+    "expected_identity: CONEX-CC}",
     "rig.parts.accelerometers={driver: usb-1608fs-plus, serial_number: 01D2E3F4}",
 )
 FLOAT_MAP = (
@@ -37,7 +38,8 @@ FLOAT_MAP = (
 )
 TCP = (
     "rig.parts.load_cell={driver: modbus-tcp, preset: seneca-ze-sg3, host: 192.168.1.5, expected_id: 14}",
-    "rig.parts.stage={driver: smc100, port: /dev/ttyUSB1, zero_mm: 0.2, expected_identity: SMC_CC}",
+    "rig.parts.stage={driver: smc100, port: /dev/ttyUSB1, zero_mm: 0.2, resolution_um: 0.02, "
+    "expected_identity: SMC_CC}",
 )
 SOLENOID = (
     "rig.parts.load_cell={driver: modbus-rtu, port: /dev/ttyUSB0, registers: {signal: {offset: 65, kind: float32}, "

@@ -234,7 +234,10 @@ def any_registers_of_an_amplifier(place: Path) -> Target:
         server = ModbusServer(Registers({2: 5, 13: 0x4000, 15: 0x4120, **changed}), 1, "rtu")
         clock = VirtualClock()
         wire = InProcessTransport("a device", "/dev/ttyX", server, clock)
-        cell = ModbusLoadCell(wire, "rtu", AmplifierRtu(driver="modbus-rtu", preset=preset, port="/dev/ttyX"), clock)
+        weighs = PRESETS[preset].signal_is == "load"
+        of = {"cell_ratio_mv_per_v": 2.0, "cell_full_scale": 10.0} if weighs else {}
+        chosen = AmplifierRtu(driver="modbus-rtu", preset=preset, port="/dev/ttyX", **of)
+        cell = ModbusLoadCell(wire, "rtu", chosen, clock)
         wire.open()
         for action in (cell.connect, cell.read):
             try:

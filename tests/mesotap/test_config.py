@@ -128,3 +128,23 @@ def test_no_structure_is_more_than_refused(content):
         parse_config(yaml.safe_dump(content))
     except ConfigError as refusal:
         assert str(refusal)
+
+
+TRA12CC = "rig.parts.stage={driver: conex-cc, port: /dev/ttyUSB1, actuator: tra12cc}"
+
+
+def test_a_tolerance_finer_than_the_stage_can_hold_is_refused_with_what_to_do():
+    with pytest.raises(ConfigError, match=r"load_tolerance_mn of 6 cannot be held: .* 55\.4 mN .* give at least 28"):
+        parse_config("", changes=[TRA12CC])
+    parse_config("", changes=[TRA12CC, "mesotap.load_tolerance_mn=28"])
+    soft = ["rig.springs={k1_n_per_m: 110000, k2_n_per_m: 110000}", "rig.limits={clearance_um: 110}"]
+    parse_config("", changes=[TRA12CC, *soft])
+
+
+def test_the_simulated_stage_is_not_held_to_what_is_sold():
+    parse_config("", changes=["sim_backend.stage.resolution_um=0.2"])
+
+
+def test_a_step_towards_contact_smaller_than_the_stages_is_refused():
+    with pytest.raises(ConfigError, match=r"largest_approach_step_um of 0\.1 is less than a step of the stage, 0\.2"):
+        parse_config("", changes=[TRA12CC, "mesotap.load_tolerance_mn=28", "rig.limits.largest_approach_step_um=0.1"])

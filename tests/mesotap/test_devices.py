@@ -17,7 +17,7 @@ from tests.mesotap.benches import small_config
 
 REAL = [
     "rig.parts.load_cell={driver: modbus-tcp, preset: seneca-ze-sg3, host: 127.0.0.1, tcp_port: 1}",
-    "rig.parts.stage={driver: conex-cc, port: /nowhere/ttyUSB1, home_at_connect: true}",
+    "rig.parts.stage={driver: conex-cc, port: /nowhere/ttyUSB1, resolution_um: 0.02, home_at_connect: true}",
 ]
 ALL = ["noise floor", "gauge zero", "stage step", "tap"]
 

@@ -20,7 +20,7 @@ from tests.mesotap.benches import Silent, new_runner, runner_in, small_config
 from tests.mesotap.test_killed import accepted, child, content, finish, silent
 
 TCP = "rig.parts.load_cell={driver: modbus-tcp, preset: seneca-ze-sg3, host: 192.168.1.5}"
-SMC = "rig.parts.stage={driver: smc100, port: /dev/ttyUSB1, zero_mm: 1.5}"
+SMC = "rig.parts.stage={driver: smc100, port: /dev/ttyUSB1, zero_mm: 1.5, resolution_um: 0.02}"
 MILLIVOLTS = (
     "rig.parts.load_cell={driver: modbus-tcp, host: h, registers: {signal: {offset: 2, kind: float32}, signal_is: mv, "
     "word_order: low_first, table: input}}"
@@ -179,7 +179,7 @@ def test_a_rig_without_devices_says_which_are_missing():
 
 REAL = (
     "rig.parts.load_cell={driver: modbus-tcp, preset: seneca-ze-sg3, host: 127.0.0.1, tcp_port: 1}",
-    "rig.parts.stage={driver: conex-cc, port: /nowhere/ttyUSB1}",
+    "rig.parts.stage={driver: conex-cc, port: /nowhere/ttyUSB1, resolution_um: 0.02}",
     "rig.parts.accelerometers={driver: usb-1608fs-plus}",
 )
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
+
 import pytest
 
 from mesotap.bench import simulated_rig
 from mesotap.session.states import State
-from rig import GaugeScale, InterlockRefusal, RigError, StaleReading
+from rig import GaugeScale, InterlockRefusal, LoadReading, RigError, StaleReading
 from rig.interlock import Interlock
 from tests.mesotap.benches import new_runner, small_config
 
@@ -171,9 +173,86 @@ def test_a_stage_that_cannot_retract_is_told_and_not_hidden():
     config = small_config()
     rig, interlock = interlock_of(config)
 
-    def stuck(step_um, aim=""):
+    def stuck(travel_um, aim=""):
         raise RigError("stage: motor stalled")
 
     with pytest.raises(RigError, match=r"motor stalled.*by hand"), interlock:
         interlock.approach()
-        rig.stage.move_by = stuck
+        rig.stage.retract = stuck
+
+
+# --- stages and gauges as they are sold
+
+
+@pytest.mark.parametrize("backlash_um", [0.0, 2.0, 5.0])
+def test_a_load_is_set_in_few_steps_with_the_steps_of_an_actuator(backlash_um):
+    """900 mN within 28: half of what 0.2 um (TRA12CC, CMA25CCL) makes on these springs; up, and down and up again."""
+    config = small_config(f"sim_backend.stage={{resolution_um: 0.2, backlash_um: {backlash_um}, speed_um_per_s: 50.0}}")
+    rig, interlock = interlock_of(config)
+    moves = []
+    move_by = rig.stage.move_by
+    rig.stage.move_by = lambda step_um, aim="": moves.append(step_um) or move_by(step_um, aim)
+    with interlock:
+        interlock.approach()
+        for target, most in ((900.0, 10), (500.0, 35), (900.0, 10)):
+            moves.clear()
+            assert interlock.set_load(target, 28.0) == pytest.approx(target, abs=28.0)
+            assert rig.true_load_mn() == pytest.approx(target, abs=30.0)
+            assert len(moves) <= most
+            assert moves[-1] > 0
+    assert rig.peak_true_load_mn <= 900.0 + 30.0
+
+
+def test_no_step_of_the_approach_is_larger_than_allowed():
+    config = small_config("sim_backend.stage={resolution_um: 0.2, backlash_um: 0, speed_um_per_s: 50.0}")
+    rig, interlock = interlock_of(config)
+    places = []
+    begin = rig.stage.begin
+    rig.stage.begin = lambda *where: (places.append(rig.stage.knob_um), begin(*where))[1]
+    with interlock:
+        interlock.approach()
+        places.append(rig.stage.knob_um)
+        assert max(b - a for a, b in itertools.pairwise(places)) <= 0.5
+
+
+class Rounded:
+    """An amplifier that filters and shows whole divisions of 1 mN, as a Laumas does."""
+
+    def __init__(self, rig, quantum_mn: float = 1.0) -> None:
+        self.read = rig.load_cell.read
+        self.quantum_mv = 0.042 * quantum_mn
+        self.held: float | None = None
+        self.stuck = False
+        rig.load_cell.read = self
+
+    def __call__(self, duration_s: float = 0.1) -> LoadReading:
+        reading = self.read(duration_s)
+        if not self.stuck or self.held is None:
+            self.held = round(reading.voltage_mv / self.quantum_mv) * self.quantum_mv
+        return LoadReading(reading.time_s, self.held, 0.0, reading.samples, self.quantum_mv)
+
+
+def test_a_gauge_of_whole_divisions_is_not_taken_for_a_dead_one(tmp_path):
+    """Noise of 0.05 mN under divisions of 1 mN: the same number for as long as the stage stands."""
+    config = small_config("sim_backend.gauge.noise_mv=0.0021", "sim_backend.gauge.offset_mv=0.359")
+    rig = simulated_rig(config)
+    Rounded(rig)
+    folder, runner = new_runner(tmp_path / "session", config, rig)
+    with folder:
+        runner.run()
+        assert sum(shot.accepted for shot in folder.shots()) == 4
+
+
+@pytest.mark.parametrize("at_mn", [100.0, 500.0])
+def test_a_gauge_of_whole_divisions_that_stands_still_while_the_stage_goes_on_is_dead(at_mn):
+    config = small_config("sim_backend.gauge.noise_mv=0.0021")
+    rig, interlock = interlock_of(config)
+    rounded = Rounded(rig)
+    with pytest.raises(StaleReading, match="the same to the last digit"), interlock:
+        interlock.approach()
+        interlock.set_load(at_mn, 10.0)
+        rounded.stuck = True
+        for _ in range(20):
+            interlock.move_by(0.1)
+    assert rig.peak_true_load_mn <= at_mn + 10.0 + 4 * 0.1 * 277
+    assert rig.true_load_mn() == 0.0

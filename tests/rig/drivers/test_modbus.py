@@ -11,7 +11,7 @@ from rig.drivers.amplifier import ModbusLoadCell
 from rig.drivers.modbus import ModbusDevice, ModbusFault
 from rig.drivers.registers import PRESETS, Register, RegisterMap, decode, encode
 from rig.drivers.settings import AmplifierRtu
-from tests.rig.drivers.wire_dialogue import SILENCE, Dialogue, rtu
+from tests.rig.drivers.wire_dialogue import SILENCE, Dialogue, Registers, rtu
 
 ASK = rtu(1, 3, 0, 77, 0, 2)
 GOOD = rtu(1, 3, 4, 0x12, 0x34, 0x56, 0x78)
@@ -112,28 +112,123 @@ def words(value, kind="float32", order="high_first") -> list[int]:
     return [octet for word in encode(value, kind, order) for octet in word.to_bytes(2, "big")]
 
 
-def seneca(ratio=2.0, full_scale=10.0, unit=5, rate=3, order="high_first", **settings):
-    """An amplifier that is being connected, up to its last answer."""
-    wire = Dialogue(
-        (rtu(1, 3, 0, 0, 0, 1), rtu(1, 3, 2, 0, 14)),
-        (rtu(1, 3, 0, 1, 0, 1), rtu(1, 3, 2, 0, 112)),
-        (rtu(1, 3, 0, 2, 0, 1), rtu(1, 3, 2, 0, unit)),
-        (rtu(1, 3, 0, 13, 0, 2), rtu(1, 3, 4, *words(ratio, order=order))),
-        (rtu(1, 3, 0, 15, 0, 2), rtu(1, 3, 4, *words(full_scale, order=order))),
-        (rtu(1, 3, 0, 33, 0, 1), rtu(1, 3, 2, 0, rate)),
-        *settings.pop("then", ()),
-    )
-    chosen = AmplifierRtu(driver="modbus-rtu", preset="seneca-z-sg", port="/dev/ttyX", **settings)
+def bank(*numbers, order="high_first", **words_at) -> dict[int, int]:
+    """Registers: pairs of an offset and a float32, and words such as ``r2=5``."""
+    held = {int(name[1:]): word for name, word in words_at.items()}
+    for offset, number in numbers:
+        held |= dict(enumerate(encode(number, "float32", order), offset))
+    return held
+
+
+def ze_sg3(ratio=2.0, full_scale=10.0, unit=5, rate=3, order="high_first", signal=0, status=0) -> dict[int, int]:
+    """Registers of a ZE-SG3 as its public drivers place them."""
+    rest = dict.fromkeys(range(77, 95), 0)
+    held = bank((13, ratio), (15, full_scale), order=order, r0=14, r1=112, r2=unit, r3=0, r33=rate)
+    return {**rest, **held, 77: status, **dict(enumerate(encode(signal, "int32", "high_first"), 93))}
+
+
+def z_sg(weight=1.0, code=27) -> dict[int, int]:
+    """Registers of a Z-SG: unit and station as in the Z-SG2, its sampling code at 58, no register past 89."""
+    return {**dict.fromkeys(range(90), 0), **bank((65, weight), r0=9, r1=3, r2=0x0500, r3=0x0100, r58=code)}
+
+
+def z_sg2(weight=1.0, status=0) -> dict[int, int]:
+    """Registers of a Z-SG2: N and bipolar in offset 2, station 1 and no parity in 3 (manual p. 42)."""
+    return {**dict.fromkeys(range(90), 0), **bank((65, weight), r0=10, r1=3, r2=0x0500, r3=0x0100, r77=status)}
+
+
+WEIGHT = {"cell_ratio_mv_per_v": 2.0, "cell_full_scale": 10.0}
+
+
+def cell_of(held, preset="seneca-ze-sg3", **settings):
+    wire = Registers(held)
+    chosen = AmplifierRtu(driver="modbus-rtu", preset=preset, port="/dev/ttyX", **settings)
     return wire, ModbusLoadCell(wire, "rtu", chosen, wire.clock)
 
 
+def seneca(order="high_first", expected_id=None, **held):
+    return cell_of(ze_sg3(order=order, **held), expected_id=expected_id)
+
+
 def test_connecting_says_what_answers():
-    wire, cell = seneca()
+    _, cell = seneca()
     assert cell.connect() == (
         "strain-gauge amplifier on /dev/ttyX: answers at address 1; id 14, firmware 112, unit N, 2 mV/V at 10, "
         "100 readings/s"
     )
-    wire.finished()
+
+
+@pytest.mark.parametrize(
+    ("device", "preset", "right"),
+    [
+        (z_sg(), "seneca-ze-sg3", "seneca-z-sg"),
+        (z_sg2(), "seneca-ze-sg3", "seneca-z-sg2"),
+        (ze_sg3(), "seneca-z-sg2", "seneca-ze-sg3"),
+        (ze_sg3(), "seneca-z-sg", "seneca-ze-sg3"),
+        (z_sg2(), "seneca-z-sg", "seneca-z-sg2"),
+    ],
+)
+def test_another_model_is_refused_by_its_name(device, preset, right):
+    _, cell = cell_of(device, preset, **({} if preset == "seneca-ze-sg3" else WEIGHT))
+    with pytest.raises(
+        DeviceError,
+        match=f"read like those of a {right}, not of the {preset} that is configured; give preset: {right}",
+    ):
+        cell.connect()
+
+
+@pytest.mark.parametrize(("device", "preset"), [(z_sg(), "seneca-z-sg"), (z_sg2(), "seneca-z-sg2")])
+def test_a_weight_becomes_the_voltage_of_the_bridge(device, preset):
+    """1 N of 10 N at 2 mV/V and 5 V is 1 mV."""
+    _, cell = cell_of(device, preset, **WEIGHT)
+    cell.connect()
+    assert cell.read(0.02).voltage_mv == pytest.approx(1.0)
+
+
+def test_a_z_sg_as_delivered_is_too_slow_for_100_readings_a_second():
+    """Its sampling code is 0x0052 by default (manual p. 20): 49.95 Hz."""
+    _, cell = cell_of(z_sg(code=0x52), "seneca-z-sg", **WEIGHT)
+    with pytest.raises(DeviceError, match=r"makes 49\.95 readings a second, fewer than the 100 asked for"):
+        cell.connect()
+    _, cell = cell_of(z_sg(code=0x52), "seneca-z-sg", readings_per_s=25, **WEIGHT)
+    assert cell.connect().endswith("49.95 readings/s")
+
+
+def test_a_z_sg2_says_its_unit_in_the_high_byte():
+    assert "unit N" in cell_of(z_sg2(), "seneca-z-sg2", **WEIGHT)[1].connect()
+
+
+@pytest.mark.parametrize("preset", ["seneca-z-sg", "seneca-z-sg2"])
+def test_a_weight_needs_to_know_of_which_cell(preset):
+    with pytest.raises(ValueError, match="give cell_ratio_mv_per_v and cell_full_scale as they are set"):
+        AmplifierRtu(driver="modbus-rtu", preset=preset, port="/dev/ttyX", cell_full_scale=10.0)
+    with pytest.raises(ValueError, match="are of no use"):
+        AmplifierRtu(driver="modbus-rtu", preset="seneca-ze-sg3", port="/dev/ttyX", **WEIGHT)
+
+
+def test_a_weight_past_the_full_scale_is_no_reading():
+    _, cell = cell_of(z_sg2(status=2), "seneca-z-sg2", **WEIGHT)
+    with pytest.raises(DeviceError, match="full scale is reached"):
+        cell.read(0.02)
+
+
+@pytest.mark.parametrize(
+    ("cell", "quantum_mv"),
+    [
+        (cell_of(ze_sg3()), 0.0),
+        (cell_of(z_sg(), "seneca-z-sg", **WEIGHT), 10.0 / 30000),
+        (cell_of({6: 0, 7: 0, 8: 5}, "laumas-tlb", mv_per_count=0.042), 0.042),
+        (cell_of({6: 0, 7: 0, 8: 5}, "laumas-tlb", mv_per_count=0.042, division=5), 0.21),
+    ],
+    ids=["converter", "weight of 30000 points", "divisions", "divisions of 5"],
+)
+def test_a_gauge_that_rounds_says_by_how_much(cell, quantum_mv):
+    assert cell[1].read(0.02).quantum_mv == pytest.approx(quantum_mv)
+
+
+def test_rates_may_be_a_list_from_code_0_on():
+    own = RegisterMap(signal=Register(offset=2, kind="int32"), adc_rate=1, adc_rates_hz=[50.0, 200.0])
+    assert own.adc_rates_hz == {0: 50.0, 1: 200.0}
 
 
 @pytest.mark.parametrize(
@@ -147,7 +242,7 @@ def test_connecting_says_what_answers():
         ({"full_scale": float("nan")}, "which no bridge has"),
         ({"unit": 77}, "its unit reads 77, which is none"),
         ({"rate": 5}, "makes 12 readings a second, fewer than the 100 asked for"),
-        ({"rate": 9}, "its converter's rate reads 9"),
+        ({"rate": 9}, "its converter's rate reads 9, which is none of 0, 1, 2, 3, 4, 5, 6"),
         ({"expected_id": 3}, "it is number 14, not the 3 of rig.parts.load_cell.expected_id"),
     ],
     ids=["word order", "ratio", "full scale", "unit", "rate", "rate code", "identity"],
@@ -159,18 +254,18 @@ def test_what_cannot_be_is_refused_when_connecting(wrong, said):
     assert str(refused.value).startswith("strain-gauge amplifier on /dev/ttyX: ")
 
 
-def block(code: int, status: int = 0) -> bytes:
-    """Registers 77 to 94 of a Seneca."""
-    octets = [*status.to_bytes(2, "big"), *[0] * 30, *words(code, "int32")]
-    return rtu(1, 3, 36, *octets)
-
-
 READ = rtu(1, 3, 0, 77, 0, 18)
 
 
+def block(code: int) -> bytes:
+    """Registers 77 to 94 of a ZE-SG3."""
+    return rtu(1, 3, 36, *[0] * 32, *words(code, "int32"))
+
+
 def test_a_reading_is_the_mean_of_readings_at_a_steady_rate():
-    wire, cell = seneca(then=[(READ, block(65536 * k)) for k in (1, 2, 3)])
-    cell.connect()
+    wire = Dialogue(*[(READ, block(65536 * k)) for k in (1, 2, 3)])
+    chosen = AmplifierRtu(driver="modbus-rtu", preset="seneca-ze-sg3", port="/dev/ttyX")
+    cell = ModbusLoadCell(wire, "rtu", chosen, wire.clock)
     begun = wire.clock.now()
     reading = cell.read(0.03)
     assert reading.voltage_mv == 2.0
@@ -181,7 +276,7 @@ def test_a_reading_is_the_mean_of_readings_at_a_steady_rate():
 
 
 def test_full_scale_is_an_error_and_not_a_reading():
-    _wire, cell = seneca(then=[(READ, block(2**23 - 1, status=2))])
+    _, cell = seneca(signal=2**23 - 1, status=2)
     cell.connect()
     with pytest.raises(DeviceError, match="full scale is reached; take the load off"):
         cell.read(0.02)

@@ -7,7 +7,15 @@ import pytest
 from rig import DeviceError, NoAnswer, SessionAborted
 from rig.drivers.motor_stage import MotorStage
 from rig.drivers.newport import COMMANDS, NewportAxis
-from rig.drivers.newport_codes import MEANINGS, AxisState, CommandError, PositionerError, parse_status
+from rig.drivers.newport_codes import (
+    MEANINGS,
+    AxisState,
+    CommandError,
+    PositionerError,
+    ReplyError,
+    parse_error,
+    parse_status,
+)
 from rig.drivers.settings import NewportStage
 from tests.rig.drivers.wire_dialogue import SILENCE, Dialogue, lines
 
@@ -127,7 +135,7 @@ def connecting(velocity="0.05", state="000033", version="CONEX-CC 2.0.1", home="
 
 def stage_of(*pairs, **settings):
     wire = Dialogue(*lines(*pairs))
-    chosen = NewportStage(driver="conex-cc", port="/dev/ttyX", **settings)
+    chosen = NewportStage(**{"driver": "conex-cc", "port": "/dev/ttyX", "resolution_um": 0.02, **settings})
     return wire, MotorStage(wire, chosen, wire.clock, 0.5)
 
 
@@ -165,9 +173,74 @@ def test_a_stage_that_does_not_take_the_slower_speed_does_not_move():
 
 @pytest.mark.parametrize("state", ["000046", "000047"])
 def test_a_stage_that_is_moved_from_its_keypad_is_not_taken(state):
-    _, stage = stage_of(*connecting(state=state))
+    _, stage = stage_of(*connecting(state=state), driver="smc100")
     with pytest.raises(DeviceError, match=r"it is moved by hand from its keypad \(jogging\); .*end jogging"):
         stage.connect()
+
+
+@pytest.mark.parametrize("state", ["000036", "000037", "000038", "000046", "000047"])
+def test_a_conex_in_tracking_mode_is_not_taken_and_has_no_keypad(state):
+    _, stage = stage_of(*connecting(state=state))
+    with pytest.raises(DeviceError, match=r"it is in tracking mode; end that with the maker's program \(TK0\)"):
+        stage.connect()
+
+
+def test_an_smc100_that_lost_its_reference_while_jogging_is_not_referenced():
+    _, stage = stage_of(*connecting(state="000011"), ("1TS", "1TS000011"), driver="smc100")
+    assert stage.connect().endswith("not referenced")
+
+
+@pytest.mark.parametrize(
+    ("controller", "code"), [("conex-cc", 0x11), ("conex-cc", 0x35), ("smc100", 0x36), ("smc100", 0x3F)]
+)
+def test_a_state_of_the_other_controller_is_a_damaged_reply(controller, code):
+    assert AxisState.of(code) is not None
+    with pytest.raises(ReplyError, match="is no state"):
+        parse_status(f"0000{code:02X}", controller)
+
+
+@pytest.mark.parametrize("letter", ["W", "X"])
+def test_the_letters_for_the_other_version_of_an_smc100_are_sentences(letter):
+    assert "version of the controller" in parse_error(letter, "smc100").value[1]
+    with pytest.raises(ReplyError, match="is no error letter"):
+        parse_error(letter, "conex-cc")
+
+
+def test_only_the_conex_has_a_tracking_mode_to_refuse_in():
+    assert parse_error("P", "conex-cc") is CommandError.TRACKING
+    with pytest.raises(ReplyError):
+        parse_error("P", "smc100")
+
+
+@pytest.mark.parametrize(
+    ("actuator", "travel_mm", "step_um"),
+    [("tra12cc", 12, 0.2), ("tra25cc", 25, 0.2), ("trb6cc", 6, 0.1), ("cma12cccl", 12.5, 0.2), ("cma25ccl", 25, 0.2)],
+)
+def test_an_actuator_brings_its_travel_and_step(actuator, travel_mm, step_um):
+    chosen = NewportStage(driver="smc100", port="/dev/ttyX", actuator=actuator)
+    assert (chosen.highest_mm, chosen.resolution_um) == (travel_mm, step_um)
+
+
+def test_without_an_actuator_the_step_is_that_of_the_coarsest():
+    assert NewportStage(driver="conex-cc", port="/dev/ttyX").resolution_um == 0.2
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"resolution_um": 0.02}, "is finer than the smallest step of a trb6cc, 0.1 um"),
+        ({"highest_mm": 12.0}, r"must lie within the travel of a trb6cc, 0 to 6 mm"),
+        ({"actuator": "tra13cc"}, "tra12cc"),
+    ],
+    ids=["step", "travel", "no such"],
+)
+def test_what_an_actuator_cannot_do_is_refused(settings, said):
+    with pytest.raises(ValueError, match=said):
+        NewportStage(driver="conex-cc", port="/dev/ttyX", **{"actuator": "trb6cc", **settings})
+
+
+def test_a_stage_says_its_step():
+    assert stage_of(actuator="trb6cc", resolution_um=0.1)[1].step_um == 0.1
 
 
 def test_a_stage_without_its_reference_is_not_homed_unasked():

@@ -185,7 +185,7 @@ def test_units_and_polarity():
     assert driver.read_block().first_sample == 256
 
 
-@pytest.mark.parametrize("code", [OVERWRITTEN, NOT_YET, -200222])
+@pytest.mark.parametrize("code", [OVERWRITTEN, NOT_YET, -200222, -200361, -200714])
 def test_what_can_be_mended_leaves_a_gap_by_the_clock(code):
     driver, fake = connected()
     driver.start()

@@ -36,8 +36,8 @@ def bench():
         f"""
 rig:
   parts:
-    load_cell: {{driver: modbus-rtu, preset: seneca-z-sg, port: {amplifier}, {PATIENT}}}
-    stage: {{driver: conex-cc, port: {stage}, {PATIENT}}}
+    load_cell: {{driver: modbus-rtu, preset: seneca-ze-sg3, port: {amplifier}, {PATIENT}}}
+    stage: {{driver: conex-cc, resolution_um: 0.02, port: {stage}, {PATIENT}}}
 """
     ).rig.parts
     cell, motor = assembly.amplifier(parts.load_cell, WallClock()), assembly.motor_stage(parts.stage, 0.5, WallClock())

@@ -11,7 +11,7 @@ from rig.drivers.transport import SerialTransport
 from rig.wall_clock import WallClock
 from sim_backend.emulators.ports import PtyPort
 from tests.mesotap.benches import small_config
-from tests.rig.drivers.wire_dialogue import SILENCE, Dialogue, lines, rtu
+from tests.rig.drivers.wire_dialogue import SILENCE, Dialogue, Registers, lines, rtu
 
 ASKED = b"1VE\r\n"
 REGISTER = rtu(1, 3, 0, 0, 0, 1)
@@ -44,15 +44,33 @@ def test_a_stage_is_found_at_its_speed():
     assert list(made) == [921600, 57600]
 
 
+NO_MORE = [(rtu(1, 3, 0, offset, 0, 1), rtu(1, 0x83, 2)) for offset in (58, 2, 33)]
+"""What would tell one Seneca from another, refused: it is none."""
+
+
 def test_an_amplifier_is_found_at_its_speed():
-    said, _ = asked({38400: [(REGISTER, rtu(1, 3, 2, 0, 14))]})
+    said, _ = asked({38400: [(REGISTER, rtu(1, 3, 2, 0, 14)), *NO_MORE]})
     assert said.startswith("a device on Modbus at address 1, its first register reads 14; rig.parts.load_cell: ")
     assert "baud_rate: 38400" in said
 
 
 def test_an_exception_is_an_answer_too():
-    said, _ = asked({9600: [(REGISTER, rtu(1, 0x83, 2))]})
+    said, _ = asked({9600: [(REGISTER, rtu(1, 0x83, 2)), *NO_MORE]})
     assert "asked for its first register it has no such register (Modbus exception 2)" in said
+
+
+@pytest.mark.parametrize(
+    ("held", "preset"),
+    [
+        ({0: 9, 2: 0x0500, 3: 0x0100, 58: 0x52}, "seneca-z-sg"),
+        ({0: 9, 2: 0x0500, 3: 0x0100}, "seneca-z-sg2"),
+        ({0: 9, 2: 5, 3: 0, 33: 2}, "seneca-ze-sg3"),
+    ],
+)
+def test_the_preset_of_a_seneca_is_said(held, preset):
+    wires = {rate: Dialogue((ASKED, SILENCE)) for rate in (921600, 57600)}
+    said = who_answers("/dev/ttyX", Dialogue().clock, lambda rate: wires.get(rate) or Registers(held))
+    assert f"and it reads like a {preset}; rig.parts.load_cell" in said
 
 
 def test_noise_and_silence_are_nobody():

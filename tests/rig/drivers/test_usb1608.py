@@ -80,12 +80,12 @@ def test_codes_become_volts_and_volts_become_units():
         strain_gauge_input=4,
         strain_gauge_gain=2.0,
         strain_gauge_range_v=1.0,
-        input_range_v=2.5,
+        input_range_v=2.0,
     )
-    inputs = ((2, 5), (2, 3), (5, 4))
+    inputs = ((3, 5), (3, 3), (5, 4))
     device = Scripted(
         connecting(1.25 - 2**-3, 10.0, inputs),
-        starting(mask=0b111000, ranges=bytes([0, 0, 0, 2, 5, 2, 0, 0])),
+        starting(mask=0b111000, ranges=bytes([0, 0, 0, 3, 5, 3, 0, 0])),
         bulk(codes()),
     )
     driver = recorder(device, wiring)
@@ -93,7 +93,7 @@ def test_codes_become_volts_and_volts_become_units():
     driver.start()
     block = driver.read_block()
     corrected = lambda place: (32768 + 1000 * place + np.arange(256)) * 1.125 + 10 - 32768  # noqa: E731
-    volts = 2.5 / 32768
+    volts = 2.0 / 32768
     assert block.acceleration[0] == pytest.approx(corrected(2) * volts / (0.05 * 4) * 9.80665, rel=1e-12)
     assert block.acceleration[1] == pytest.approx(-corrected(0) * volts / 0.1 * 9.80665, rel=1e-12)
     assert block.strain_mv == pytest.approx(corrected(1) / 32768 * 1e3 / 2, rel=1e-12)
@@ -138,7 +138,7 @@ def test_the_rate_is_the_pacers():
 @pytest.mark.parametrize(
     ("wiring", "said"),
     [
-        ({"input_range_v": 4.0}, r"rig.wiring.input_range_v: .* no range of 4 V; it has 10, 5, 2.5"),
+        ({"input_range_v": 4.0}, r"rig.wiring.input_range_v: .* no range of 4 V; it has 10, 5, 2, 1$"),
         ({"strain_gauge_range_v": 0.1}, "rig.wiring.strain_gauge_range_v"),
         ({"strain_gauge_input": 8}, "no input 8; its inputs are 0 to 7"),
         ({"bits": 24}, "has 16 bits, not 24"),
@@ -285,7 +285,7 @@ def test_an_overrun_is_mended_in_this_order_and_the_gap_counted_by_the_clock():
         bulk(codes()),
         bulk(stalled(), BLOCK),
         ask(STATUS, OVERRUN),
-        *(out(0x12), out(0x15), CLEAR_HALT),
+        *(out(0x12), out(0x15), out(STATUS), CLEAR_HALT),
         starting(),
         bulk(codes()),
         bulk(codes()),
@@ -298,6 +298,54 @@ def test_an_overrun_is_mended_in_this_order_and_the_gap_counted_by_the_clock():
     assert not device.pairs
 
 
+def test_a_device_that_does_not_let_its_errors_be_cleared_goes_on_all_the_same():
+    refused = ("out", STATUS, 0, b""), stalled()
+    driver, device = started(
+        bulk(stalled(), BLOCK), ask(STATUS, OVERRUN), out(0x12), out(0x15), refused, CLEAR_HALT, starting(),
+        bulk(codes()),
+    )  # fmt: skip
+    assert driver.read_block().first_sample == 1
+    assert not device.pairs
+
+
+@pytest.mark.parametrize(("range_v", "code"), [(10.0, 0), (5.0, 1), (2.0, 3), (1.0, 5)])
+def test_the_ranges_sold_have_the_codes_of_the_makers_library(range_v, code):
+    """uldaq, AiUsb1608fs_Plus::mapRangeCode; the calibration of range code and input is at (8 code + input) 8 bytes."""
+    inputs = ((code, 0), (code, 1))
+    device = Scripted(
+        connecting(inputs=inputs),
+        starting(mask=0b11, ranges=bytes([code, code, 0, 0, 0, 0, 0, 0])),
+        bulk(codes(inputs=2)),
+    )
+    driver = recorder(device, Wiring(strain_gauge_input=None, input_range_v=range_v))
+    driver.connect()
+    driver.start()
+    driver.read_block()
+    assert not device.pairs
+
+
+@pytest.mark.parametrize("range_v", [2.5, 1.25, 0.625, 0.3125])
+def test_ranges_that_are_not_sold_are_refused(range_v):
+    with pytest.raises(RigError, match=r"the MCC USB-1608FS-Plus has no range of .* V; it has 10, 5, 2, 1$"):
+        recorder(Scripted(), Wiring(strain_gauge_range_v=range_v))
+
+
+def test_the_defaults_can_be_had():
+    recorder(Scripted(), Wiring())
+
+
+def test_a_control_transfer_is_given_as_long_as_by_public_drivers():
+    device = Scripted(connecting())
+    given = []
+    device.control_out = lambda request, value, data, timeout_s: (
+        given.append(timeout_s),
+        device._next(("out", request, value, data)),
+    )[1]
+    recorder(device).connect()
+    assert given
+    assert min(given) >= 0.1
+
+
 def test_a_gap_is_at_least_one_sample_though_the_clock_stood():
     driver, _ = started(
         bulk(codes()), bulk(stalled(), BLOCK), ask(STATUS, RUNNING), out(0x12), out(0x15), CLEAR_HALT, starting(),
@@ -308,7 +356,8 @@ def test_a_gap_is_at_least_one_sample_though_the_clock_stood():
 
 
 def test_overruns_without_end_are_given_up_and_say_why():
-    again = [bulk(stalled(), BLOCK), ask(STATUS, OVERRUN), out(0x12), out(0x15), CLEAR_HALT, *starting()]
+    mend = [out(0x12), out(0x15), out(STATUS), CLEAR_HALT]
+    again = [bulk(stalled(), BLOCK), ask(STATUS, OVERRUN), *mend, *starting()]
     driver, device = started(again, again, again, again[:2])
     with pytest.raises(
         RigError, match=r"its memory ran over, .*; close other programs \(to start it again did not help\)$"
@@ -447,3 +496,12 @@ def test_the_driver_knows_no_request_that_could_do_harm():
     from rig.drivers.usb1608_protocol import Request
 
     assert not {0x50, 0x31, 0x32, 0x42} & {int(r) for r in Request}
+
+
+def test_neither_samples_nor_a_status_is_given_up_without_another_question():
+    """The surfaces have to be apart within half a second, and each question to a dead device costs 100 ms."""
+    clock = VirtualClock()
+    driver, device = started(bulk(timed_out(), BLOCK), ask(STATUS, timed_out(), length=2), clock=clock)
+    with pytest.raises(RigError, match="it did not answer request 0x44"):
+        driver.read_block()
+    assert not device.pairs

@@ -28,14 +28,14 @@ RUNNING, OVERRUN = b"\x02\x00", b"\x04\x00"
 
 
 def connecting(
-    slope: float = 1.0, intercept: float = 0.0, inputs: tuple[tuple[int, int], ...] = ((1, 0), (1, 1), (7, 2))
+    slope: float = 1.0, intercept: float = 0.0, inputs: tuple[tuple[int, int], ...] = ((1, 0), (1, 1), (5, 2))
 ):
     """Find it, stop what may run, read the calibration of each (range, input)."""
     line = struct.pack("<ff", slope, intercept)
     return [ask(SERIAL, b"01D2E3F4"), out(0x12), *(ask(CALIBRATION, line, (r * 8 + i) * 8) for r, i in inputs)]
 
 
-def starting(pacer: int = 1599, mask: int = 0b111, ranges: bytes = bytes([1, 1, 7, 0, 0, 0, 0, 0])):
+def starting(pacer: int = 1599, mask: int = 0b111, ranges: bytes = bytes([1, 1, 5, 0, 0, 0, 0, 0])):
     """Stop, clear, set ranges, start."""
     return [out(0x12), out(0x15), out(0x14, data=ranges), out(0x11, data=struct.pack("<IIBB", 0, pacer, mask, 0))]
 

@@ -42,6 +42,25 @@ class Dialogue(Transport):
         assert not self._pairs, f"never sent: {[sent for sent, _ in self._pairs]}"
 
 
+class Registers(Dialogue):
+    """Holding registers at address 1, RTU: what is not among ``words`` is refused with exception 2."""
+
+    def __init__(self, words: dict[int, int]) -> None:
+        super().__init__()
+        self.words = words
+
+    def write(self, data: bytes) -> None:
+        address, function, *numbers = data[:-2]
+        assert (address, function) == (1, 3)
+        offset, count = numbers[0] << 8 | numbers[1], numbers[2] << 8 | numbers[3]
+        asked = range(offset, offset + count)
+        if all(i in self.words for i in asked):
+            octets = b"".join(self.words[i].to_bytes(2, "big") for i in asked)
+            self._coming.append(rtu(1, 3, 2 * count, *octets))
+        else:
+            self._coming.append(rtu(1, 0x83, 2))
+
+
 def rtu(*octets: int) -> bytes:
     """A frame with its check bytes."""
     return bytes(octets) + crc16(bytes(octets))

@@ -72,9 +72,12 @@ class LoadCell(Waiting, ABC):
     ----------
     name
         What it is called in errors; a driver adds where it is connected.
+    round_trip_s
+        Longest time from a question to its reply seen so far, s; 0 where no wire is in between.
     """
 
     name: str = "strain gauge"
+    round_trip_s: float = 0.0
 
     @abstractmethod
     def read(self, duration_s: float = 0.1) -> LoadReading:
@@ -93,7 +96,11 @@ class Stage(Waiting, ABC):
         Longest time from a question to its reply seen when it was connected, s.
     step_um
         Positions are whole multiples of this; 0 where any position can be had, or nobody knows.
+    idle_takes_s
+        How long one call of `idle` may take in the midst of a move, s: so much later is it looked where the stage is.
     """
+
+    idle_takes_s: float = 0.0
 
     permit: Callable[[], None] = staticmethod(nothing)
     round_trip_s: float = 0.0

@@ -130,6 +130,28 @@ class Interlock:
         return reading
 
     def _believable(self, duration_s: float) -> LoadReading:
+        """One reading of a gauge that lives; one that repeats itself is asked again at once, before anything moves."""
+        while True:
+            reading = self._sound(duration_s)
+            again = reading.voltage_mv == self._last_voltage
+            still = reading.samples > 1 and reading.spread_mv == 0.0
+            if reading.quantum_mv:  # what the amplifier rounds may stand still while the load does
+                again, still = again and self._must_show(reading.quantum_mv), False
+            same = again or still
+            if reading.voltage_mv != self._last_voltage:
+                self._travelled_um = 0.0
+            self._frozen = self._frozen + again + still if same else 0  # a reading that is both counts twice
+            self._last_voltage = reading.voltage_mv
+            if not same:
+                return reading
+            if self._frozen >= self._limits.frozen_readings:
+                raise StaleReading(
+                    f"{self._gauge}: {self._frozen + 1} readings are the same to the last digit "
+                    f"({reading.voltage_mv:.4f} mV); the amplifier is frozen: restart it"
+                )
+
+    def _sound(self, duration_s: float) -> LoadReading:
+        """One reading that is a number, and of now."""
         try:
             reading = self._rig.load_cell.read(duration_s)
         except (StaleReading, SessionAborted):  # whoever ends the session is not the gauge's fault
@@ -146,18 +168,6 @@ class Interlock:
             )
         if not math.isfinite(reading.voltage_mv):
             raise StaleReading(f"{self._gauge}: the amplifier answers no number; check the bridge's wiring")
-        same = reading.voltage_mv == self._last_voltage or (reading.samples > 1 and reading.spread_mv == 0.0)
-        if reading.quantum_mv:  # what the amplifier rounds may stand still while the load does
-            same = reading.voltage_mv == self._last_voltage and self._must_show(reading.quantum_mv)
-        if reading.voltage_mv != self._last_voltage:
-            self._travelled_um = 0.0
-        self._frozen = self._frozen + 1 if same else 0
-        self._last_voltage = reading.voltage_mv
-        if self._frozen >= self._limits.frozen_readings:
-            raise StaleReading(
-                f"{self._gauge}: {self._frozen + 1} readings are the same to the last digit "
-                f"({reading.voltage_mv:.4f} mV); the amplifier is frozen: restart it"
-            )
         return reading
 
     # --- moves ----------------------------------------------------------------------------------------------
@@ -257,7 +267,7 @@ class Interlock:
                     f"step: the load, {before:.0f} mN, is at the limit of {self._limits.load_mn:g} mN; "
                     "the stage only retracts"
                 )
-            step_um = min(step_um, room)
+            step_um = whole_steps(min(step_um, room), self._rig.stage.step_um)  # a stage rounds up as well
             self._check_travel(step_um)
         else:
             self._judged_from = None

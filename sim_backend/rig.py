@@ -82,6 +82,7 @@ class SimulatedRig(Rig):
     ):
         self.name = "simulated rig"
         self.peak_true_load_mn = 0.0
+        self._push_um = 0.0
         self.seed = seed = settings.seed if seed is None else seed
         self._settings = settings
         self._truth = TrueRig(
@@ -137,6 +138,11 @@ class SimulatedRig(Rig):
         """End the stream."""
         self.accelerometers.stop()
 
+    def push(self, depth_um: float) -> None:
+        """Have somebody lean on the upper mass, so that it is so much deeper than the stage holds it."""
+        self._push_um = depth_um
+        self._note_load()
+
     def true_load_mn(self) -> float:
         """Return the load that the contact carries now, mN."""
         return self._true_load_n() * 1e3
@@ -171,7 +177,7 @@ class SimulatedRig(Rig):
             part.restore(state[name])
 
     def _true_load_n(self) -> float:
-        carriage = self.micrometer.carriage_um
+        carriage = self.micrometer.carriage_um + self._push_um
         if carriage != self._load_at[0]:
             overlap_um = carriage - self._settings.contact_position_um
             self._load_at = (carriage, self._truth.equilibrium.load(overlap_um * 1e-6))

@@ -30,6 +30,8 @@ MOST_SETTINGS = 10  # times a load is set, since the last start, before it count
 DWELL_SLICE_S, WAITING_SLICE_S = 1.0, 0.1
 NOTHING_MOVED = "nothing was moved"
 GOES_ON = "'mesotap resume' goes on"
+SLOW_WIRE_S = 0.005  # round trip to the stage from which a step lasts longer than a look at the gauge
+LOOK_S = 0.03  # which that takes, the wire apart
 
 
 class Control(Protocol):
@@ -194,6 +196,7 @@ class SessionRunner:
         for line in self._rig.open():
             self._tell(State.CONNECT, line)
         self._connected = True
+        self._watch_moves()
         self._bench.guardian.start()
         self._rig.stage.read()  # a stage that does not know where it is says so before anything is begun
         self._take_up()  # connecting must not have changed anything
@@ -424,6 +427,12 @@ class SessionRunner:
         if not self._leaving:
             self._watch.look()
             self._bench.control.check(self._watching)
+
+    def _watch_moves(self) -> None:
+        """Have the load looked at in the midst of a move too where a slow wire makes it last."""
+        stage, gauge = self._rig.stage, self._rig.load_cell
+        if stage.round_trip_s > SLOW_WIRE_S:
+            stage.idle, stage.idle_takes_s = self._idle, LOOK_S + 2 * gauge.round_trip_s
 
     def _heed(self) -> None:
         """Heed a wish to interrupt, without looking at the load."""

@@ -325,7 +325,7 @@ class MotorStage(Stage, Driver):
 
     def _approach_speed(self) -> float:
         """Speed towards contact, um/s: what goes wrong ends within the largest step, over this wire."""
-        latency_s = self._settings.poll_s + QUESTIONS_TO_STOP * self._axis.round_trip_s
+        latency_s = self._settings.poll_s + QUESTIONS_TO_STOP * self._axis.round_trip_s + self.idle_takes_s
         return min(self._settings.speed_um_per_s, self._overshoot / latency_s)
 
     def _use_speed(self, um_per_s: float) -> None:

@@ -13,7 +13,7 @@ from daq.errors import RecordingError
 from daq.journal import SessionFolder
 from mesotap.bench import emulated_rig, truth_now
 from mesotap.config import Config
-from mesotap.console import KeyControl
+from mesotap.console import POLL_S, KeyControl
 from mesotap.session.runner import Bench, SessionRunner
 from mesotap.session.states import State
 from rig import RigError
@@ -122,6 +122,7 @@ class FaultyBench:
         self._waiting: list[tuple[State, int, int, Callable[[], None]]] = []
         self._outcome = Outcome()
         self._ends_s = LONGEST_S
+        self.mends: list[Callable[[], object]] = []
         self._watch_time()
         self._watch_load()
         SessionFolder.create(path, header_of(config, seed)).close()
@@ -140,6 +141,13 @@ class FaultyBench:
         """Note when the fault takes effect."""
         self._outcome.made_s = at_s
 
+    def pause(self, seconds: float) -> None:
+        """Have the operator pause the session for a while, from within a look at the keys."""
+        end = self.rig.clock.now() + seconds
+        while self.rig.clock.now() < end:
+            self._hold()
+            self.rig.clock.sleep(POLL_S)
+
     def kill(self) -> None:
         """End the program here: what it still tries to send does not leave it."""
         self.amplifier_wire.plugged = self.stage_wire.plugged = False
@@ -149,11 +157,14 @@ class FaultyBench:
         """Repair everything."""
         self._due.clear()
         self._waiting.clear()
+        while self.mends:
+            self.mends.pop()()
         self.amplifier_wire.mend()
         self.stage_wire.mend()
         self.amplifier.fault = None
         self.amplifier.identity = 14
         self.rig.physics.load_cell.fault = None
+        self.rig.physics.push(0.0)
         self.controller.stalled = False
         self.controller.version = self._version
         self.controller.ends_um = (-200.0, 11800.0)
@@ -188,6 +199,7 @@ class FaultyBench:
 
     def check(self, hold) -> None:
         """Look at the operator's keys: nobody is there, but this is where things are made to happen."""
+        self._hold = hold
         progress = self.runner.progress
         key = (progress.state, progress.load_set)
         self._checks[key] = self._checks.get(key, 0) + 1

@@ -18,13 +18,21 @@ from tests.faults.bench import FLOAT_MAP, TCP, FaultyBench
 
 UNNOTICED, APART, STANDS, AT_CONNECT, KILLED = "unnoticed", "apart", "stands", "at connect", "killed"
 AMPLIFIER, ON_TCP, STAGE, RECORDER, PROGRAM = "amplifier", "amplifier on TCP", "stage", "recorder", "program"
+LOAD = "load"
 NAMES = {
     AMPLIFIER: ("strain-gauge amplifier", "/dev/ttyUSB0"),
     ON_TCP: ("strain-gauge amplifier", "192.168.1.5:502"),
     STAGE: ("micrometer stage", "/dev/ttyUSB1"),
     RECORDER: ("recorder MCC USB-1608FS-Plus", "usb"),
     PROGRAM: ("", ""),
+    LOAD: ("load", "mN"),
 }
+
+
+LEANING_UM = 3.3  # makes about 880 mN on these springs: over the limit from the first load on
+PAUSED_S = 20.0
+LONG_DWELL = ("mesotap.dwell_s=60",)
+WAITED_S = 5.013  # for a tap, of the 30 that it is waited for
 
 
 @dataclass(frozen=True)
@@ -45,6 +53,11 @@ class Case:
         Of the configuration.
     between
         Whether it happens between an end by the operator and the next start.
+    later_s
+        How long after that look it happens, in the midst of whatever goes on then.
+    from_notice
+        Whether the time until the surfaces are apart counts from when it was noticed: what shows in the next move of
+        the stage does no harm before.
     """
 
     device: str
@@ -55,6 +68,22 @@ class Case:
     nth: int = 2
     changes: tuple[str, ...] = ()
     between: bool = False
+    later_s: float = 0.0
+    from_notice: bool = False
+
+    def begin(self, bench: FaultyBench) -> None:
+        """Make it happen, now or later."""
+        if not self.later_s:
+            self.make(bench)
+            return
+        if self.state is State.TAP:
+            nobody_taps(bench)
+
+        def happen() -> None:
+            bench.happens(bench.rig.clock.now())
+            self.make(bench)
+
+        bench.after(self.later_s, happen)
 
 
 def wire(device: str, fault: WireFault, times: int = 1) -> Callable[[FaultyBench], None]:
@@ -135,6 +164,34 @@ def set_the_clock_back(bench: FaultyBench) -> None:
     clock.utc = lambda: utc().replace("2026-01-01T", "2025-12-31T")
 
 
+def lean(bench: FaultyBench) -> None:
+    bench.rig.physics.push(LEANING_UM)
+
+
+def unplug_power(bench: FaultyBench) -> None:
+    bench.controller.cut_power()
+
+
+def nobody_taps(bench: FaultyBench) -> None:
+    impactor = bench.rig.physics.impactor
+    impactor.strike = lambda load_mn, hint="": None
+    bench.mends.append(lambda: vars(impactor).pop("strike"))
+
+
+def paused(make: Callable[[FaultyBench], None]) -> Callable[[FaultyBench], None]:
+    """The same while the operator pauses."""
+
+    def pause(bench: FaultyBench) -> None:
+        def happen() -> None:
+            bench.happens(bench.rig.clock.now())
+            make(bench)
+
+        bench.after(PAUSED_S, happen)
+        bench.pause(2 * PAUSED_S)
+
+    return pause
+
+
 def terminate(bench: FaultyBench) -> None:
     bench.after(0.004, lambda: os.kill(os.getpid(), signal.SIGTERM))
 
@@ -166,8 +223,36 @@ CASES = [
     Case(AMPLIFIER, "exception: no such register", setting("amplifier", "fault", 2), APART),
     Case(AMPLIFIER, "gauge answers no number", setting("amplifier", "fault", "nan"), APART, changes=FLOAT_MAP),
     Case(AMPLIFIER, "gauge frozen", setting("amplifier", "fault", "frozen"), APART),
-    Case(AMPLIFIER, "gauge jumps", gauge(("offset", -10.0)), APART),
+    Case(AMPLIFIER, "gauge jumps", gauge(("offset", -10.0)), APART, from_notice=True),
     Case(AMPLIFIER, "gauge saturated", gauge(("offset", 1e3)), APART),
+    *(
+        Case(AMPLIFIER, f"{name} {when}", make, APART, state, nth, changes, later_s=later)
+        for name, make in (
+            ("silent", wire(AMPLIFIER, WireFault.SILENT)),
+            ("frozen", setting("amplifier", "fault", "frozen")),
+        )
+        for when, state, nth, changes, later in (
+            ("in a dwell of 60 s", State.LOCK, 50, LONG_DWELL, 0.03),
+            ("while a tap is waited for", State.TAP, 1, (), WAITED_S),
+        )
+    ),
+    *(
+        Case(LOAD, f"880 mN more {when}", lean, APART, state, nth, changes, later_s=later)
+        for when, state, nth, changes, later in (
+            ("in a dwell of 60 s", State.LOCK, 50, LONG_DWELL, 0.03),
+            ("while a tap is waited for", State.TAP, 1, (), WAITED_S),
+            ("between two steps", State.SET_LOAD, 2, (), 0.005),
+        )
+    ),
+    Case(LOAD, "880 mN more while paused", paused(lean), APART, State.TAP, 1),
+    *(
+        Case(STAGE, f"power lost {when}", unplug_power, STANDS, state, nth, changes, later_s=later)
+        for when, state, nth, changes, later in (
+            ("in a dwell of 60 s", State.LOCK, 50, LONG_DWELL, 0.03),
+            ("while a tap is waited for", State.TAP, 1, (), WAITED_S),
+        )
+    ),
+    Case(STAGE, "power lost while paused", paused(unplug_power), STANDS, State.TAP, 1),
     Case(AMPLIFIER, "another one plugged in", setting("amplifier", "identity", 15), AT_CONNECT, between=True),
     *(
         Case(ON_TCP, name, wire(ON_TCP, fault), UNNOTICED, changes=TCP)
@@ -184,11 +269,29 @@ CASES = [
     Case(STAGE, "silent from now on", wire(STAGE, WireFault.SILENT), STANDS),
     Case(STAGE, "cable pulled and put back", wire(STAGE, WireFault.PULLED), STANDS),
     Case(STAGE, "stalled", setting("controller", "stalled", True), STANDS),
-    Case(STAGE, "following error", setting("controller", "fails_next", PositionerError.FOLLOWING), APART),
-    Case(STAGE, "motor current too high", setting("controller", "fails_next", PositionerError.PEAK_CURRENT), APART),
-    Case(STAGE, "supply voltage too low", setting("controller", "fails_next", PositionerError.LOW_VOLTAGE), APART),
-    Case(STAGE, "end of run", end_in_the_way, APART),
-    Case(STAGE, "power cut and back", cut_power, APART),
+    Case(
+        STAGE,
+        "following error",
+        setting("controller", "fails_next", PositionerError.FOLLOWING),
+        APART,
+        from_notice=True,
+    ),
+    Case(
+        STAGE,
+        "motor current too high",
+        setting("controller", "fails_next", PositionerError.PEAK_CURRENT),
+        APART,
+        from_notice=True,
+    ),
+    Case(
+        STAGE,
+        "supply voltage too low",
+        setting("controller", "fails_next", PositionerError.LOW_VOLTAGE),
+        APART,
+        from_notice=True,
+    ),
+    Case(STAGE, "end of run", end_in_the_way, APART, from_notice=True),
+    Case(STAGE, "power cut and back", cut_power, APART, from_notice=True),
     Case(STAGE, "power cut between two starts", cut_power_before, APART, between=True),
     Case(STAGE, "another one plugged in", setting("controller", "version", "SMC_CC 3.1.2"), AT_CONNECT, between=True),
     Case(RECORDER, "overrun", usb("overrun"), UNNOTICED, State.TAP, 1),

@@ -24,6 +24,7 @@ from tests.faults.bench import SOLENOID, TCP, FaultyBench, Killed, allowed_mn, q
 from tests.faults.cases import cut_power, end_in_the_way, fill_the_disk, gauge, set_the_clock_back, setting, usb, wire
 
 SAFE_WITHIN_S = 0.5
+ROUND_TRIPS_S = (0.0, 0.016, 0.026, 0.05)
 MOST_RUNS = 12  # starts that a session with a few faults may take
 MOST_FAULTS = 5
 STATES = (
@@ -100,7 +101,7 @@ def run_schedule(path: Path, seed: int) -> dict[str, int]:
     """
     rng = np.random.default_rng([seed, 13])
     config = CONFIGS[seed % len(CONFIGS)]
-    bench = FaultyBench(path, config, seed)
+    bench = FaultyBench(path, config, seed, round_trip_s=ROUND_TRIPS_S[seed // len(CONFIGS) % len(ROUND_TRIPS_S)])
     menu = MENU if isinstance(config.rig.parts.load_cell, AmplifierTcp) else MENU + FLIPS
     faults = int(rng.integers(1, MOST_FAULTS + 1))
     kept: dict[int, tuple] = {}
@@ -134,7 +135,9 @@ def _draw(rng: np.random.Generator, menu: Menu) -> tuple[State, int, int, float,
     load_set = int(rng.integers(2)) if later else 0
     if state in (State.RETRACT, State.POST_CALIBRATION):
         load_set = 1
-    nth = 1 + int(rng.exponential({State.APPROACH: 10.0, State.SET_LOAD: 4.0}.get(state, 0.7)))
+    # looks at the keys come every tenth of a second of rig time, and more often: any moment of a state is drawn
+    usual = {State.APPROACH: 10.0, State.SET_LOAD: 8.0, State.LOCK: 6.0, State.TAP: 25.0}
+    nth = 1 + int(rng.exponential(usual.get(state, 0.7)))
     # a gauge that is calibrated while its zero is off and mended afterwards needs a new session, whatever one does
     fit = [make for make in menu if make not in GAUGES] if state is State.PRE_CALIBRATION else menu
     return state, load_set, nth, float(rng.uniform(0, 0.4)), fit[rng.integers(len(fit))]

@@ -20,6 +20,7 @@ from tests.faults.cases import (
     AT_CONNECT,
     CASES,
     KILLED,
+    LOAD,
     NAMES,
     PROGRAM,
     STANDS,
@@ -29,7 +30,9 @@ from tests.faults.cases import (
 
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 SAFE_WITHIN_S = 0.5
-BY_HAND = "not made safe; back the micrometer off by hand"
+ROUND_TRIPS_S = (0.0, 0.016, 0.026, 0.05)
+"""Of the wires to amplifier and stage: none, a USB adapter's latency, that and a controller's 10 ms, and a slow one."""
+BY_HAND = "back the micrometer off by hand"
 
 
 @dataclass(frozen=True)
@@ -52,20 +55,43 @@ def operator_ends() -> None:
 
 
 def happen(case: Case, path: Path) -> Row:
+    """Make a fault happen on each wire, and hold what comes of it to what is promised."""
+    runs = [once(case, path / str(i), round_trip_s) for i, round_trip_s in enumerate(ROUND_TRIPS_S)]
+    first = runs[0]
+    if case.expected != APART or case.between:
+        return Row(case.device, case.name, first.reads, first.rig, first.kept)
+    waited = ", ".join(f"{run.waited_s:.2f}" for run in runs)
+    since = "it was noticed" if case.from_notice else "the fault"
+    return Row(case.device, case.name, first.reads, f"surfaces apart {waited} s after {since}", first.kept)
+
+
+@dataclass(frozen=True)
+class Run:
+    """What one run came to; ``waited_s`` until the surfaces were apart."""
+
+    reads: str
+    rig: str
+    kept: str
+    waited_s: float
+
+
+def once(case: Case, path: Path, round_trip_s: float) -> Run:
     """Make a fault happen, hold what comes of it to what is promised, mend it, and go on to the end."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     config = quick_config(*case.changes)
-    bench = FaultyBench(path, config)
+    bench = FaultyBench(path, config, round_trip_s=round_trip_s)
     if case.between:
         bench.when(State.TAP, 1, 1, operator_ends)
         bench.run()
         case.make(bench)
     else:
-        bench.when(case.state, 1, case.nth, lambda: case.make(bench))
+        bench.when(case.state, 1, case.nth, lambda: case.begin(bench))
     try:
         outcome = bench.run()
         load = bench.rig.physics.true_load_mn()
         repeated = bench.rig.load_cell._wire.repeated + bench.rig.stage._axis.repeated
         happened = not bench._waiting
+        peak = bench.rig.physics.peak_true_load_mn
     finally:
         bench.mend()
     assert happened, "the fault never happened"
@@ -78,10 +104,11 @@ def happen(case: Case, path: Path) -> Row:
     assert after.items() >= before.items(), "an accepted shot was lost or altered"
     assert sum(load_set == 0 for load_set, *_ in after.values()) == 2
     assert len(after) == 4
-    assert bench.rig.physics.peak_true_load_mn <= allowed_mn(config)
+    assert case.device == LOAD or peak <= allowed_mn(config)
     assert bench.rig.physics.true_load_mn() == 0.0
     kept = "all" if outcome.error is None else f"{len(before)} of {len(before)}; resumed to the end"
-    return Row(case.device, case.name, reads(case, outcome, path), rig(case, outcome, load, repeated), kept)
+    waited = outcome.apart_s - (outcome.noticed_s if case.from_notice else outcome.made_s)
+    return Run(reads(case, outcome, path), rig(case, outcome, load, repeated, waited), kept, waited)
 
 
 def reads(case: Case, outcome, path: Path) -> str:
@@ -90,7 +117,7 @@ def reads(case: Case, outcome, path: Path) -> str:
         return ""
     said = outcome.reads.replace(str(path), "FOLDER")
     assert "\n" not in said
-    assert said.endswith("'mesotap resume' goes on") or BY_HAND in said or "journal.jsonl" in said
+    assert said.endswith("'mesotap resume' goes on") or "journal.jsonl" in said
     device, port = NAMES[case.device]
     if case.device != PROGRAM:
         assert device in said
@@ -99,14 +126,14 @@ def reads(case: Case, outcome, path: Path) -> str:
     return said
 
 
-def rig(case: Case, outcome, load_mn: float, repeated: int) -> str:
+def rig(case: Case, outcome, load_mn: float, repeated: int, waited_s: float) -> str:
     """Hold the rig to its safe state, and say what it did."""
     if case.expected == UNNOTICED:
         assert outcome.error is None, outcome.reads
         return "goes on; asked again" if repeated else "goes on"
     if case.expected == KILLED:
         assert outcome.further_um == 0.0
-        return f"stands at {load_mn:.0f} mN; resume looks at the load first"
+        return f"stands at {load_mn:.0f} mN until the guardian takes over"
     assert outcome.error is not None, "nobody noticed"
     assert outcome.further_um == 0.0, "it went on towards contact"
     if case.expected == AT_CONNECT:
@@ -114,15 +141,15 @@ def rig(case: Case, outcome, load_mn: float, repeated: int) -> str:
         return "is not moved"
     if case.expected == STANDS:
         assert BY_HAND in outcome.reads
-        return f"stands at {load_mn:.0f} mN"
+        # commands may have reached a stage whose replies are lost: nobody knows, and that is what is said
+        return f"stands at {load_mn:.0f} mN" if load_mn else "is moved back, but does not say so"
     assert case.expected == APART
     assert load_mn == 0.0
     if case.between:
         assert outcome.apart_s - outcome.noticed_s <= SAFE_WITHIN_S
         return "surfaces apart when it is connected"
-    waited = outcome.apart_s - outcome.made_s
-    assert waited <= SAFE_WITHIN_S
-    return f"surfaces apart {waited:.2f} s after the fault"
+    assert waited_s <= SAFE_WITHIN_S
+    return ""
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.device}-{case.name}")
@@ -170,14 +197,17 @@ def test_a_port_that_is_not_there_is_named(tmp_path):
 HEAD = """# Faults, and what comes of them
 
 Written by the tests (`make faults-table`), which make each of these happen on the wire between the real drivers and
-emulated devices, in the second load of a small session, and hold the outcome to what stands here: one sentence for
-the operator, the surfaces apart within 0.5 s of rig time after the fault (or the stage standing still, where it is
-the stage that cannot be reached), every accepted tap kept to the last bit, the load limit never passed by
-more than one step, and the session carried to its end after the fault is mended. `make faults` does the same with
-2,000 random schedules of one to five faults at random moments.
+emulated devices, in the second load of a small session, four times: with replies that take 0, 16, 26 and 50 ms (none; a
+USB adapter's latency; that and a controller's 10 ms; a slow line). The outcome is held to what stands here: one
+sentence for the operator, the surfaces apart within 0.5 s of rig time after the fault (or the stage standing still, where it is
+the stage that cannot be reached), every accepted tap kept to the last bit, the load limit never passed by more than
+one step (unless the load itself is the fault), and the session carried to its end after the fault is mended. `make
+faults` does the same with 2,000 random schedules of one to five faults at random moments of all states, on wires of the
+same four delays. The load is watched in every state by one watch: the gauge every 0.1 s, the stage every 0.2 s.
 
-What is asked again without a word costs at most 0.4 s. A gauge that is calibrated while its zero is off, and whose
-zero comes back afterwards, needs a new session: its calibration is no longer its own.
+What is asked again without a word costs at most 0.4 s. "The surfaces are apart" stands only where the gauge saw it. A
+gauge that is calibrated while its zero is off, and whose zero comes back afterwards, needs a new session: its
+calibration is no longer its own. What happens when the program itself is killed: [guardian](guardian.md).
 
 | device | fault | the operator reads | the rig | accepted taps kept |
 |---|---|---|---|---|

@@ -27,7 +27,7 @@ rig:
   parts:
     # replies that a busy machine makes late are no faults of the wire
     load_cell: {driver: modbus-rtu, preset: seneca-ze-sg3, port: emulated, reply_timeout_s: 0.3}
-    stage: {driver: conex-cc, port: emulated, zero_mm: 0.2, reply_timeout_s: 0.3}
+    stage: {driver: conex-cc, port: emulated, zero_mm: 0.2, resolution_um: 0.02, reply_timeout_s: 0.3}
     accelerometers: {driver: usb-1608fs-plus}
     impactor: {driver: solenoid, line: 3}
 sim_backend:

@@ -215,6 +215,18 @@ def test_no_step_of_the_approach_is_larger_than_allowed():
         assert max(b - a for a, b in itertools.pairwise(places)) <= 0.5
 
 
+def test_a_step_is_never_rounded_up_by_the_stage():
+    """0.5 um asked of a stage with steps of 0.2 um: 0.4, not the 0.6 that it would round to from some places."""
+    config = small_config("sim_backend.stage={resolution_um: 0.2, backlash_um: 0, speed_um_per_s: 50.0}")
+    rig, interlock = interlock_of(config)
+    with interlock:
+        interlock.approach()
+        for _ in range(4):
+            before = rig.stage.read().position_um
+            interlock.move_by(0.5)
+            assert rig.stage.read().position_um - before == pytest.approx(0.4)
+
+
 class Rounded:
     """An amplifier that filters and shows whole divisions of 1 mN, as a Laumas does."""
 

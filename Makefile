@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 DEMO := demo
 SEED := 1
 
-.PHONY: demo test check unit lint types layers kills recovery bench streaming fuzz fuzz-hypothesis faults faults-table proof clean
+.PHONY: demo test check unit lint types layers kills recovery bench streaming fuzz fuzz-hypothesis faults faults-table proof witness clean
 
 demo: $(VENV)/.installed
 	rm -rf $(DEMO)
@@ -52,6 +52,15 @@ faults: $(VENV)/.tested
 faults-table: $(VENV)/.tested
 	MESOTAP_WRITE_FAULTS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest tests/faults/test_table.py -k page_holds
 
+# drivers that others wrote for the same devices, at the emulated ones, in a virtualenv of its own
+witness: .venv-witness/.installed
+	OPENBLAS_NUM_THREADS=1 .venv-witness/bin/python -m pytest -rs tests/sim_backend/test_newport_by_others.py
+
+.venv-witness/.installed: pyproject.toml
+	$(PYTHON) -m venv .venv-witness
+	.venv-witness/bin/python -m pip install --quiet --disable-pip-version-check -e '.[dev,witness]'
+	touch $@
+
 # damaged files, configurations and replies, FUZZ of each kind, drawn plainly at random; another FUZZ_SEED makes others
 # (two hours); FUZZ_TARGET is all, a module of tests/fuzz or one kind, as exchange.damaged_tables
 FUZZ := 100000
@@ -93,4 +102,4 @@ $(VENV)/.tested: $(VENV)/bin/python pyproject.toml
 	touch $(VENV)/.installed $@
 
 clean:
-	rm -rf $(VENV) .venv-bench $(DEMO) build *.egg-info .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .venv-bench .venv-witness $(DEMO) build *.egg-info .mypy_cache .ruff_cache .hypothesis .import_linter_cache

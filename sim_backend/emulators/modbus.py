@@ -25,7 +25,7 @@ class Refusal(Exception):
 
 
 class Registers(Protocol):
-    """What a device keeps in its registers."""
+    """What a device keeps in its registers; ``functions``, if it has it, are those that read them."""
 
     def read(self, offset: int, count: int) -> list[int]:
         """Return registers; `Refusal` where there are none, or the device fails."""
@@ -63,6 +63,7 @@ class ModbusServer:
 
     def __init__(self, registers: Registers, address: int, framing: str) -> None:
         self._registers = registers
+        self._functions: tuple[int, ...] = getattr(registers, "functions", (READ_HOLDING, READ_INPUT))
         self._address = address
         self._rtu = framing == "rtu"
         self._buffer = b""
@@ -104,7 +105,7 @@ class ModbusServer:
         """Return the reply to a request: function code and data."""
         function = request[0]
         try:
-            if function not in (READ_HOLDING, READ_INPUT) or len(request) != 5:
+            if function not in self._functions or len(request) != 5:
                 raise Refusal(ILLEGAL_FUNCTION)
             offset, count = struct.unpack(">HH", request[1:])
             if not 1 <= count <= LARGEST_COUNT:

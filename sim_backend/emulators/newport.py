@@ -1,4 +1,7 @@
-"""Emulated CONEX-CC or SMC100: the simulated micrometer behind the controller's lines and states."""
+"""Emulated CONEX-CC or SMC100, from Newport's manuals: the simulated micrometer behind the controller's lines.
+
+Nothing here is taken from the driver of this project; see `newport_manual` for the sources.
+"""
 
 from __future__ import annotations
 
@@ -7,76 +10,98 @@ from collections.abc import Callable
 from typing import Any
 
 from rig import Clock
-from rig.drivers.newport_codes import PositionerError
-from rig.drivers.settings import NewportStage
-from sim_backend.stage import CLAMPING_S, DIGITS, SimulatedStage
+from sim_backend.emulators import newport_manual as manual
+from sim_backend.emulators.newport_manual import ACTUATORS, PARAMETERS, REFUSALS, State, group
+from sim_backend.emulators.newport_motion import ControlledMotion
+from sim_backend.emulators.newport_parameters import ControllerModel, Parameters, number_in
+from sim_backend.stage import SimulatedStage
 
-VERSIONS = {"conex-cc": "CONEX-CC 2.0.1", "smc100": "SMC_CC 3.1.2"}
-LINE = re.compile(r"^(\d{0,2})([A-Z]{2})(.*)$")
-NUMBER = re.compile(r"^[+-]?\d+(\.\d+)?$")
-NOT_REFERENCED, HOMING, MOVING = 0x0A, 0x1E, 0x28
-READY_FROM_HOMING, READY_FROM_MOVING, READY_FROM_DISABLE = 0x32, 0x33, 0x34
-DISABLED_FROM_READY, DISABLED_FROM_MOVING = 0x3C, 0x3D
-FOLLOWING_S = 0.05  # after which a motor that does not turn is switched off
+COMMAND = re.compile(r"^(\d*(?:\.\d*)?)([A-Z]{2})(.*)$")
+LONG_NAMES = ("FR", "QI")  # a third letter belongs to the name
+LARGEST_ADDRESS = 31
+DECIMALS = 6  # of positions, mm; no page says how many
+
+
+def _of_the_motion(name: str) -> Any:
+    """Return an attribute that is its motion's."""
+    return property(lambda self: getattr(self._motion, name), lambda self, value: setattr(self._motion, name, value))
 
 
 class EmulatedController:
-    """Controller of the simulated micrometer. It is referenced at first: its power was on before.
+    """Controller of the simulated micrometer.
+
+    Parameters
+    ----------
+    stage, clock
+        The micrometer and its time.
+    model
+        Which controller, with what on it.
+    speed_um_per_s
+        VA at work, where the power was on before.
 
     Attributes
     ----------
     stalled
         Whether the motor is held fast.
     fails_next
-        Error with which the next move fails, none the one after.
+        Positioner error bits with which the next move fails, none the one after.
     powered
         Whether the motor has power; see `cut_power`.
     ends_um
-        Where the actuator runs into its ends.
+        Where the actuator runs into its ends, knob.
     version
         What it says that it is.
     sent
         Every command that came, for tests of what is never sent.
+    processing_s
+        Time until a question is answered, for the wire.
     """
 
-    def __init__(self, stage: SimulatedStage, settings: NewportStage, speed_um_per_s: float, clock: Clock) -> None:
-        self.stalled = False
-        self.fails_next = PositionerError(0)
+    def __init__(self, stage: SimulatedStage, model: ControllerModel, speed_um_per_s: float, clock: Clock) -> None:
         self.powered = True
-        self.ends_um = ((settings.lowest_mm - settings.zero_mm) * 1e3, (settings.highest_mm - settings.zero_mm) * 1e3)
-        self.version = VERSIONS[settings.driver]
+        self.version = manual.VERSIONS[model.kind]
         self.sent: list[str] = []
-        self._stage = stage
-        self._settings = settings
-        self._speed = speed_um_per_s
+        self.processing_s = model.processing_s
+        self._model = model
         self._clock = clock
-        self._buffer = b""
-        self._unasked = b""
-        self._error = "@"
-        self._bits = PositionerError(0)
-        self._referenced = True
-        self._homing = False
-        self._rest = READY_FROM_MOVING  # state when it stands, the motor on
-        self._off = DISABLED_FROM_READY  # state when the motor is off
-        self._switched_s = -CLAMPING_S  # when the motor was last switched
-        self._fails_s: float | None = None  # when a move that cannot be made is noticed
-        self._why = PositionerError(0)
+        actuator = ACTUATORS[model.actuator] if model.actuator else None
+        top = actuator.speed_mm_per_s if actuator else model.ideal_speed_mm_per_s
+        self._motion = ControlledMotion(stage, clock, actuator, top, model.zero_mm, model.seed)
+        if actuator is None:
+            self.ends_um = (model.lowest_mm - model.zero_mm) * 1e3, (model.highest_mm - model.zero_mm) * 1e3
+        self._parameters = Parameters(model, top)
+        self._boot()
+        if model.referenced:
+            self._motion.find_home(manual.END_OF_RUN)
+            self._state = State.READY_MOVING
+            self._parameters.values["VA"] = min(top, speed_um_per_s * 1e-3)
+
+    def _boot(self) -> None:
+        """Be as after power-on or RS: parameters from memory, position counted from where it stands."""
+        self._parameters.forget()
+        self._state = State.NOT_REFERENCED_RESET
+        self._bits = 0
+        self._error = manual.NONE
+        self._buffer = self._unasked = b""
+        self._busy_until_s = 0.0
+        self._motion.forget()
+
+    stalled = _of_the_motion("stalled")
+    fails_next = _of_the_motion("fails_next")
+    ends_um = _of_the_motion("ends_um")
 
     # --- power ----------------------------------------------------------------------------------------------
 
     def cut_power(self) -> None:
-        """Take the motor's power away: it stands, and the controller knows no position any more."""
+        """Take the motor's power away: it stands, and nothing answers."""
         self.powered = False
-        self._stage.halt()
-        self._stage.clamp(False)
-        self._referenced = self._homing = False
-        self._bits = PositionerError(0)
-        self._fails_s = None
+        self._boot()
 
     def restore_power(self) -> None:
         """Give the power back; the controller sends a NUL."""
         if not self.powered:
             self.powered = True
+            self._boot()
             self._unasked += b"\0"
 
     # --- wire -----------------------------------------------------------------------------------------------
@@ -87,186 +112,237 @@ class EmulatedController:
         return data
 
     def receive(self, data: bytes) -> list[bytes]:
-        """Take bytes in and answer the lines that are complete."""
+        """Take bytes in and answer the lines that are complete; a line ends in CR LF (S p. 26)."""
         self._buffer += data
-        *lines, self._buffer = self._buffer.split(b"\n")
-        replies = [self._answer(line.strip(b"\r").decode("ascii", errors="replace")) for line in lines]
-        return [reply for reply in replies if reply and self.powered]
+        *lines, self._buffer = self._buffer.split(b"\r\n")
+        replies = [self._take(line.decode("ascii", errors="replace")) for line in lines]
+        return [reply.encode() for reply in replies if reply]
 
-    def _answer(self, line: str) -> bytes:
-        self.sent.append(line)
-        found = LINE.match(line)
-        if found is None or not self.powered:
-            return b""
-        address, command, value = found.groups()
-        if command == "ST" and not address:
-            address = str(self._settings.address)
-        if address != str(self._settings.address):
-            return b""
+    def _take(self, line: str) -> str:
+        if line:
+            self.sent.append(line)
+        if not self.powered or self._clock.now() < self._busy_until_s:
+            return ""
         self._keep_up()
-        answers: dict[str, Callable[[], str]] = {
-            "TS": lambda: f"{int(self._bits):04X}{self._state():02X}",
-            "TE": self._last_error,
-            "TP": lambda: f"{self._to_mm(self._stage.knob_um):.6f}",
-            "VE": lambda: f" {self.version}",
-            "VA": lambda: f"{self._speed * 1e-3:g}",
-            "HT": lambda: "4",
-            "SL": lambda: f"{self._settings.lowest_mm:g}",
-            "SR": lambda: f"{self._settings.highest_mm:g}",
+        # both cases and blanks anywhere are accepted (S p. 26)
+        found = COMMAND.match(line.replace(" ", "").upper())
+        if found is None:
+            return self._fail(manual.UNKNOWN) if line.strip() else ""
+        prefix, name, rest = found.groups()
+        if "." in prefix:
+            return self._fail(manual.UNKNOWN)  # floating point address (N p. 33)
+        if name in LONG_NAMES:
+            name, rest = name + rest[:1], rest[1:]
+        if not prefix and name != "ST":
+            return self._fail(manual.ADDRESS)  # missing (N p. 33); ST without one is for all controllers (S, ST)
+        if prefix and int(prefix) != self._model.address:
+            return self._fail(manual.ADDRESS) if not 1 <= int(prefix) <= LARGEST_ADDRESS else ""
+        return self._execute(name, rest)
+
+    def _fail(self, letter: str) -> str:
+        self._error = letter
+        return ""
+
+    def _execute(self, name: str, rest: str) -> str:
+        told = self._tell(name, rest)
+        if told is not None:
+            return f"{self._model.address}{name}{told}\r\n"
+        if name == "ZT":
+            return "".join(f"{self._model.address}{line}\r\n" for line in self._parameters.lines())
+        orders: dict[str, Callable[[str], str]] = {
+            "PA": lambda value: self._move(value, 0.0),
+            "PR": lambda value: self._move(value, self._motion.target_mm),
+            "OR": self._home,
+            "MM": self._switch,
+            "ST": self._stop,
+            "PW": self._configure,
+            "RS": self._reset,
         }
-        if command in answers:
-            if command == "VA" and value != "?":
-                self._error = self._set_speed(value)
-                return b""
-            if command in ("SL", "SR", "HT") and value != "?":
-                self._error = "D"  # what sets them is not emulated, as nothing may send it
-                return b""
-            return f"{address}{command}{answers[command]()}\r\n".encode()
-        orders: dict[str, Callable[[str], str]] = {"PA": self._move, "OR": self._home, "MM": self._switch}
-        if command == "ST":
-            self._stage.halt()
-            self._homing = False
-            self._fails_s = None
-        elif command in orders:
-            self._error = orders[command](value)
+        if name in orders:
+            self._error = orders[name](rest)
+        elif name in PARAMETERS:
+            self._error = self._set(name, rest)
         else:
-            self._error = "A"
-        return b""
+            self._error = manual.PARAMETER if name == "PT" else manual.UNKNOWN
+        return ""
+
+    # --- questions --------------------------------------------------------------------------------------------
+
+    def _tell(self, name: str, rest: str) -> str | None:
+        """Return what a question is answered with, None if it is none."""
+        asked = rest.startswith("?")
+        answers: dict[str, Callable[[], str]] = {
+            "TP": lambda: f"{self._motion.position_mm():.{DECIMALS}f}",
+            "TH": lambda: f"{self._motion.set_point_mm():.{DECIMALS}f}",
+            "TS": self._status,
+            "TE": self._last_error,
+            "TB": lambda: self._text(rest),
+            "VE": lambda: f" {self.version}",
+        }
+        if name in answers:
+            return answers[name]()
+        distance = number_in(rest)
+        if name == "PT" and distance is not None:
+            return f"{self._parameters.motion_time_s(distance):g}"
+        if not asked:
+            return None
+        if name in PARAMETERS and not self._parameters.wrong_kind(name):
+            return f"{self._parameters.values[name]:g}"
+        # what MM? says no page was found for; "0" for DISABLE, as MM0 leads there
+        others = {
+            "PA": f"{self._motion.target_mm:.{DECIMALS}f}",
+            "PR": f"{self._motion.target_mm:.{DECIMALS}f}",
+            "ID": self._parameters.identifier,
+            "PW": str(int(self._state is State.CONFIGURATION)),
+            "MM": str(int(group(self._state) != manual.DISABLE)),
+        }
+        return others.get(name)
+
+    def _status(self) -> str:
+        """Return error bits and state."""
+        bits = self._bits
+        if self._model.tells_errors_once:
+            self._bits = 0
+        return f"{bits:04X}{self._current_state():02X}"
 
     def _last_error(self) -> str:
-        error, self._error = self._error, "@"
+        error, self._error = self._error, manual.NONE
         return error
 
-    # --- orders: each returns its error letter ------------------------------------------------------------------
+    def _text(self, letter: str) -> str:
+        letter = letter[:1] if letter[:1] in manual.ERRORS else self._last_error()
+        return f"{letter} {manual.ERRORS[letter]}"
 
-    def _move(self, value: str) -> str:
-        if not NUMBER.match(value):
-            return "C"
-        refused = self._refused()
+    # --- orders: each returns its error letter -------------------------------------------------------------------
+
+    def _allow(self, groups: str) -> str:
+        """Return the error of an order that is allowed in some groups of states alone, empty if it is now."""
+        now = group(self._current_state())
+        return "" if now in groups else REFUSALS[now]
+
+    def _set(self, name: str, rest: str) -> str:
+        refused = self._parameters.wrong_kind(name) or self._allow(PARAMETERS[name].settable)
+        return refused or self._parameters.put(name, rest, self._state)
+
+    def _move(self, rest: str, origin_mm: float) -> str:
+        refused = self._allow(manual.READY)
         if refused:
             return refused
-        if not self._settings.lowest_mm <= float(value) <= self._settings.highest_mm:
-            return "N"
-        target = round((float(value) - self._settings.zero_mm) * 1e3, DIGITS)
-        self._begin(target)
-        self._rest = READY_FROM_MOVING
-        return "@"
+        number = number_in(rest)
+        if number is None:
+            return manual.PARAMETER
+        target = origin_mm + number
+        if not self._parameters.values["SL"] <= target <= self._parameters.values["SR"]:
+            return manual.OUT_OF_LIMITS
+        self._bits = 0
+        self._motion.begin(target, self._parameters.values["VA"])
+        self._state = State.MOVING
+        return manual.NONE
 
-    def _set_speed(self, value: str) -> str:
-        if not NUMBER.match(value) or not 0 < float(value) <= 0.4:
-            return "C"
-        if self._state() == MOVING:
-            return "M"
-        self._speed = float(value) * 1e3
-        return "@"
+    def _home(self, _rest: str) -> str:
+        if group(self._state) == manual.HOMING:
+            return manual.ALREADY_HOMING
+        refused = self._allow(manual.NOT_REFERENCED)
+        if refused:
+            return refused
+        self._bits = 0
+        self._state = State.HOMING
+        self._motion.search_home(
+            int(self._parameters.values["HT"]), self._parameters.values["OH"], self._parameters.values["OT"]
+        )
+        self._keep_up()
+        return manual.NONE
 
-    def _home(self, value: str) -> str:
-        if self._state() == HOMING:
-            return "E"
-        if self._referenced:
-            return "K"
-        self._homing = True
-        self._bits = PositionerError(0)
-        self._begin((self._settings.lowest_mm - self._settings.zero_mm) * 1e3)
-        return "@"
+    def _switch(self, rest: str) -> str:
+        number = number_in(rest)
+        if number not in (0.0, 1.0):
+            return manual.PARAMETER
+        refused = self._allow(manual.DISABLE if number else manual.READY)
+        if refused:
+            return refused
+        target = State.READY_DISABLE if number else State.DISABLE_READY
+        if self._state is not target:  # else it is on its way there
+            self._motion.switch(bool(number))
+            self._state = target
+        return manual.NONE
 
-    def _switch(self, value: str) -> str:
-        if value not in ("0", "1"):
-            return "C"
-        on = value == "1"
-        state = self._state()
-        if state in (NOT_REFERENCED, HOMING):
-            return "H"
-        if state == MOVING:
-            return "M"
-        if on != self._stage.locked:
-            return "K" if on else "J"
-        self._stage.clamp(not on)
-        self._switched_s = self._clock.now()
-        self._bits = PositionerError(0)
-        if on:
-            self._rest = READY_FROM_DISABLE
-        else:
-            self._off = DISABLED_FROM_READY
-        return "@"
+    def _stop(self, _rest: str) -> str:
+        refused = self._allow(manual.DISABLE + manual.READY + manual.MOVING + manual.HOMING)
+        if refused:
+            return refused
+        self._motion.stop()
+        if self._state is State.HOMING:
+            self._state = State.NOT_REFERENCED_HOMING
+        elif self._state is State.MOVING:
+            self._state = State.READY_MOVING
+        return manual.NONE
 
-    def _refused(self) -> str:
-        state = self._state()
-        if state == NOT_REFERENCED:
-            return "H"
-        if state == HOMING:
-            return "L"
-        if state == MOVING:
-            return "M"
-        return "J" if state in (DISABLED_FROM_READY, DISABLED_FROM_MOVING) else ""
+    def _configure(self, rest: str) -> str:
+        number = number_in(rest)
+        if number not in (0.0, 1.0):
+            return manual.PARAMETER
+        refused = self._allow(manual.NOT_REFERENCED if number else manual.CONFIGURATION)
+        if refused:
+            return refused
+        if number:
+            self._state = State.CONFIGURATION
+            return manual.NONE
+        self._parameters.save()
+        self._busy_until_s = self._clock.now() + self._model.saving_s
+        self._state = State.NOT_REFERENCED_CONFIGURATION
+        return manual.NONE
 
-    # --- motion -------------------------------------------------------------------------------------------------
+    def _reset(self, _rest: str) -> str:
+        self._boot()
+        return manual.NONE
 
-    def _begin(self, target_um: float) -> None:
-        low, high = self.ends_um
-        reached = min(max(target_um, low), high)
-        if self.fails_next:
-            self._fails_s, self._why = self._clock.now() + FOLLOWING_S, self.fails_next
-            self.fails_next = PositionerError(0)
-            return
-        if self.stalled:
-            self._fails_s, self._why = self._clock.now() + FOLLOWING_S, PositionerError.FOLLOWING
-            return
-        over = self._stage.begin(reached, self._speed)
-        if reached != target_um:
-            end = PositionerError.NEGATIVE_END if target_um < low else PositionerError.POSITIVE_END
-            self._fails_s, self._why = over, end
+    # --- what happens meanwhile -----------------------------------------------------------------------------------
 
     def _keep_up(self) -> None:
         """Let happen what has happened by now."""
-        if self.stalled and self._stage.moving:
-            self._stage.halt()
-            self._fails_s, self._why = self._clock.now() + FOLLOWING_S, PositionerError.FOLLOWING
-        if self._fails_s is not None and self._clock.now() >= self._fails_s:
-            self._fails_s = None
-            self._bits |= self._why
-            self._stage.halt()
-            self._homing = False
-            if self._referenced:
-                self._stage.clamp(True)
-                self._off = DISABLED_FROM_MOVING
-        if self._homing and not self._stage.moving and self._fails_s is None:
-            self._homing = False
-            self._referenced = True
-            self._rest = READY_FROM_HOMING
+        failed = self._motion.failure()
+        if failed:
+            self._bits |= failed
+            if self._state is State.HOMING:
+                self._state = State.NOT_REFERENCED_HOMING
+            elif failed & ~manual.NOT_HARDWARE:
+                self._state = State.NOT_REFERENCED_MOVING
+            else:
+                self._state = State.DISABLE_MOVING
+                self._motion.switch(False, at_once=True)
+        elif self._state is State.HOMING and not self._motion.moving:
+            self._motion.find_home(int(self._parameters.values["HT"]))
+            self._state = State.READY_HOMING
+        elif self._state is State.MOVING and not self._motion.moving:
+            self._state = State.READY_MOVING
 
-    def _state(self) -> int:
-        if self._homing:
-            return HOMING
-        if not self._referenced:
-            return NOT_REFERENCED
-        if self._stage.moving or self._fails_s is not None:
-            return MOVING
-        switching = self._clock.now() < self._switched_s + CLAMPING_S
-        return self._off if self._stage.locked != switching else self._rest
-
-    def _to_mm(self, position_um: float) -> float:
-        return self._settings.zero_mm + position_um * 1e-3
+    def _current_state(self) -> State:
+        """Return the state as TS tells it: switching the motor takes a moment."""
+        if self._motion.switching and self._state is State.READY_DISABLE:
+            return State.DISABLE_READY
+        if self._motion.switching and self._state is State.DISABLE_READY:
+            return State.READY_MOVING
+        return self._state
 
     # --- checkpoint ---------------------------------------------------------------------------------------------
 
     def checkpoint(self) -> dict[str, Any]:
         """Return its state as JSON types; moves are part of the micrometer's."""
-        self._keep_up()
+        if self.powered:
+            self._keep_up()
         return {
-            "referenced": self._referenced,
-            "homing": self._homing,
+            "state": int(self._state),
+            "referenced": group(self._state) not in manual.NOT_REFERENCED + manual.CONFIGURATION + manual.HOMING,
             "powered": self.powered,
-            "bits": int(self._bits),
-            "rest": self._rest,
-            "off": self._off,
+            "bits": self._bits,
+            "values": dict(self._parameters.values),
+            "stored": dict(self._parameters.stored),
+            "motion": self._motion.checkpoint(),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Take up the state of `checkpoint`."""
-        self._referenced, self._homing, self.powered = state["referenced"], state["homing"], state["powered"]
-        self._bits = PositionerError(state["bits"])
-        self._rest, self._off = state["rest"], state["off"]
-        self._switched_s = -CLAMPING_S
-        self._fails_s = None
-        self._error, self._buffer, self._unasked = "@", b"", b""
+        self._boot()
+        self._state, self._bits, self.powered = State(state["state"]), state["bits"], state["powered"]
+        self._parameters.values, self._parameters.stored = dict(state["values"]), dict(state["stored"])
+        self._motion.restore(state["motion"])

@@ -29,8 +29,10 @@ from rig.drivers.wire_record import WireFile, recorded, recorded_usb
 from rig.settings import RigSettings
 from sim_backend.clock import VirtualClock
 from sim_backend.emulators.amplifier import EmulatedAmplifier
+from sim_backend.emulators.described import amplifier_of
 from sim_backend.emulators.modbus import ModbusServer
 from sim_backend.emulators.newport import EmulatedController
+from sim_backend.emulators.newport_parameters import ControllerModel
 from sim_backend.emulators.ports import PtyPort, TcpPort
 from sim_backend.emulators.usb1608 import EmulatedUsb1608
 from sim_backend.emulators.wire import Disturbance, InProcessTransport, VirtualTimeTransport
@@ -61,6 +63,12 @@ class EmulatedRig(AssembledRig):
         Of the physics; None for a virtual one.
     wire_file
         Where to record what goes over the wires; None for nowhere.
+    actuator
+        Name of the actuator, with its step, encoder and speed; empty for an ideal one.
+    realistic
+        Whether the amplifier converts, filters and rounds as one sold does.
+    referenced
+        Whether the stage's controller has found its home before; after power-on it has not.
 
     Attributes
     ----------
@@ -86,6 +94,9 @@ class EmulatedRig(AssembledRig):
         round_trip_s: float = 0.0,
         clock: VirtualClock | None = None,
         wire_file: WireFile | None = None,
+        actuator: str = "",
+        realistic: bool = False,
+        referenced: bool = True,
     ) -> None:
         self._wire_file = wire_file
         self.physics = physics = SimulatedRig(rig_settings, settings, contact_stiffness, False, seed, clock)
@@ -96,9 +107,9 @@ class EmulatedRig(AssembledRig):
         self._wires = wires
         self._round_trip_s = round_trip_s
         self.ports: list[PtyPort | TcpPort] = []
-        load_cell = self._load_cell(parts.load_cell, amplifier_wire)
+        load_cell = self._load_cell(parts.load_cell, amplifier_wire, realistic)
         motor = DEFAULT_STAGE if isinstance(parts.stage, str) else parts.stage
-        self.controller = EmulatedController(physics.micrometer, motor, settings.stage.speed_um_per_s, physics.clock)
+        self.controller = self._controller(motor, settings.stage.speed_um_per_s, actuator, referenced)
         stage: Stage = physics.stage
         if parts.stage != "hand":
             stage = self._motor_stage(motor, rig_settings.limits.largest_approach_step_um, stage_wire)
@@ -132,10 +143,14 @@ class EmulatedRig(AssembledRig):
 
     # --- the parts ------------------------------------------------------------------------------------------
 
-    def _load_cell(self, part: str | AmplifierRtu | AmplifierTcp, disturbance: Disturbance | None) -> LoadCell:
+    def _load_cell(
+        self, part: str | AmplifierRtu | AmplifierTcp, disturbance: Disturbance | None, realistic: bool
+    ) -> LoadCell:
         settings = DEFAULT_AMPLIFIER if isinstance(part, str) else part
         framing = "rtu" if isinstance(settings, AmplifierRtu) else "tcp"
-        self.amplifier = EmulatedAmplifier(self.physics.load_cell, settings)
+        self.amplifier = EmulatedAmplifier(
+            self.physics.load_cell, amplifier_of(settings, realistic), self.physics.clock
+        )
         server = ModbusServer(self.amplifier, settings.address, framing)
         wire: Transport
         if not self._wires:
@@ -150,6 +165,21 @@ class EmulatedRig(AssembledRig):
             self.ports.append(tcp)
             wire = self._in_virtual_time(TcpTransport(AMPLIFIER, tcp.host, tcp.tcp_port), tcp)
         return ModbusLoadCell(recorded(wire, self._wire_file), framing, settings, self.physics.clock)
+
+    def _controller(
+        self, motor: NewportStage, speed_um_per_s: float, actuator: str, referenced: bool
+    ) -> EmulatedController:
+        model = ControllerModel(
+            kind=motor.driver,
+            address=motor.address,
+            actuator=actuator,
+            zero_mm=motor.zero_mm,
+            lowest_mm=motor.lowest_mm,
+            highest_mm=motor.highest_mm,
+            referenced=referenced,
+            seed=self.physics.seed,
+        )
+        return EmulatedController(self.physics.micrometer, model, speed_um_per_s, self.physics.clock)
 
     def _motor_stage(self, settings: NewportStage, step_um: float, disturbance: Disturbance | None) -> Stage:
         wire: Transport

@@ -1,7 +1,9 @@
 """The MCC USB-1608FS-Plus at its wire: requests, pacer, converters, FIFO, digital lines, and what can go wrong.
 
-Time is the rig's. Samples are drawn from the source when they are fetched, block by block, so that a session over
-this wire draws the same noise as one on the simulated recorder.
+What the device is and understands is in `usb1608_manual`; nothing is taken from the driver of this project.
+
+Time is the rig's. Samples are drawn from the source when they are fetched, block by block, so that a session over this
+wire draws the same noise as one on the simulated recorder.
 """
 
 from __future__ import annotations
@@ -17,21 +19,17 @@ from numpy.typing import NDArray
 from usb.core import USBError
 
 from rig import Clock
+from sim_backend.emulators import usb1608_manual as manual
 from sim_backend.emulators.usb_bus import UsbBus, gone, overflowed, stalled, timed_out
-from sim_backend.recorder import CHANNELS, RANGES_V, Converter
+from sim_backend.recorder import Converter
 
-BASE_CLOCK_HZ = 40e6
-FIFO_SAMPLES = 32768
 BLOCK_SAMPLES = 256
 """Samples drawn from the source at a time; the simulated recorder's, so that both draw alike."""
 
-TRISTATE, DIGITAL_READ, LATCH = 0x00, 0x01, 0x02
-SCAN_START, SCAN_STOP, SCAN_RANGES, CLEAR_FIFO = 0x11, 0x12, 0x14, 0x15
-CALIBRATION, BLINK, RESET, STATUS, SERIAL = 0x30, 0x41, 0x42, 0x44, 0x48
-RUNNING, OVERRUN = 1 << 1, 1 << 2
-CALIBRATION_BYTES = 768
 OTHER_SERIAL_NUMBER = "01FFFFFF"
-IDEAL: NDArray[np.float32] = np.tile(np.array([1.0, 0.0], dtype=np.float32), (len(RANGES_V), CHANNELS, 1))
+IDEAL: NDArray[np.float32] = np.tile(
+    np.array([1.0, 0.0], dtype=np.float32), (manual.CALIBRATED_RANGES, manual.CHANNELS, 1)
+)
 
 
 class Fault(StrEnum):
@@ -87,6 +85,9 @@ class EmulatedUsb1608:
         Called with line and level whenever an output changes.
     seed
         Of what foreign answers look like.
+    pulled_up
+        Whether the resistors pull lines that are inputs up, as they do on the USB-1608FS as sold (the maker's
+        knowledge base, article 50352); a solenoid's driver then sees a high line until it is made an output.
 
     Attributes
     ----------
@@ -106,6 +107,7 @@ class EmulatedUsb1608:
         calibration: NDArray[np.float32] = IDEAL,
         on_line: Callable[[int, bool], None] = lambda line, high: None,
         seed: int = 0,
+        pulled_up: bool = False,
     ):
         self.serial_number = serial_number
         self.bus = UsbBus(self)
@@ -116,6 +118,8 @@ class EmulatedUsb1608:
         self._on_line = on_line
         self._rng = np.random.default_rng([seed, 7])
         self._faults: list[tuple[float, Fault]] = []
+        self._pulled = 0xFF if pulled_up else 0
+        self._inputs = self._latch = self._level = 0
         self.power_up()
 
     def inject(self, fault: Fault | str, at_s: float = 0.0) -> None:
@@ -132,48 +136,56 @@ class EmulatedUsb1608:
         self._source.end()
         self._scanning = self._overrun = self._halted = self._hung = self._silent = False
         self._fifo = bytearray()
-        self._ranges = [0] * CHANNELS
+        self._ranges = [0] * manual.CHANNELS
         self._channels: list[int] = []
         self._rate_hz = 1.0
         self._started_s = 0.0
         self._fetched = 0
-        self._inputs, self._latch = 0xFF, 0
+        self._left: int | None = None  # scans to come; None for no end
+        self._paced = self._stalls = True
+        self._ends_empty = False
+        self._set_outputs(manual.INPUTS, 0)  # the latch is 0 at power-on (J)
 
     # --- requests -------------------------------------------------------------------------------------------
 
     def control_out(self, request: int, value: int, data: bytes, timeout_s: float) -> None:
         """Take a vendor request; what the device does not know it stalls."""
         self._before_request(request, timeout_s)
-        if request == SCAN_START and len(data) == 10 and not self._scanning:
+        if request == manual.SCAN_START and len(data) == 10 and not self._scanning:
             self._start(*struct.unpack("<IIBB", data))
-        elif request == SCAN_STOP:
+        elif request == manual.SCAN_STOP:
             self._stop()
-        elif request == CLEAR_FIFO:
+        elif request == manual.CLEAR_FIFO:
             self._fifo.clear()
-        elif request == SCAN_RANGES and len(data) == CHANNELS and not self._scanning and max(data) < len(RANGES_V):
+        elif request == manual.SCAN_RANGES and self._are_ranges(data):
             self._ranges = list(data)
-        elif request == TRISTATE:
+        elif request == manual.STATUS:
+            self._overrun = False  # writing clears the error indicators (J)
+        elif request == manual.TRISTATE:
             self._set_outputs(value & 0xFF, self._latch)
-        elif request == LATCH:
+        elif request in (manual.LATCH, manual.PORT):
             self._set_outputs(self._inputs, value & 0xFF)
-        elif request == RESET:
+        elif request == manual.RESET:
             self.power_up()
-        elif request != BLINK:
+        elif request != manual.BLINK:
             raise stalled()
+
+    def _are_ranges(self, data: bytes) -> bool:
+        return len(data) == manual.CHANNELS and not self._scanning and manual.RANGES_V.keys() >= set(data)
 
     def control_in(self, request: int, value: int, length: int, timeout_s: float) -> bytes:
         """Answer a vendor request; what the device does not know it stalls."""
         self._before_request(request, timeout_s)
         answers = {
-            TRISTATE: lambda: bytes([self._inputs]),
-            DIGITAL_READ: lambda: bytes([self._latch & ~self._inputs & 0xFF]),
-            LATCH: lambda: bytes([self._latch]),
-            SCAN_RANGES: lambda: bytes(self._ranges),
-            CALIBRATION: lambda: self._memory()[value : value + length],
-            STATUS: lambda: struct.pack("<H", RUNNING * self._scanning | OVERRUN * self._overrun),
-            SERIAL: lambda: self.serial_number.encode("ascii"),
+            manual.TRISTATE: lambda: bytes([self._inputs]),
+            manual.PORT: lambda: bytes([self._level]),
+            manual.LATCH: lambda: bytes([self._latch]),
+            manual.SCAN_RANGES: lambda: bytes(self._ranges),
+            manual.CALIBRATION: lambda: self._memory()[value : value + length],
+            manual.STATUS: lambda: struct.pack("<H", manual.RUNNING * self._scanning | manual.OVERRUN * self._overrun),
+            manual.SERIAL: lambda: self.serial_number.encode("ascii"),
         }
-        if request not in answers or (request == SCAN_RANGES and self._scanning):
+        if request not in answers or (request == manual.SCAN_RANGES and self._scanning):
             raise stalled()
         answer = answers[request]()
         if self._happens(Fault.FOREIGN):
@@ -187,26 +199,30 @@ class EmulatedUsb1608:
             raise self._wait_in_vain(timeout_s)
 
     def _memory(self) -> bytes:
-        return self._calibration.astype("<f4").tobytes().ljust(CALIBRATION_BYTES, b"\0")
+        coefficients = self._calibration.astype("<f4").tobytes()
+        return (coefficients + manual.CALIBRATION_DATE).ljust(manual.CALIBRATION_BYTES, b"\0")
 
     def _set_outputs(self, inputs: int, latch: int) -> None:
-        before, after = self._latch & ~self._inputs, latch & ~inputs
-        self._inputs, self._latch = inputs, latch
+        before, after = self._level, latch & ~inputs | self._pulled & inputs
+        self._inputs, self._latch, self._level = inputs, latch, after
         for line in range(8):
             if (before ^ after) >> line & 1:
                 self._on_line(line, bool(after >> line & 1))
 
     def _start(self, count: int, pacer: int, mask: int, options: int) -> None:
-        self._channels = [channel for channel in range(CHANNELS) if mask >> channel & 1]
-        # finite scans, an external pacer, triggers and immediate transfer are not what is emulated here
-        if count or not pacer or not self._channels or options:
+        self._channels = [channel for channel in range(manual.CHANNELS) if mask >> channel & 1]
+        # triggers, packets of single scans and the counter in place of samples are not emulated
+        if not self._channels or options & (manual.TRIGGERS | manual.DEBUG | manual.IMMEDIATE):
             raise stalled()
-        self._rate_hz = BASE_CLOCK_HZ / (pacer + 1)
-        self._scanning, self._overrun, self._hung = True, False, False
+        self._paced = pacer > 0  # else by a clock at SYNC, where nothing is connected
+        self._rate_hz = min(manual.BASE_CLOCK_HZ / (pacer + 1), manual.LARGEST_RATE_HZ)
+        self._left = count or None
+        self._stalls = not options & manual.INHIBIT_STALL
+        self._scanning, self._hung, self._ends_empty = True, False, False
         self._started_s = self._clock.now()
         self._fetched = 0
         self._converters = [
-            Converter(RANGES_V[self._ranges[i]], 16, *map(float, self._calibration[self._ranges[i], i]))
+            Converter(manual.RANGES_V[self._ranges[i]], manual.BITS, *map(float, self._calibration[self._ranges[i], i]))
             for i in self._channels
         ]
         self._source.begin(self._rate_hz)
@@ -215,8 +231,11 @@ class EmulatedUsb1608:
         if self._scanning:
             # what was sampled since the last transfer stays in the FIFO; full scale, so that nobody takes it for data
             self._fifo += b"\xff" * self.packet
-            self._scanning = False
-            self._source.end()
+            self._end()
+
+    def _end(self) -> None:
+        self._scanning = False
+        self._source.end()
 
     # --- the endpoint ---------------------------------------------------------------------------------------
 
@@ -230,9 +249,9 @@ class EmulatedUsb1608:
             self._hung = True
         if self._silent or self._hung or self._happens(Fault.TIMEOUT):
             raise self._wait_in_vain(timeout_s)
-        if self._scanning and (self._backlog() > FIFO_SAMPLES or self._happens(Fault.OVERRUN)):
+        if self._scanning and (self._backlog() > manual.FIFO_SAMPLES or self._happens(Fault.OVERRUN)):
             self._stop()
-            self._overrun = self._halted = True
+            self._overrun, self._halted = True, self._stalls
         if self._halted or self._happens(Fault.STALL):
             self._halted = True
             raise stalled()
@@ -240,10 +259,19 @@ class EmulatedUsb1608:
             raise overflowed()
         if self._happens(Fault.EMPTY):
             return b""
-        while len(self._fifo) < length:
-            if not self._scanning or self._due_s() > self._clock.now() + timeout_s:
+        while len(self._fifo) < length and self._scanning:
+            if not self._paced or self._due_s() > self._clock.now() + timeout_s:
                 raise self._wait_in_vain(timeout_s)
             self._fifo += self._sample()
+        if self._left == 0 and self._fifo:
+            # a finite scan ends in a short packet, an empty one if its last packet was full (J, Q p. 30)
+            self._ends_empty = len(self._fifo) <= length and len(self._fifo) % self.packet == 0
+            return self._cut(length)
+        if self._ends_empty:
+            self._ends_empty = False
+            return b""
+        if len(self._fifo) < length:
+            raise self._wait_in_vain(timeout_s)
         return self._cut(length)
 
     def clear_halt(self) -> None:
@@ -267,15 +295,24 @@ class EmulatedUsb1608:
 
     def _due_s(self) -> float:
         """When the next block will have been sampled."""
-        return self._started_s + (self._fetched + BLOCK_SAMPLES) / self._rate_hz
+        return self._started_s + (self._fetched + self._block()) / self._rate_hz
+
+    def _block(self) -> int:
+        """Scans drawn next."""
+        return BLOCK_SAMPLES if self._left is None else min(BLOCK_SAMPLES, self._left)
 
     def _sample(self) -> bytes:
-        volts = self._source.take(BLOCK_SAMPLES)
-        self._fetched += BLOCK_SAMPLES
-        codes = np.empty((BLOCK_SAMPLES, len(self._channels)), dtype="<u2")
+        samples = self._block()
+        volts = self._source.take(samples)
+        self._fetched += samples
+        if self._left is not None:
+            self._left -= samples
+            if not self._left:
+                self._end()
+        codes = np.empty((samples, len(self._channels)), dtype="<u2")
         for column, (channel, convert) in enumerate(zip(self._channels, self._converters, strict=True)):
             wired = channel in self._source.inputs
-            seen = volts[self._source.inputs.index(channel)] if wired else np.zeros(BLOCK_SAMPLES)
+            seen = volts[self._source.inputs.index(channel)] if wired else np.zeros(samples)
             codes[:, column] = convert.codes(seen)
         return codes.tobytes()
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -25,6 +26,7 @@ from daq.durable import PART, sync_folder, write_error, write_whole
 from daq.errors import RecordingError
 from daq.hdf5 import CHECKSUMMED, open_hdf5, reading
 from daq.impact_group import check_shot, read_impact, scalar_text, to_json, write_impact
+from daq.limited import read_limited
 from daq.records import Shot
 
 HEADER, JOURNAL, SHOTS, LOCK = "session.json", "journal.jsonl", "shots", "lock"
@@ -162,22 +164,14 @@ class SessionFolder:
         RecordingError
             There is no such shot, or its file is damaged.
         """
-        path = self._shot_path(number)
-        with open_hdf5(path) as root:
-            if root.attribute("format") != SHOT_FORMAT or root.count("number") != number:
-                raise RecordingError(f"{path}: is not the file of shot {number}")
-            checkpoint = root.child("checkpoint")
-            if checkpoint is None:
-                raise root.error(" is missing", "/checkpoint")
-            with reading(path, "/checkpoint"):
-                state = json.loads(scalar_text(checkpoint))
-            if not isinstance(state, dict):
-                raise checkpoint.error(" is not a JSON object")
-            return read_impact(root.need_group("shot"), number), state
+        return read_limited(shot_in, self._shot_path(number), number, kinds=(Shot,))
 
     def shots(self) -> list[Shot]:
         """Return all complete shots in order; `RecordingError` names a damaged file."""
-        return [self.read_shot(number)[0] for number in self.shot_numbers()]
+        paths = {number: self._shot_path(number) for number in self.shot_numbers()}
+        size = sum(path.stat().st_size for path in paths.values() if path.is_file())
+        listed = [[number, str(path)] for number, path in paths.items()]
+        return read_limited(shots_in, self.path, listed, kinds=(Shot,), size=size) if listed else []
 
     def close(self) -> None:
         """Let go of the folder; harmless when called twice."""
@@ -197,6 +191,26 @@ class SessionFolder:
 
     def _shot_path(self, number: int) -> Path:
         return self.path / SHOTS / f"{number:05d}.h5"
+
+
+def shot_in(path: Path, number: int) -> tuple[Shot, dict[str, Any]]:
+    """Return a shot and its checkpoint from a file that this process opens itself; see `SessionFolder.read_shot`."""
+    with open_hdf5(path) as root:
+        if root.attribute("format") != SHOT_FORMAT or root.count("number") != number:
+            raise RecordingError(f"{path}: is not the file of shot {number}")
+        checkpoint = root.child("checkpoint")
+        if checkpoint is None:
+            raise root.error(" is missing", "/checkpoint")
+        with reading(path, "/checkpoint"):
+            state = json.loads(scalar_text(checkpoint))
+        if not isinstance(state, dict):
+            raise checkpoint.error(" is not a JSON object")
+        return read_impact(root.need_group("shot"), number), state
+
+
+def shots_in(folder: Path, listed: Sequence[tuple[int, str]]) -> list[Shot]:
+    """Return shots from files that this process opens itself, a number and a path each."""
+    return [shot_in(Path(path), number)[0] for number, path in listed]
 
 
 def _take_lock(path: Path) -> int:

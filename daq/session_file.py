@@ -11,8 +11,9 @@ import numpy as np
 
 from daq.durable import write_whole
 from daq.errors import RecordingError
-from daq.hdf5 import CHECKSUMMED, LARGEST_ARRAY, Node, is_storable, open_hdf5, reading, refuse_non_finite
+from daq.hdf5 import CHECKSUMMED, Node, is_storable, open_hdf5, refuse_non_finite
 from daq.impact_group import ATTRIBUTE_LIMIT, check_shot, check_time, read_impact, scalar_text, write_impact
+from daq.limited import read_limited
 from daq.records import CalibrationPoints, RigDescription, Session, Shot
 
 FORMAT = "mesotap-session"
@@ -94,17 +95,24 @@ def _image(session: Session) -> bytes:
         return bytes(file.id.get_file_image())
 
 
+KINDS = (Session, Shot, RigDescription, CalibrationPoints)
+
+
 def read_session(path: str | Path) -> Session:
     """Return the session in a file of format 1, everything in it checked; what is beside the format is ignored.
 
-    The file's path becomes the session's ``source``.
+    The file's path becomes the session's ``source``. A process of its own reads it (`daq.limited`).
 
     Raises
     ------
     RecordingError
         No such file, no HDF5 file, a damaged one, or an item is missing or malformed: one sentence that names it.
     """
-    path = Path(path)
+    return read_limited(session_in, Path(path), kinds=KINDS)
+
+
+def session_in(path: Path) -> Session:
+    """Return the session in a file that this process opens itself; else as `read_session`."""
     with open_hdf5(path) as root:
         kind = root.attribute("format")
         if kind != FORMAT:
@@ -180,17 +188,12 @@ def _read_points(calibration: Node | None, when: str) -> CalibrationPoints | Non
 
 def _read_impacts(impacts: Node, rig_rate_hz: float) -> tuple[Shot, ...]:
     shots: list[Shot] = []
-    values = 0
     for name in sorted((n for n in impacts.names() if n.isascii() and n.isdigit()), key=int):
         node = impacts.need_group(name)
+        node.take()
         number = int(name)
         if name != f"{number:05d}":
             raise node.error(": an impact's name has five digits")
-        with reading(node.path, node.name):
-            acceleration = node.item.get("acceleration")
-            values += int(getattr(acceleration, "size", 0) or 0)
-        if values > LARGEST_ARRAY:
-            raise node.error(f": the impacts claim more than {LARGEST_ARRAY} samples together")
         shot = read_impact(node, number)
         if math.isfinite(rig_rate_hz) and abs(shot.sample_rate_hz - rig_rate_hz) > RATE_TOLERANCE * rig_rate_hz:
             raise node.error(f": sample_rate_hz is {shot.sample_rate_hz:g} but /rig says {rig_rate_hz:g}")

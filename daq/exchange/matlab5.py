@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from daq.errors import RecordingError
 from daq.exchange.arrays import NamedArrays, sort_arrays
 from daq.exchange.recording import Columns
-from daq.hdf5 import LARGEST_ARRAY
+from daq.limits import LARGEST_ARRAY
 
 HEADER = 128
 MATRIX, COMPRESSED = 14, 15

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import RecordingError
-from daq.hdf5 import LARGEST_ARRAY
+from daq.limits import LARGEST_ARRAY
 from rig.settings import STANDARD_GRAVITY
 
 FEWEST_SAMPLES = 16

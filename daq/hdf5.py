@@ -354,13 +354,13 @@ class Node:
             raise self._attribute_error(name, f"is {number:g}, expected {limit}")
         return number
 
-    def count(self, name: str, least: int = 0) -> int:
-        """Return a required whole number of at least ``least``."""
+    def count(self, name: str, least: int = 0, most: int = LARGEST_COUNT) -> int:
+        """Return a required whole number of at least ``least`` and at most ``most``."""
         value = self.number(name)
         if not math.isfinite(value) or value != int(value):
             raise self._attribute_error(name, f"is {value:g}, expected a whole number")
-        if not least <= value <= LARGEST_COUNT:
-            limit = f"at least {least}" if value < least else f"at most {LARGEST_COUNT}"
+        if not least <= value <= most:
+            limit = f"at least {least}" if value < least else f"at most {most}"
             raise self._attribute_error(name, f"is {value:g}, expected {limit}")
         return int(value)
 

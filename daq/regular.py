@@ -39,6 +39,8 @@ def open_regular(path: Path) -> tuple[int, int]:
         except BaseException:
             os.close(descriptor)
             raise
+    except RecordingError:
+        raise
     except FileNotFoundError:
         dangling = ": it is a link to nowhere" if path.is_symlink() else ""
         raise RecordingError(f"{path}: there is no such file{dangling}") from None

@@ -18,6 +18,10 @@ from daq.records import CalibrationPoints, RigDescription, Session, Shot
 
 FORMAT = "mesotap-session"
 VERSION = 1
+MOST_POLES = 8
+"""Poles of an analog filter ahead of a recorder; `rig.filter` of the configuration allows as many."""
+
+MOST_BITS = 64
 FAMILIES = ("butterworth", "none", "")
 RATE_TOLERANCE = 0.01
 """Relative difference between the rig's sampling rate and an impact's that a recorder's clock may explain."""
@@ -153,7 +157,8 @@ def _read_rig(node: Node) -> RigDescription:
         for name in ("m1_kg", "m2_kg", "k1_n_per_m", "k2_n_per_m", "sample_rate_hz", "full_scale_m_s2")
     }
     corner = {name: node.number(name, required=False, least=0.0) for name in ("highpass_hz", "lowpass_hz")}
-    count = {name: _known_count(node, name) for name in ("highpass_order", "lowpass_order", "bits")}
+    most = {"highpass_order": MOST_POLES, "lowpass_order": MOST_POLES, "bits": MOST_BITS}
+    count = {name: _known_count(node, name, most[name]) for name in most}
     return RigDescription(
         m1_kg=positive["m1_kg"],
         m2_kg=positive["m2_kg"],
@@ -170,8 +175,8 @@ def _read_rig(node: Node) -> RigDescription:
     )
 
 
-def _known_count(node: Node, name: str) -> int:
-    return 0 if math.isnan(node.number(name, required=False)) else node.count(name)
+def _known_count(node: Node, name: str, most: int) -> int:
+    return 0 if math.isnan(node.number(name, required=False)) else node.count(name, most=most)
 
 
 def _read_points(calibration: Node | None, when: str) -> CalibrationPoints | None:

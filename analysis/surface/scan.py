@@ -20,11 +20,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.errors import RecordingError
+from daq.limited import read_limited
+from daq.regular import read_regular
+
 FloatArray = NDArray[np.float64]
 UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9, "å": 1e-10}
 FEWEST_POINTS = 32  # along each direction
 EVEN = 0.02  # steps may differ by this share of their mean
-LARGEST_FILE = 400_000_000  # bytes
+LARGEST_FILE = 100_000_000  # bytes
 MOST_MISSING = 0.05  # share of the points that may be filled in
 
 
@@ -69,12 +73,18 @@ def read_scan(path: Path, unit: str | None = None, spacing_um: float | None = No
     Raises
     ------
     ScanError
-        What is wrong with the file, and where.
+        What is wrong with what is in the file, and where.
+    RecordingError
+        It cannot be read.
     """
-    if path.stat().st_size > LARGEST_FILE:
-        raise ScanError(f"{path}: larger than {LARGEST_FILE // 1_000_000} MB; export a part of the scan")
+    return read_limited(scan_in, path, unit, spacing_um, kinds=(Scan,), errors=(ScanError, RecordingError))
+
+
+def scan_in(path: Path, unit: str | None, spacing_um: float | None) -> Scan:
+    """Return the scan in a file that this process opens itself; see `read_scan`."""
+    content = read_regular(path, LARGEST_FILE, "a scan; export a part of it")
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ScanError(f"{path}: is no text file; export the scan as CSV") from None
     return parse_scan(text, str(path), unit, spacing_um)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 
@@ -17,9 +16,11 @@ from analysis.session import analyse_session
 from daq.durable import write_whole
 from daq.errors import RecordingError
 from daq.records import Session
+from daq.regular import read_head
 from daq.session_file import read_session
 from mesotap.config import Config
 from mesotap.rounding import with_uncertainty
+from mesotap.terminal import escape
 
 
 def write_json(path: Path | None, answer: Any) -> None:
@@ -27,6 +28,8 @@ def write_json(path: Path | None, answer: Any) -> None:
     if path is None:
         return
     text = json.dumps(answer, indent=1, allow_nan=False) + "\n"
+    if str(path) != "-" and path.is_file() and read_head(path, 1) not in (b"", b"{", b"["):
+        raise RecordingError(f"{path}: exists already and is no JSON; it is left as it is, name another file")
     if str(path) == "-":
         sys.stdout.write(text)
         return

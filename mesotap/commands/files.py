@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from analysis.modal.amplitude import along_the_decay
@@ -27,6 +26,7 @@ from mesotap.commands.session import SESSION_FILE, partial
 from mesotap.config import Config, ConfigError, effective_text, load_config, parse_config
 from mesotap.results_files import modes_json, results_json
 from mesotap.rounding import with_uncertainty
+from mesotap.terminal import escape
 
 if TYPE_CHECKING:
     from mesotap.correction import Correction
@@ -102,7 +102,7 @@ def _analyze_one(
         from mesotap.report import recording_report
 
         page = recording_report(report, recording, modes)
-        console.print(f"report {page}", highlight=False, soft_wrap=True)
+        console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
     return modes_json(modes)
 
 
@@ -221,7 +221,7 @@ def _session_report(
         contact=config.analysis.contact,
         correction=correction,
     )
-    console.print(f"report {page}", highlight=False, soft_wrap=True)
+    console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
     return results
 
 
@@ -248,7 +248,7 @@ def published(report: Path | None, json_path: Path | None, console: Console) -> 
     if report is not None:
         from mesotap.report import published_report
 
-        console.print(f"report {published_report(report, answer)}", highlight=False, soft_wrap=True)
+        console.print(f"report {escape(published_report(report, answer))}", highlight=False, soft_wrap=True)
     write_json(json_path, answer.as_json())
 
 
@@ -268,8 +268,9 @@ def import_file(
     write_session(target, session)
     shot = session.shots[0]
     count, samples = recording.data.shape
+    names = escape(", ".join(recording.names))
     console.print(
-        f"{target}: {count} channels ({', '.join(recording.names)}), {samples} samples at {recording.rate_hz:g} Hz; "
+        f"{escape(target)}: {count} channels ({names}), {samples} samples at {recording.rate_hz:g} Hz; "
         f"trigger at sample {shot.pretrigger}",
         highlight=False,
         soft_wrap=True,

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
 
 from analysis.results import SessionResults
 from analysis.session import AnalysisError
@@ -30,6 +29,7 @@ from mesotap.session.progress import assemble, describe_rig, progress_of
 from mesotap.session.runner import Bench, SessionRunner
 from mesotap.session.shots import judged_shot
 from mesotap.session.states import State
+from mesotap.terminal import escape
 from rig import GaugeScale, Rig
 from rig.interlock import Interlock
 
@@ -76,7 +76,7 @@ def resume(path: Path, json_path: Path | None, console: Console) -> None:
     with SessionFolder.open(path) as folder:
         config = parse_config(str(folder.header["config"]), str(path / "session.json"))
         if progress_of(folder.events()).state is State.DONE and (path / SESSION_FILE).exists():
-            console.print(f"{path}: this session is finished; its report is written again", highlight=False)
+            console.print(f"{escape(path)}: this session is finished; its report is written again", highlight=False)
             session = read_session(path / SESSION_FILE)
             truths = progress_of(folder.events()).truths
             session = replace(session, source=SESSION_FILE)
@@ -101,7 +101,7 @@ def _carry_out(folder: SessionFolder, config: Config, rig: Rig, json_path: Path 
     runner.finish()
     session = replace(session, source=SESSION_FILE)
     results = _report(session, config, folder.path, runner.progress.truths, console)
-    console.print(f"session file {file}", highlight=False, soft_wrap=True)
+    console.print(f"session file {escape(file)}", highlight=False, soft_wrap=True)
     write_json(json_path, results_json(results))
     _diagnose(session, results, config, folder.path, console)
 
@@ -122,7 +122,7 @@ def _report(
         contact=config.analysis.contact,
     )
     show_session(results, console)
-    console.print(f"report       {page}", highlight=False, soft_wrap=True)
+    console.print(f"report       {escape(page)}", highlight=False, soft_wrap=True)
     return results
 
 
@@ -237,5 +237,5 @@ def simulate_one(
     for line in lines:
         console.print(line, highlight=False)
     said = shot.reject_reason or "accepted"
-    console.print(f"{output}: one tap at {before[0]:.1f} mN, {said}", highlight=False, soft_wrap=True)
+    console.print(f"{escape(output)}: one tap at {before[0]:.1f} mN, {escape(said)}", highlight=False, soft_wrap=True)
     write_json(json_path, {"format": "mesotap-truth", "version": 1, "file": str(output), "truth": truth})

@@ -1,0 +1,77 @@
+"""All hostile inputs, and the table of what became of them: ``python -m tests.hostile.corpus``."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from tests.hostile import folders, hdf5_files, places, recordings, settings
+from tests.hostile.case import LARGEST_MEMORY, LONGEST_S, Case, Outcome, fault, run
+
+PAGE = Path(__file__).parents[2] / "docs" / "hostile.md"
+
+
+def cases() -> Iterator[Case]:
+    """All of them."""
+    for module in (hdf5_files, recordings, settings, folders, places):
+        yield from module.cases()
+
+
+def tried(case: Case) -> tuple[Case, Outcome, str]:
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "here"
+        folder.mkdir()
+        outcome = run(case.make(folder), folder)
+    return case, outcome, fault(case, outcome)
+
+
+def table(found: list[tuple[Case, Outcome, str]]) -> str:
+    """Return the page."""
+    lines = [
+        "# Hostile and damaged files",
+        "",
+        "Written by `make hostile`. Each input is given to the command line as it stands, each process of which may have",
+        f"{LARGEST_MEMORY // 10**9} GB of addresses, and {LONGEST_S:.0f} s. It is refused in one sentence with exit code 2, or read rightly;",
+        "nothing that is printed holds a control character. Memory is that of the largest process, time that of the clock.",
+        "",
+        "| kind | inputs | refused | read | most memory, MB | longest, s |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    kinds = list(dict.fromkeys(case.kind for case, _, _ in found))
+    for kind in (*kinds, "all"):
+        of = [outcome for case, outcome, _ in found if kind in (case.kind, "all")]
+        refused, memory = sum(o.status == 2 for o in of), max(o.memory for o in of) / 1e6
+        lines.append(
+            f"| {kind} | {len(of)} | {refused} | {len(of) - refused} | {memory:.0f} | {max(o.seconds for o in of):.1f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Try all, or those whose kind and name hold a text; write the page where all were tried and are as they must be."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("which", nargs="?", default="")
+    parser.add_argument("--jobs", type=int, default=2)
+    options = parser.parse_args()
+    chosen = [case for case in cases() if options.which in f"{case.kind}: {case.name}"]
+    found = []
+    with ThreadPoolExecutor(options.jobs) as pool:
+        for case, outcome, wrong in pool.map(tried, chosen):
+            found.append((case, outcome, wrong))
+            if wrong:
+                print(f"{case.kind}: {case.name!r}: {wrong}", flush=True)
+    bad = sum(bool(wrong) for _, _, wrong in found)
+    print(table(found))
+    print(f"{len(found)} inputs, {bad} not as they must be")
+    if not bad and not options.which and "MESOTAP_WRITE_HOSTILE" in os.environ:
+        PAGE.write_text(table(found), encoding="utf-8")
+    sys.exit(bool(bad))
+
+
+if __name__ == "__main__":
+    main()

@@ -17,9 +17,14 @@ from tests.hostile.case import Case, Make
 from tests.hostile.hdf5_files import HOSTILE_TEXT, MERGE_BOMB
 
 HEADER = {
-    "created": "2026-01-01T00:00:00Z", "config": effective_text(Config()), "simulated": True, "emulated": False, "seed": 1,
-    "realtime": False, "software": "mesotap 0.1.0",
-}  # fmt: skip
+    "created": "2026-01-01T00:00:00Z",
+    "config": effective_text(Config()),
+    "simulated": True,
+    "emulated": False,
+    "seed": 1,
+    "realtime": False,
+    "software": "mesotap 0.1.0",
+}
 Damage = Callable[[Path], Any]
 
 

@@ -120,8 +120,13 @@ UFFS: tuple[tuple[str, bytes | Callable[[], bytes], dict[str, Any]], ...] = (
     ("-5 values claimed", uff("-5", " 1.0E0 2.0E0"), {"says": "x.uff"}),
     ("10,000 data sets of nothing", b"    -1\n   151\nx\n    -1\n" * 10_000, {"says": "x.uff"}),
     ("a data set without end", uff("10", "1.0 " * 10)[:-8], {"says": "x.uff"}),
-    ("binary noise", b"    -1\n    58b     1     2          11       4096     0     0           0           0\n" + bytes(range(256)) * 100, {"says": "x.uff"}),
-)  # fmt: skip
+    (
+        "binary noise",
+        b"    -1\n    58b     1     2          11       4096     0     0           0           0\n"
+        + bytes(range(256)) * 100,
+        {"says": "x.uff"},
+    ),
+)
 
 PLAIN = "\n".join(f"{np.sin(i):.5f}" for i in range(4000))
 SCANS: tuple[tuple[str, bytes | Callable[[], bytes], dict[str, Any]], ...] = (

@@ -35,7 +35,11 @@ CONFIGS: tuple[tuple[str, str | bytes, dict[str, Any]], ...] = (
     ("a merge of itself", "a: &a {<<: *a}", {"says": "inside of what it stands for"}),
     ("10,000 lists within lists", "[" * 10_000, {"says": "not YAML"}),
     ("30,000 maps within maps", "{a: " * 30_000, {"says": "c.yaml"}),
-    ("a key given twice", "mesotap: {dwell_s: 1}\nrig: {}\nmesotap: {dwell_s: 2}", {"says": "line 1 and in line 3", "quick": True}),
+    (
+        "a key given twice",
+        "mesotap: {dwell_s: 1}\nrig: {}\nmesotap: {dwell_s: 2}",
+        {"says": "line 1 and in line 3", "quick": True},
+    ),
     ("a limit given twice", "rig:\n  limits:\n    load_mn: 1100\n    load_mn: 9000", {"says": "line 3 and in line 4"}),
     ("5 MB of comments", "# comment\n" * 500_000, {"says": "100 kB"}),
     ("99 kB of dashes", "- " * 49_000, {"says": "c.yaml"}),
@@ -69,9 +73,12 @@ CONFIGS: tuple[tuple[str, str | bytes, dict[str, Any]], ...] = (
     ("a date for a number", "mesotap: {dwell_s: 9999-99-99}", {"says": "c.yaml"}),
     ("a set for a section", "rig: !!set {a, b}", {"says": "rig"}),
     ("a list at the top", "- 1\n- 2", {"says": "no configuration"}),
-)  # fmt: skip
+)
 
-RIG = "bodies: {{{body}: 1.0}}\nsprings: [{{between: [{body}, ground]}}]\nsensors: [{{channel: a, of: {body}, shows: {shows}}}]\n"
+RIG = (
+    "bodies: {{{body}: 1.0}}\nsprings: [{{between: [{body}, ground]}}]\n"
+    "sensors: [{{channel: a, of: {body}, shows: {shows}}}]\n"
+)
 
 
 def rig(content: str) -> Callable[[Path], list[str]]:
@@ -90,11 +97,19 @@ RIGS: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("a body given twice", "bodies:\n  a: 1.0\n  a: 2.0\nsensors: []", {"says": "line 2 and in line 3"}),
     ("a body that is markup", RIG.format(body='"[/red]"', shows="speed"), {"says": "shows", "lines": True}),
     ("a body that acts on terminals", RIG.format(body='"\\e[31m"', shows="speed"), {"says": "shows", "lines": True}),
-    ("a sensor of nobody", RIG.format(body="m", shows="velocity").replace("of: m", 'of: "\\e[2J"'), {"says": "no body"}),
-    ("a mass of 1e400", RIG.format(body="m", shows="velocity").replace("1.0", "1.0e+400"), {"says": "rig.yaml", "lines": True}),
+    (
+        "a sensor of nobody",
+        RIG.format(body="m", shows="velocity").replace("of: m", 'of: "\\e[2J"'),
+        {"says": "no body"},
+    ),
+    (
+        "a mass of 1e400",
+        RIG.format(body="m", shows="velocity").replace("1.0", "1.0e+400"),
+        {"says": "rig.yaml", "lines": True},
+    ),
     ("a band of nothing", RIG.format(body="m", shows="velocity") + "recording: {band_hz: [5, 1]}", {"says": "band_hz"}),
     ("2 MB of bodies", "bodies: {" + ", ".join(f"b{i}: 1.0" for i in range(200_000)) + "}", {"says": "100 kB"}),
-)  # fmt: skip
+)
 
 
 def diagnosis(content: str | bytes) -> Callable[[Path], list[str]]:
@@ -119,16 +134,28 @@ DIAGNOSES: tuple[tuple[str, str | bytes, dict[str, Any]], ...] = (
     ("no mapping", "[1, 2]", {"says": "is no mesotap-diagnosis"}),
     ("another format", '{"format": "mesotap-results", "version": 1}', {"says": "is no mesotap-diagnosis"}),
     ("nothing of a diagnosis", '{"format": "mesotap-diagnosis", "version": 1}', {"says": "no complete"}),
-    ("no mechanism", '{"format": "mesotap-diagnosis", "version": 1, "mechanisms": [], "verdict": "\\u001b[31m"}', {"says": "nothing to adopt"}),
+    (
+        "no mechanism",
+        '{"format": "mesotap-diagnosis", "version": 1, "mechanisms": [], "verdict": "\\u001b[31m"}',
+        {"says": "nothing to adopt"},
+    ),
     ("an unknown mechanism", named("nothing"), {"says": "nothing"}),
     ("a mechanism that acts on terminals", named(HOSTILE_TEXT), {"says": "d.json"}),
     ("a mechanism that is markup", named("[/red]"), {"says": "d.json"}),
-    ("a value of 1e400", named("hunt_crossley_damping", parameter="damping_growth_per_relative_approach").replace("1.0", "1e400"), {"says": "no number"}),
+    (
+        "a value of 1e400",
+        named("hunt_crossley_damping", parameter="damping_growth_per_relative_approach").replace("1.0", "1e400"),
+        {"says": "no number"},
+    ),
     ("a value that is a text", named("hunt_crossley_damping", HOSTILE_TEXT), {"says": "no number"}),
-    ("a value of 1e308", named("hunt_crossley_damping", 1e308, "damping_growth_per_relative_approach"), {"either": True}),
+    (
+        "a value of 1e308",
+        named("hunt_crossley_damping", 1e308, "damping_growth_per_relative_approach"),
+        {"either": True},
+    ),
     ("half a letter", b'{"format": "\xff"}', {"says": "not JSON"}),
     ("nothing", b"", {"says": "not JSON"}),
-)  # fmt: skip
+)
 
 
 def cases() -> Iterator[Case]:

@@ -158,7 +158,27 @@ DIAGNOSES: tuple[tuple[str, str | bytes, dict[str, Any]], ...] = (
 )
 
 
+def truths(content: str) -> Callable[[Path], list[str]]:
+    def make(folder: Path) -> list[str]:
+        (folder / "practice").mkdir()
+        (folder / "practice" / "truth.json").write_text(content, encoding="utf-8")
+        return ["prove", "--practice", "practice", "--output", "proof"]
+
+    return make
+
+
+TRUTHS: tuple[tuple[str, str, dict[str, Any]], ...] = (
+    ("100,000 lists within lists", "[" * 100_000, {"says": "is no JSON"}),
+    ("a number of 100,000 digits", "9" * 100_000, {"says": "is no JSON"}),
+    ("a session elsewhere", '{"../../etc/passwd": {"kinds": [], "d": 1}}', {"says": "is missing"}),
+    ("a session that acts on terminals", '{"\\u001b[2J\\n": {"kinds": [], "d": 1}}', {"says": "is missing"}),
+    ("no sessions", "[]", {"says": "expected an object"}),
+)
+
+
 def cases() -> Iterator[Case]:
+    for name, content, how in TRUTHS:
+        yield Case("truths", name, truths(content), **how)
     for name, content, how in CONFIGS:
         yield Case("configurations", name, config(content), **how)
     for name, content, how in RIGS:

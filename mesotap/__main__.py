@@ -7,6 +7,19 @@ import sys
 
 REFUSED = 2
 INTERRUPTED = 130
+MEANT = (
+    ("analysis.contact.inversion", "TheoryError"),
+    ("analysis.modal.exponentials", "FitFailure"),
+    ("analysis.session", "AnalysisError"),
+    ("analysis.stiffness", "ResonanceError"),
+    ("analysis.surface.scan", "ScanError"),
+    ("calibration.line", "CalibrationError"),
+    ("daq.errors", "RecordingError"),
+    ("mesotap.config", "ConfigError"),
+    ("mesotap.proof.errors", "ProofError"),
+    ("rig.errors", "RigError"),
+)
+"""Modules and their errors that are sentences for a person."""
 
 
 def main() -> None:
@@ -42,29 +55,9 @@ def main() -> None:
 
 def _sentence(error: Exception) -> str | None:
     """Return the sentence of an error that is meant for a person, None for a fault of the program."""
-    from analysis.contact.inversion import TheoryError
-    from analysis.modal.exponentials import FitFailure
-    from analysis.session import AnalysisError
-    from analysis.stiffness import ResonanceError
-    from analysis.surface.scan import ScanError
-    from calibration.line import CalibrationError
-    from daq.errors import RecordingError
-    from mesotap.config import ConfigError
-    from mesotap.proof.errors import ProofError
-    from rig import RigError
-
-    meant = (
-        AnalysisError,
-        CalibrationError,
-        ConfigError,
-        FitFailure,
-        ProofError,
-        RecordingError,
-        ResonanceError,
-        RigError,
-        ScanError,
-        TheoryError,
-    )
+    # an error of a kind was raised by a module that is loaded: no other is waited for
+    loaded = [(sys.modules[module], name) for module, name in MEANT if module in sys.modules]
+    meant = tuple(getattr(module, name) for module, name in loaded)
     if isinstance(error, meant):
         return str(error)
     usage = getattr(error, "format_message", None)  # of a command that does not exist, an option that is none, ...

@@ -292,7 +292,7 @@ def import_(
     json: JsonPath = None,
 ) -> None:
     """Make a session file of a recording by another program."""
-    from mesotap.commands.files import import_file
+    from mesotap.commands.recordings import import_file
 
     import_file(file, output, rate, channel or (), json, _console(json))
 
@@ -303,7 +303,7 @@ def info(
     json: JsonPath = None,
 ) -> None:
     """Say what a file holds."""
-    from mesotap.commands.files import info as describe
+    from mesotap.commands.recordings import info as describe
 
     describe(file, json, _console(json))
 
@@ -415,7 +415,7 @@ def config_check(
 @config_app.command("show")
 def config_show(config: ConfigPath = None, changes: Changes = None, json: JsonPath = None) -> None:
     """Print every key with the value in force."""
-    from mesotap.commands.answers import write_json
+    from mesotap.commands.outputs import write_json
     from mesotap.config import effective_text, load_config
     from mesotap.terminal import say
 

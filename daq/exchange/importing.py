@@ -12,7 +12,6 @@ from daq.exchange.recording import Columns, Recording, make_recording
 from daq.limited import read_limited
 from daq.records import RigDescription, Session, Shot
 from daq.regular import read_head, read_regular
-from daq.trigger import find_trigger
 
 LARGEST_FILE = 1_000_000_000
 """Bytes beyond which a file is not read."""
@@ -138,6 +137,8 @@ def as_session(recording: Recording, channels: Sequence[str | int] | None = None
     RecordingError
         There are no two channels, or one of those asked for is not there.
     """
+    from daq.trigger import find_trigger  # brings all of scipy.signal, which a reader of files need not wait for
+
     names = recording.names
     if len(names) < 2:
         raise RecordingError(f"{recording.source}: has only one channel ({names[0]}), two are needed")

@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from mesotap.bench import build_rig
-from mesotap.commands.answers import write_json
+from mesotap.commands.outputs import write_json
 from mesotap.config import Config, load_config
 from mesotap.console import KeyControl, TerminalOperator
 from mesotap.self_test import Verdict, self_test

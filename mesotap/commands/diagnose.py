@@ -25,7 +25,7 @@ def diagnose(
 ) -> None:
     """Diagnose a session file, or several of one rig together."""
     from daq.session_file import read_session
-    from mesotap.commands.answers import write_json
+    from mesotap.commands.outputs import write_json
 
     known = known_mechanisms(without)
     sessions = [read_session(file) for file in files]
@@ -125,7 +125,7 @@ def diagnose_described(
     from analysis.mismatch.rigs.steady import sweeps_of
     from daq.exchange import import_recording
     from daq.exchange.tables import import_tables
-    from mesotap.commands.answers import write_json
+    from mesotap.commands.outputs import write_json
     from mesotap.rig_answers import print_rig_diagnosis, rig_answer
     from mesotap.rig_files import load_rig
 

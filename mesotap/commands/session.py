@@ -21,7 +21,9 @@ from daq.session_file import read_session, write_session
 from daq.trigger import record_shot
 from mesotap import __version__
 from mesotap.bench import build_rig, simulated_rig, truth_now
-from mesotap.commands.answers import analysed, refuse_to_overwrite, show_session, write_json
+from mesotap.commands.answers import analysed, show_session
+from mesotap.commands.outputs import refuse_to_overwrite, write_json
+from mesotap.commands.recordings import SESSION_FILE
 from mesotap.config import Config, effective_text, load_config, parse_config
 from mesotap.console import KeyControl, SessionDisplay, TerminalOperator
 from mesotap.results_files import results_json
@@ -32,8 +34,6 @@ from mesotap.session.states import State
 from mesotap.terminal import escape
 from rig import GaugeScale, Rig
 from rig.interlock import Interlock
-
-SESSION_FILE = "session.h5"
 
 
 def run(

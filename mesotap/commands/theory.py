@@ -20,7 +20,8 @@ from analysis.surface.moments import SurfaceAnswer, SurfaceParameters, analyse_s
 from analysis.surface.scan import read_scan
 from daq.records import Session
 from daq.session_file import read_session
-from mesotap.commands.answers import analysed, write_json
+from mesotap.commands.answers import analysed
+from mesotap.commands.outputs import write_json
 from mesotap.config import load_config
 from mesotap.explanations import chance, known
 from mesotap.rounding import with_uncertainty
@@ -227,7 +228,8 @@ def _settings(table: PublishedTable) -> list[str]:
 
 
 def _simulated_session(changes: Sequence[str], seed: int, console: Console) -> tuple[Session, SessionResults]:
-    from mesotap.commands.session import SESSION_FILE, run
+    from mesotap.commands.recordings import SESSION_FILE
+    from mesotap.commands.session import run
 
     with tempfile.TemporaryDirectory() as folder:
         unheard = Console(file=io.StringIO())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 import tempfile
@@ -55,7 +56,7 @@ def table(found: list[tuple[Case, Outcome, str]]) -> str:
         "| kind | inputs | refused | read | most memory, MB | longest, s |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
-    kinds = list(dict.fromkeys(case.kind for case, _, _ in found))
+    kinds = sorted({case.kind for case, _, _ in found})
     for kind in (*kinds, "all"):
         of = [outcome for case, outcome, _ in found if kind in (case.kind, "all")]
         refused, memory = sum(o.status == 2 for o in of), max(o.memory for o in of) / 1e6
@@ -65,24 +66,42 @@ def table(found: list[tuple[Case, Outcome, str]]) -> str:
 
 
 def main() -> None:
-    """Try all, or those whose kind and name hold a text; write the page where all are as they must be."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Try all, or those whose kind and name hold a text; write the page where all are as they must be.
+
+    With ``--kept`` each outcome is written to a file as it comes, and one that stands there is not tried again.
+    """
+    parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("which", nargs="?", default="")
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--kept", type=Path)
     options = parser.parse_args()
-    chosen = [case for case in cases() if options.which in f"{case.kind}: {case.name}"]
-    found = []
+    chosen = [case for case in cases() if options.which in title(case)]
+    kept = {} if options.kept is None or not options.kept.exists() else read_kept(options.kept)
+    found = [(case, kept[title(case)], "") for case in chosen if title(case) in kept]
     with ThreadPoolExecutor(options.jobs) as pool:
-        for case, outcome, wrong in pool.map(told, chosen):
+        for case, outcome, wrong in pool.map(told, [case for case in chosen if title(case) not in kept]):
             found.append((case, outcome, wrong))
             if wrong:
-                print(f"{case.kind}: {case.name!r}: {wrong}", flush=True)
+                print(f"{title(case)!r}: {wrong}", flush=True)
+            elif options.kept is not None:
+                numbers = [title(case), outcome.status, outcome.seconds, outcome.memory]
+                with options.kept.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(numbers) + "\n")
     bad = sum(bool(wrong) for _, _, wrong in found)
     print(table(found))
     print(f"{len(found)} inputs, {bad} not as they must be")
     if not bad and not options.which and "MESOTAP_WRITE_HOSTILE" in os.environ:
         PAGE.write_text(table(found), encoding="utf-8")
     sys.exit(bool(bad))
+
+
+def title(case: Case) -> str:
+    return f"{case.kind}: {case.name}"
+
+
+def read_kept(path: Path) -> dict[str, Outcome]:
+    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return {name: Outcome(status, b"", b"", seconds, memory) for name, status, seconds, memory in lines}
 
 
 if __name__ == "__main__":

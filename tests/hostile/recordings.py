@@ -53,7 +53,7 @@ TEXTS: tuple[tuple[str, bytes | Callable[[], bytes], dict[str, Any]], ...] = (
     ("20 MB of commas", lambda: b",,,\n" * 5_000_000, {"says": "x.csv"}),
     ("20 MB of words", lambda: b"abc def\n" * 2_500_000, {"says": "no table"}),
     ("10 MB of comments", lambda: b"# a\n" * 2_500_000, {"says": "x.csv"}),
-    ("100,000 columns", lambda: (b"1," * 100_000 + b"1\n") * 20, {"either": True}),
+    ("100,000 columns", lambda: (b"1," * 100_000 + b"1\n") * 20, {"says": "more than this program takes"}),
     ("numbers of 100,000 digits", table("t,a,b", "\n".join(["9" * 100_000] * 20)), {"says": "x.csv"}),
     ("exponents beyond numbers", table("t,a,b", ROWS.replace("0.841471", "1e999")), {"says": "infinite"}),
     ("zeros among the text", b"a,b\n" + b"\0" * 1000, {"says": "no recording"}),

@@ -55,14 +55,17 @@ def main() -> None:
 
 def _sentence(error: Exception) -> str | None:
     """Return the sentence of an error that is meant for a person, None for a fault of the program."""
+    from daq.errors import one_line
+
     # an error of a kind was raised by a module that is loaded: no other is waited for
     loaded = [(sys.modules[module], name) for module, name in MEANT if module in sys.modules]
     meant = tuple(getattr(module, name) for module, name in loaded)
     if isinstance(error, meant):
-        return str(error)
+        # a configuration's faults have a line each; anything else is one sentence, whatever it quotes
+        return str(error) if type(error).__name__ == "ConfigError" else one_line(str(error))
     usage = getattr(error, "format_message", None)  # of a command that does not exist, an option that is none, ...
     if usage is not None:
-        return str(usage())
+        return one_line(str(usage()))
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename!s}: {error.strerror}"
     return None

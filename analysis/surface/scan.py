@@ -29,6 +29,7 @@ UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9,
 FEWEST_POINTS = 32  # along each direction
 EVEN = 0.02  # steps may differ by this share of their mean
 LARGEST_FILE = 100_000_000  # bytes
+LONGEST_LINE = 10_000_000  # characters: a row of a map, or a profile, of a million points
 MOST_MISSING = 0.05  # share of the points that may be filled in
 
 
@@ -115,6 +116,10 @@ def _declared(text: str, source: str) -> tuple[dict[str, str], list[tuple[int, s
     declared: dict[str, str] = {}
     lines = []
     for number, raw in enumerate(text.splitlines(), start=1):
+        if len(raw) > LONGEST_LINE:
+            raise ScanError(
+                f"{source}: line {number} has more than {LONGEST_LINE} characters; export a part of the scan"
+            )
         line = raw.strip()
         if line.startswith("#"):
             key, colon, value = line[1:].partition(":")

@@ -113,8 +113,12 @@ def walk_mat5(path: Path, content: bytes) -> NamedArrays:
     found = NamedArrays()
     try:
         reader = _Reader(memoryview(content), order, HEADER)
-        while reader.more():
+        for _ in range(MOST_ELEMENTS):
+            if not reader.more():
+                break
             kind, inner = reader.element()
+            if not kind:
+                raise _Damaged
             if kind == COMPRESSED:
                 kind, inner = _Reader(_unpack(inner), order).element()
             if kind == MATRIX:

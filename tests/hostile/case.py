@@ -15,6 +15,11 @@ LARGEST_MEMORY = 2_000_000_000
 """Bytes of addresses that any process of the command may have."""
 
 LONGEST_S = 20.0
+"""Time of the processor, all processes of the command together."""
+
+KILLED_S = 120.0
+"""Time of the clock after which a command is killed: a machine that is busy runs it at a fifth of its speed."""
+
 REFUSED = 2
 
 Make = Callable[[Path], Sequence[str | Path]]
@@ -55,11 +60,12 @@ class Outcome:
     stdout: bytes
     stderr: bytes
     seconds: float
+    processor_s: float
     memory: int
     """Bytes that its largest process had at most."""
 
 
-def run(arguments: Sequence[str | Path], folder: Path, longest_s: float = LONGEST_S) -> Outcome:
+def run(arguments: Sequence[str | Path], folder: Path, longest_s: float = KILLED_S) -> Outcome:
     """Run ``mesotap`` within limits. A command that has not ended in time is killed, and its status is -9."""
     limit = f'ulimit -v {LARGEST_MEMORY // 1000}; exec "$@"'
     began = time.monotonic()
@@ -79,7 +85,12 @@ def run(arguments: Sequence[str | Path], folder: Path, longest_s: float = LONGES
                 time.sleep(0.01)
         child.returncode = os.waitstatus_to_exitcode(status)
     return Outcome(
-        child.returncode, out.read_bytes(), err.read_bytes(), time.monotonic() - began, 1024 * usage.ru_maxrss
+        child.returncode,
+        out.read_bytes(),
+        err.read_bytes(),
+        time.monotonic() - began,
+        usage.ru_utime + usage.ru_stime,
+        1024 * usage.ru_maxrss,
     )
 
 
@@ -89,6 +100,8 @@ def fault(case: Case, outcome: Outcome) -> str:
         shown, said = outcome.stdout.decode(), outcome.stderr.decode()
     except UnicodeDecodeError:
         return "what it printed is not UTF-8"
+    if outcome.processor_s > LONGEST_S:
+        return f"it took {outcome.processor_s:.0f} s of the processor"
     if outcome.status not in (0, REFUSED):
         return f"it ended with {outcome.status}: {said[-600:]}"
     for text in (shown, said):

@@ -40,7 +40,7 @@ def told(case: Case) -> tuple[Case, Outcome, str]:
     try:
         return tried(case)
     except Exception as error:
-        return case, Outcome(0, b"", b"", 0.0, 0), f"it could not be made: {error!r}"
+        return case, Outcome(0, b"", b"", 0.0, 0.0, 0), f"it could not be made: {error!r}"
 
 
 def table(found: list[tuple[Case, Outcome, str]]) -> str:
@@ -49,9 +49,9 @@ def table(found: list[tuple[Case, Outcome, str]]) -> str:
         "# Hostile and damaged files",
         "",
         "Written by `make hostile`. Each input is given to the command line as it stands; every process of it",
-        f"may have {LARGEST_MEMORY // 10**9} GB of addresses, and it may take {LONGEST_S:.0f} s. It is refused in one",
-        "sentence with exit code 2, or read rightly; nothing that is printed holds a control character. Memory is",
-        "that of the largest process, time that of the clock.",
+        f"may have {LARGEST_MEMORY // 10**9} GB of addresses, and it may take {LONGEST_S:.0f} s of the processor. It",
+        "is refused in one sentence with exit code 2, or read rightly; nothing that is printed holds a control",
+        "character. Memory is that of the largest process, time that of the clock.",
         "",
         "| kind | inputs | refused | read | most memory, MB | longest, s |",
         "| --- | --- | --- | --- | --- | --- |",
@@ -84,7 +84,7 @@ def main() -> None:
             if wrong:
                 print(f"{title(case)!r}: {wrong}", flush=True)
             elif options.kept is not None:
-                numbers = [title(case), outcome.status, outcome.seconds, outcome.memory]
+                numbers = [title(case), outcome.status, outcome.seconds, outcome.processor_s, outcome.memory]
                 with options.kept.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(numbers) + "\n")
     bad = sum(bool(wrong) for _, _, wrong in found)
@@ -101,7 +101,7 @@ def title(case: Case) -> str:
 
 def read_kept(path: Path) -> dict[str, Outcome]:
     lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
-    return {name: Outcome(status, b"", b"", seconds, memory) for name, status, seconds, memory in lines}
+    return {name: Outcome(status, b"", b"", seconds, used, memory) for name, status, seconds, used, memory in lines}
 
 
 if __name__ == "__main__":

@@ -8,8 +8,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 LARGEST_MEMORY = 2_000_000_000
 """Bytes of addresses that any process of the command may have."""
@@ -65,7 +67,12 @@ class Outcome:
     """Bytes that its largest process had at most."""
 
 
-def run(arguments: Sequence[str | Path], folder: Path, longest_s: float = KILLED_S) -> Outcome:
+def run(
+    arguments: Sequence[str | Path],
+    folder: Path,
+    longest_s: float = KILLED_S,
+    alone: AbstractContextManager[Any] | None = None,
+) -> Outcome:
     """Run ``mesotap`` within limits. A command that has not ended in time is killed, and its status is -9."""
     limit = f'ulimit -v {LARGEST_MEMORY // 1000}; exec "$@"'
     began = time.monotonic()
@@ -73,9 +80,11 @@ def run(arguments: Sequence[str | Path], folder: Path, longest_s: float = KILLED
     with out.open("wb") as to_out, err.open("wb") as to_err:
         command = ["/bin/sh", "-c", limit, "sh", sys.executable, "-m", "mesotap", *map(os.fspath, arguments)]
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(Path(__file__).parents[2])}
-        child = subprocess.Popen(
-            command, cwd=folder, stdin=subprocess.DEVNULL, stdout=to_out, stderr=to_err, env=environment
-        )
+        # a process begins with the memory of the one that starts it, and its largest counts
+        with alone or nullcontext():
+            child = subprocess.Popen(
+                command, cwd=folder, stdin=subprocess.DEVNULL, stdout=to_out, stderr=to_err, env=environment
+            )
         ended, status, usage = 0, 0, resource.getrusage(resource.RUSAGE_SELF)
         while not ended:
             ended, status, usage = os.wait4(child.pid, os.WNOHANG)

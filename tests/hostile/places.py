@@ -72,7 +72,7 @@ NAMES = {
     "with a line end": "a\nmesotap: all is well.h5",
     "that turns the writing": "\u202e5h.x",
     "that is no UTF-8": os.fsdecode(b"\xff\xfe.h5"),
-    "that is markup": "[red]x[/nope].h5",
+    "that is markup": "[red]x[bold].h5",
     "that is an option": "--help.h5",
     "that is mathematics": "$\\frac{.h5",
 }
@@ -111,7 +111,7 @@ def cases() -> Iterator[Case]:
         shows = "kind:" if name.endswith(".h5") else "channels"
         yield Case("names", f"a file with a name {what}", called(name, True, "info"), shows=shows)
         yield Case("names", f"no file with a name {what}", called(name, False, "info"), says="there is no such file")
-    yield Case("names", "a name of 3000 bytes", called("n" * 3000, False, "info"), says="cannot be read")
+    yield Case("names", "a name of 3000 bytes", called("n" * 3000, False, "info"), says="too long")
     yield Case("outputs", "JSON over a session", over("x.h5", "info", "x.h5", "--json"), says="exists already")
     yield Case("outputs", "a recording over itself", over("x.csv", "import", "x.csv"), says="exists already")
     yield Case("outputs", "a report into a file", over("file", "published", "--report"), says="file")

@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 DEMO := demo
 SEED := 1
 
-.PHONY: demo test check unit lint types layers kills recovery bench streaming fuzz fuzz-hypothesis faults faults-table proof witness clean
+.PHONY: demo test check unit lint types layers kills recovery bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness clean
 
 demo: $(VENV)/.installed
 	rm -rf $(DEMO)
@@ -72,6 +72,10 @@ fuzz: $(VENV)/.tested
 # the same kinds drawn by hypothesis, which makes a failing input small (a day for 100,000 of each)
 fuzz-hypothesis: $(VENV)/.tested
 	MESOTAP_FUZZ=$(FUZZ) MESOTAP_FUZZ_SEED=$(FUZZ_SEED) OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 tests/fuzz/test_hypothesis.py
+
+# hostile files, folders and configurations through the command line; docs/hostile.md is written by what becomes of them
+hostile: $(VENV)/.tested
+	MESOTAP_WRITE_HOSTILE=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.hostile.corpus
 
 # the diagnosis on sealed sessions (hours; an interrupted proof goes on where it stopped)
 PROOF_SEED := 1

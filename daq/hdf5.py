@@ -1,15 +1,18 @@
 """Checked access to HDF5: every item that is missing or malformed becomes a sentence that names it.
 
-Nothing in a file is believed before it was looked at: not a kind, a shape, a count or a type.
+Nothing in a file is believed before it was looked at: not a kind, a shape, a count or a type. Only what is in the file
+itself is read, and each thing once: no link to another place, no array that is kept in another file or made of others.
+What is made of damage inside of the library is the business of `daq.limited`: all this runs in a process of its own.
 """
 
 from __future__ import annotations
 
 import math
 import mmap
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,20 +21,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import RecordingError
-from daq.old_layout import is_old, superblock, survives
+from daq.limited_child import no_more_files
+from daq.limits import LARGEST_ARRAY, data_room
+from daq.regular import open_regular
 
 CHECKSUMMED = ("v108", "v110")
-"""Bounds on the layout of files written here: readable since HDF5 1.8, and damage to their structure is noticed.
-
-The library crashes or loops on damage to the structure of files in the older layout, which has no checksums; see
-`daq.old_layout`.
-"""
-
-LARGEST_ARRAY = 100_000_000
-"""Values in one array beyond which a file is not believed (an hour of two channels at 14 kHz)."""
+"""Bounds on the layout of files written here: readable since HDF5 1.8, and damage to their structure is noticed."""
 
 LARGEST_COUNT = 2**53
 """Whole numbers beyond which floating-point numbers skip some."""
+
+MOST_NAMES = 100_000
+"""Items of one group beyond which a file is no recording: five digits number the impacts of a session."""
+
+LARGEST_ATTRIBUTE = 1_000_000
+"""Bytes of one attribute; HDF5 keeps up to 64 kB of it beside its item."""
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+FILTERS = {
+    h5py.h5z.FILTER_DEFLATE: "gzip",
+    h5py.h5z.FILTER_SHUFFLE: "shuffle",
+    h5py.h5z.FILTER_FLETCHER32: "fletcher32",
+    h5py.h5z.FILTER_SZIP: "szip",
+    h5py.h5z.FILTER_LZF: "lzf",
+}
+"""What samples may have been packed with: each once, for twice packed is a millionth."""
 
 _HEAP = b"GCOL\x01"
 
@@ -47,9 +61,18 @@ _BROKEN = (
 )
 
 
+@dataclass(slots=True)
+class _Ledger:
+    """What was read of a file so far: the bytes that it may still hold, and the addresses of what was taken."""
+
+    size: int
+    room: int
+    taken: set[int] = field(default_factory=set)
+
+
 @contextmanager
 def open_hdf5(path: Path) -> Iterator[Node]:
-    """Open an HDF5 file for reading; yields its root.
+    """Open an HDF5 file for reading; yields its root. Nothing else can be opened until it is closed.
 
     Raises
     ------
@@ -57,25 +80,32 @@ def open_hdf5(path: Path) -> Iterator[Node]:
         There is no such file, or it is no HDF5 file, or it is a damaged one.
     """
     damaged = "damaged or truncated"
-    with reading(path, "", damaged):
-        if not path.exists():
-            raise RecordingError(f"{path}: there is no such file")
-        if path.is_dir():
-            raise RecordingError(f"{path}: is a folder, not a file")
-        if path.stat().st_size == 0:
+    descriptor, size = open_regular(path)
+    try:
+        if not size:
             raise RecordingError(f"{path}: the file is empty")
-        with path.open("rb"):
-            pass
-        if not h5py.is_hdf5(path):
-            raise RecordingError(f"{path}: is no HDF5 file")
-        if not _heaps_are_sound(path) or (is_old(path) and not survives(path, LARGEST_ARRAY)):
-            raise RecordingError(f"{path}: the file is {damaged}")
-        file = h5py.File(path, "r")
-    with reading(path, "", damaged), file:
-        yield Node(path, "", file)
+        same = f"/proc/self/fd/{descriptor}"  # what was looked at, whatever has the name by now
+        with reading(path, "", damaged):
+            if not h5py.is_hdf5(same):
+                raise RecordingError(f"{path}: is no HDF5 file")
+            if not _heaps_are_sound(descriptor):
+                raise RecordingError(f"{path}: the file is {damaged}")
+            file = h5py.File(same, "r")
+        with reading(path, "", damaged), file, no_more_files():
+            yield Node(path, "", file, _Ledger(size, data_room(size)))
+    finally:
+        os.close(descriptor)
 
 
-def _heaps_are_sound(path: Path) -> bool:
+def superblock(content: mmap.mmap) -> int:
+    """Return where the superblock begins (byte 0, 512, 1024, 2048, ...): addresses in the file count from there."""
+    start = 0
+    while content[start : start + len(SIGNATURE)] != SIGNATURE and start < len(content):
+        start = start * 2 or 512
+    return start
+
+
+def _heaps_are_sound(descriptor: int) -> bool:
     """Walk the global heaps, where HDF5 keeps texts: a damaged one has the library loop for ever.
 
     A heap is the signature, version 1, three zeros and its size (8 bytes); then objects, each an index (2 bytes), a
@@ -83,7 +113,7 @@ def _heaps_are_sound(path: Path) -> bool:
     and its size counts its own header. The library does not look at the zeros. Where they are none, it is a damaged
     heap if anything in the file refers to it, and otherwise samples that happen to look like one.
     """
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+    with mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ) as content:
         base = superblock(content)
         heap = content.find(_HEAP)
         while heap >= 0:
@@ -127,6 +157,7 @@ class Node:
     path: Path
     name: str
     item: Any
+    ledger: _Ledger = field(default_factory=lambda: _Ledger(0, data_room(0)), compare=False)
 
     def error(self, what: str, name: str = "") -> RecordingError:
         """Return an error about this node, or about ``name`` below it."""
@@ -134,12 +165,38 @@ class Node:
         return RecordingError(f"{self.path}: {place or '/'}{what}")
 
     def child(self, name: str) -> Node | None:
-        """Return the item ``name`` of this group, or None when there is none."""
+        """Return the item ``name`` of this group, or None when there is none; an error if it is a link elsewhere."""
         full = f"{self.name}/{name}"
         with reading(self.path, full):
-            if name not in self.item:
+            if not self.item.id.links.exists(name.encode("utf-8", "surrogateescape")):
                 return None
-            return Node(self.path, full, self.item[name])
+        if self.is_link(name):
+            raise RecordingError(f"{self.path}: {full} is a link to another place, which is not followed")
+        with reading(self.path, full):
+            return Node(self.path, full, self.item[name], self.ledger)
+
+    def is_link(self, name: str) -> bool:
+        """Return whether an item is a link to another place, in this file or another."""
+        with reading(self.path, f"{self.name}/{name}"):
+            link = name.encode("utf-8", "surrogateescape")
+            return bool(self.item.id.links.get_info(link).type != h5py.h5l.TYPE_HARD)
+
+    def is_taken(self) -> bool:
+        """Return whether this item was read before, under another name."""
+        with reading(self.path, self.name or "/"):
+            return int(h5py.h5o.get_info(self.item.id).addr) in self.ledger.taken
+
+    def take(self) -> None:
+        """Note that this item is read.
+
+        Raises
+        ------
+        RecordingError
+            It was read before, under another name: hard links make one array a thousand, or a group its own child.
+        """
+        if self.is_taken():
+            raise self.error(" is the same as another item")
+        self.ledger.taken.add(int(h5py.h5o.get_info(self.item.id).addr))
 
     def group(self, name: str) -> Node | None:
         """Return the group ``name``, or None; an error if that name is something else."""
@@ -158,6 +215,8 @@ class Node:
     def names(self) -> list[str]:
         """Return the names in this group, sorted."""
         with reading(self.path, self.name or "/"):
+            if len(self.item) > MOST_NAMES:
+                raise self.error(f" holds {len(self.item)} items, more than this program takes")
             return sorted(str(name) for name in self.item)
 
     def values(self, name: str, shape: tuple[int | None, ...], floating: bool = False) -> NDArray[np.float64]:
@@ -168,9 +227,10 @@ class Node:
         child = self.child(name)
         if child is None:
             raise self.error(f"/{name} is missing")
-        data = child.item
-        if not isinstance(data, h5py.Dataset):
+        if not isinstance(child.item, h5py.Dataset):
             raise child.error(" is not an array")
+        child.refuse_layout()
+        data = child.item
         wanted = (
             "("
             + ", ".join("n" if size is None else str(size) for size in shape)
@@ -187,18 +247,65 @@ class Node:
             raise child.error(f" has shape {found}, expected {wanted}")
         if 0 in found:
             raise child.error(" is empty")
-        if math.prod(found) > LARGEST_ARRAY:
-            raise child.error(f" claims shape {found}, more than this program takes")
         with reading(self.path, child.name), np.errstate(all="ignore"):
-            array = np.ascontiguousarray(data[()], dtype=np.float64)
+            array = np.ascontiguousarray(child.content(), dtype=np.float64)
         refuse_non_finite(array, f"{self.path}: {child.name}")
         return array
+
+    def refuse_layout(self) -> None:
+        """Refuse an array that is kept elsewhere, made of others, or packed by what is not known.
+
+        Raises
+        ------
+        RecordingError
+            Says which.
+        """
+        with reading(self.path, self.name):
+            plan = self.item.id.get_create_plist()
+            layout = plan.get_layout()
+            elsewhere = layout != h5py.h5d.VIRTUAL and plan.get_external_count() > 0
+            packing = [plan.get_filter(i)[0] for i in range(plan.get_nfilters())]
+        if layout == h5py.h5d.VIRTUAL:
+            raise self.error(" is made of other arrays, which are not read")
+        if elsewhere:
+            raise self.error(" is kept in another file, which is not read")
+        unknown = next((code for code in packing if code not in FILTERS), None)
+        if unknown is not None:
+            raise self.error(f" is packed by filter {unknown}; known are {', '.join(FILTERS.values())}")
+        if len(set(packing)) < len(packing):
+            raise self.error(" is packed twice")
+
+    def content(self) -> NDArray[np.generic]:
+        """Return this array as it is, once its claims were held against what its file can hold.
+
+        Raises
+        ------
+        RecordingError
+            It claims more, or was read before.
+        """
+        self.refuse_layout()
+        self.take()
+        with reading(self.path, self.name):
+            shape, itemsize = self.item.shape, self.item.dtype.itemsize
+            chunk = math.prod(self.item.chunks or ())
+            stored = int(self.item.id.get_storage_size())
+        if math.prod(shape) > LARGEST_ARRAY:
+            raise self.error(f" claims shape {shape}, more than this program takes")
+        needed = max(math.prod(shape) * max(itemsize, 8), chunk * itemsize)
+        if needed > self.ledger.room or stored > self.ledger.size:
+            raise self.error(f" claims shape {shape}, more than a file of this size holds")
+        self.ledger.room -= needed
+        with reading(self.path, self.name), np.errstate(all="ignore"):
+            return np.asarray(self.item[()])
 
     def attribute(self, name: str) -> Any:
         """Return an attribute as a plain Python value, None when there is none; one-element arrays count as scalars."""
         with reading(self.path, f"attribute {name} of {self.name or '/'}"):
             if name not in self.item.attrs:
                 return None
+            kept = self.item.attrs.get_id(name)
+            if math.prod(kept.shape or ()) * kept.dtype.itemsize > LARGEST_ATTRIBUTE:
+                raise self._attribute_error(name, "is longer than this program takes")
             value = self.item.attrs[name]
             if isinstance(value, h5py.Empty):
                 return "" if value.dtype.kind in "SUO" else math.nan
@@ -247,13 +354,13 @@ class Node:
             raise self._attribute_error(name, f"is {number:g}, expected {limit}")
         return number
 
-    def count(self, name: str, least: int = 0) -> int:
-        """Return a required whole number of at least ``least``."""
+    def count(self, name: str, least: int = 0, most: int = LARGEST_COUNT) -> int:
+        """Return a required whole number of at least ``least`` and at most ``most``."""
         value = self.number(name)
         if not math.isfinite(value) or value != int(value):
             raise self._attribute_error(name, f"is {value:g}, expected a whole number")
-        if not least <= value <= LARGEST_COUNT:
-            limit = f"at least {least}" if value < least else f"at most {LARGEST_COUNT}"
+        if not least <= value <= most:
+            limit = f"at least {least}" if value < least else f"at most {most}"
             raise self._attribute_error(name, f"is {value:g}, expected {limit}")
         return int(value)
 
@@ -271,9 +378,8 @@ def claims_too_much(node: Node) -> bool:
         place = node.item.id.get_offset() if node.item.dtype.kind == "O" else None
         if place is None:
             return False
-        with node.path.open("rb") as file:
-            file.seek(place)
-            return int.from_bytes(file.read(4), "little") > node.path.stat().st_size
+        descriptor = int(node.item.file.id.get_vfd_handle())
+        return int.from_bytes(os.pread(descriptor, 4, place), "little") > node.ledger.size
 
 
 def is_storable(text: str) -> bool:

@@ -249,7 +249,10 @@ def scalar_text(node: Node) -> str:
     """
     if not isinstance(node.item, h5py.Dataset) or node.item.shape != () or node.item.dtype.kind not in "OS":
         raise node.error(" is not a scalar string")
+    node.refuse_layout()
     if claims_too_much(node):
+        raise node.error(" is damaged: it claims to be longer than the file")
+    if node.item.dtype.itemsize > node.ledger.size:
         raise node.error(" is damaged: it claims to be longer than the file")
     try:
         value = node.item[()]

@@ -16,6 +16,7 @@ import fcntl
 import json
 import logging
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -37,6 +38,7 @@ from daq.errors import RecordingError
 from daq.hdf5 import CHECKSUMMED, open_hdf5, reading
 from daq.impact_group import check_shot, digest_of, read_impact, scalar_text, to_json, write_impact
 from daq.journal_file import JOURNAL, LARGEST_TEXT, append_after_death, mend, open_journal, write_all
+from daq.limited import read_limited
 from daq.records import Shot
 
 __all__ = ["HEADER", "JOURNAL", "LOCK", "SHOTS", "SessionFolder", "append_after_death"]
@@ -187,28 +189,19 @@ class SessionFolder:
         RecordingError
             There is no such shot, or its file is damaged.
         """
-        path = self._shot_path(number)
-        with open_hdf5(path) as root:
-            if root.attribute("format") != SHOT_FORMAT or root.count("number") != number:
-                raise RecordingError(f"{path}: is not the file of shot {number}")
-            checkpoint = root.child("checkpoint")
-            if checkpoint is None:
-                raise root.error(" is missing", "/checkpoint")
-            with reading(path, "/checkpoint"):
-                state = json.loads(scalar_text(checkpoint))
-            if not isinstance(state, dict):
-                raise checkpoint.error(" is not a JSON object")
-            shot = read_impact(root.need_group("shot"), number)
-        noted = self._noted_digest(number)
-        if noted and noted != digest_of(shot):
-            raise RecordingError(
-                f"{path}: is not the shot {number} that the journal lists: its digest does not agree; put that one back"
-            )
+        shot, state = read_limited(shot_in, self._shot_path(number), number, kinds=(Shot,))
+        self._check_noted(shot)
         return shot, state
 
     def shots(self) -> list[Shot]:
         """Return all complete shots in order; `RecordingError` names a damaged file."""
-        return [self.read_shot(number)[0] for number in self.shot_numbers()]
+        paths = {number: self._shot_path(number) for number in self.shot_numbers()}
+        size = sum(path.stat().st_size for path in paths.values() if path.is_file())
+        listed = [[number, str(path)] for number, path in paths.items()]
+        shots: list[Shot] = read_limited(shots_in, self.path, listed, kinds=(Shot,), size=size) if listed else []
+        for shot in shots:
+            self._check_noted(shot)
+        return shots
 
     def close(self) -> None:
         """Let go of the folder; harmless when called twice."""
@@ -226,6 +219,15 @@ class SessionFolder:
     ) -> None:
         self.close()
 
+    def _check_noted(self, shot: Shot) -> None:
+        """Hold a shot against what the journal says of it."""
+        noted = self._noted_digest(shot.number)
+        if noted and noted != digest_of(shot):
+            raise RecordingError(
+                f"{self._shot_path(shot.number)}: is not the shot {shot.number} that the journal lists: its digest "
+                "does not agree; put that one back"
+            )
+
     def _noted_digest(self, number: int) -> str:
         """Digest by the journal; empty where it has none."""
         noted = (e.get("digest") for e in self._events if e["event"] == SHOT and e.get("number") == number)
@@ -233,6 +235,26 @@ class SessionFolder:
 
     def _shot_path(self, number: int) -> Path:
         return self.path / SHOTS / f"{number:05d}.h5"
+
+
+def shot_in(path: Path, number: int) -> tuple[Shot, dict[str, Any]]:
+    """Return a shot and its checkpoint from a file that this process opens itself; see `SessionFolder.read_shot`."""
+    with open_hdf5(path) as root:
+        if root.attribute("format") != SHOT_FORMAT or root.count("number") != number:
+            raise RecordingError(f"{path}: is not the file of shot {number}")
+        checkpoint = root.child("checkpoint")
+        if checkpoint is None:
+            raise root.error(" is missing", "/checkpoint")
+        with reading(path, "/checkpoint"):
+            state = json.loads(scalar_text(checkpoint))
+        if not isinstance(state, dict):
+            raise checkpoint.error(" is not a JSON object")
+        return read_impact(root.need_group("shot"), number), state
+
+
+def shots_in(folder: Path, listed: Sequence[tuple[int, str]]) -> list[Shot]:
+    """Return shots from files that this process opens itself, a number and a path each."""
+    return [shot_in(Path(path), number)[0] for number, path in listed]
 
 
 def _take_lock(path: Path) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 
 from daq.durable import write_whole
 from daq.errors import RecordingError
-from daq.hdf5 import CHECKSUMMED, LARGEST_ARRAY, Node, is_storable, open_hdf5, reading, refuse_non_finite
+from daq.hdf5 import CHECKSUMMED, Node, is_storable, open_hdf5, refuse_non_finite
 from daq.impact_group import (
     ATTRIBUTE_LIMIT,
     check_shot,
@@ -22,11 +22,16 @@ from daq.impact_group import (
     write_impact,
     write_json_item,
 )
+from daq.limited import read_limited
 from daq.records import CalibrationPoints, RigDescription, Session, Shot
 from rig.hardware_log import Repetition
 
 FORMAT = "mesotap-session"
 VERSION = 1
+MOST_POLES = 8
+"""Poles of an analog filter ahead of a recorder; `rig.filter` of the configuration allows as many."""
+
+MOST_BITS = 64
 FAMILIES = ("butterworth", "none", "")
 RATE_TOLERANCE = 0.01
 """Relative difference between the rig's sampling rate and an impact's that a recorder's clock may explain."""
@@ -106,17 +111,24 @@ def _image(session: Session) -> bytes:
         return bytes(file.id.get_file_image())
 
 
+KINDS = (Session, Shot, RigDescription, CalibrationPoints)
+
+
 def read_session(path: str | Path) -> Session:
     """Return the session in a file of format 1, everything in it checked; what is beside the format is ignored.
 
-    The file's path becomes the session's ``source``.
+    The file's path becomes the session's ``source``. A process of its own reads it (`daq.limited`).
 
     Raises
     ------
     RecordingError
         No such file, no HDF5 file, a damaged one, or an item is missing or malformed: one sentence that names it.
     """
-    path = Path(path)
+    return read_limited(session_in, Path(path), kinds=KINDS)
+
+
+def session_in(path: Path) -> Session:
+    """Return the session in a file that this process opens itself; else as `read_session`."""
     with open_hdf5(path) as root:
         kind = root.attribute("format")
         if kind != FORMAT:
@@ -174,7 +186,8 @@ def _read_rig(node: Node) -> RigDescription:
         for name in ("m1_kg", "m2_kg", "k1_n_per_m", "k2_n_per_m", "sample_rate_hz", "full_scale_m_s2")
     }
     corner = {name: node.number(name, required=False, least=0.0) for name in ("highpass_hz", "lowpass_hz")}
-    count = {name: _known_count(node, name) for name in ("highpass_order", "lowpass_order", "bits")}
+    most = {"highpass_order": MOST_POLES, "lowpass_order": MOST_POLES, "bits": MOST_BITS}
+    count = {name: _known_count(node, name, most[name]) for name in most}
     return RigDescription(
         m1_kg=positive["m1_kg"],
         m2_kg=positive["m2_kg"],
@@ -191,8 +204,8 @@ def _read_rig(node: Node) -> RigDescription:
     )
 
 
-def _known_count(node: Node, name: str) -> int:
-    return 0 if math.isnan(node.number(name, required=False)) else node.count(name)
+def _known_count(node: Node, name: str, most: int) -> int:
+    return 0 if math.isnan(node.number(name, required=False)) else node.count(name, most=most)
 
 
 def _read_points(calibration: Node | None, when: str) -> CalibrationPoints | None:
@@ -209,17 +222,12 @@ def _read_points(calibration: Node | None, when: str) -> CalibrationPoints | Non
 
 def _read_impacts(impacts: Node, rig_rate_hz: float) -> tuple[Shot, ...]:
     shots: list[Shot] = []
-    values = 0
     for name in sorted((n for n in impacts.names() if n.isascii() and n.isdigit()), key=int):
         node = impacts.need_group(name)
+        node.take()
         number = int(name)
         if name != f"{number:05d}":
             raise node.error(": an impact's name has five digits")
-        with reading(node.path, node.name):
-            acceleration = node.item.get("acceleration")
-            values += int(getattr(acceleration, "size", 0) or 0)
-        if values > LARGEST_ARRAY:
-            raise node.error(f": the impacts claim more than {LARGEST_ARRAY} samples together")
         rate_hz = node.number("sample_rate_hz", above=0.0)
         if math.isfinite(rig_rate_hz) and abs(rate_hz - rig_rate_hz) > RATE_TOLERANCE * rig_rate_hz:
             raise node.error(f": sample_rate_hz is {rate_hz:g} but /rig says {rig_rate_hz:g}")

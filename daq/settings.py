@@ -11,13 +11,17 @@ from rig.settings import NonNegative, Positive, Section
 Fraction = Annotated[float, Field(gt=0, le=1)]
 
 
+LONGEST_WAIT_S = 3600.0  # a tap that is waited for longer is not coming
+LARGEST_ACCELERATION_G = 50.0  # at 100 mV/g the 5 V that a recorder takes; a tap that is used has less than 1
+
+
 class Trigger(Section):
     """When a record begins and how long it is."""
 
     threshold_m_s2: Positive = 0.05
     pretrigger_samples: Annotated[int, Field(ge=16)] = 250
     record_samples: Annotated[int, Field(ge=256, le=10_000_000)] = 5000
-    timeout_s: Positive = 30.0
+    timeout_s: Annotated[float, Field(gt=0, le=LONGEST_WAIT_S)] = 30.0
 
     @model_validator(mode="after")
     def _room_for_the_tap(self) -> Trigger:
@@ -29,7 +33,7 @@ class Trigger(Section):
 class Quality(Section):
     """Limits beyond which a tap is rejected."""
 
-    largest_acceleration_g: Positive = 1.0
+    largest_acceleration_g: Annotated[float, Field(gt=0, le=LARGEST_ACCELERATION_G)] = 1.0
     largest_force_ratio: Positive = 0.8
     smallest_signal_to_noise: Positive = 20.0
     largest_noise_m_s2: Positive = 0.02

@@ -14,9 +14,13 @@ def main() -> None:
     # the matrices here are small: a second BLAS thread only gets in the way of the first
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from mesotap.cli import app
+    from mesotap.terminal import complain, survive_any_text
 
+    survive_any_text()
     try:
-        app()
+        ended = app(standalone_mode=False)
+        if isinstance(ended, int) and ended:
+            sys.exit(ended)
     except KeyboardInterrupt:
         sys.stderr.write("mesotap: interrupted\n")
         sys.exit(INTERRUPTED)
@@ -25,22 +29,30 @@ def main() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except Exception as error:
+        if type(error).__name__ == "NoArgsIsHelpError":
+            error.show()  # type: ignore[attr-defined]
+            sys.exit(REFUSED)
         sentence = _sentence(error)
         if sentence is None:
             raise
         whole = "; ".join([sentence, *getattr(error, "__notes__", ())])
-        sys.stderr.write(f"mesotap: {whole}\n")
+        complain(f"mesotap: {whole}")
         sys.exit(INTERRUPTED if type(error).__name__ == "SessionAborted" else REFUSED)
 
 
 def _sentence(error: Exception) -> str | None:
     """Return the sentence of an error that is meant for a person, None for a fault of the program."""
+    from daq.errors import one_line
     from rig.errors import MesotapError
 
     if isinstance(error, MesotapError):
-        return str(error)
+        # a configuration's faults have a line each; anything else is one sentence, whatever it quotes
+        return str(error) if type(error).__name__ == "ConfigError" else one_line(str(error))
+    usage = getattr(error, "format_message", None)  # of a command that does not exist, an option that is none, ...
+    if usage is not None:
+        return one_line(str(usage()))
     if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}"
+        return f"{error.filename!s}: {error.strerror}"
     return None
 
 

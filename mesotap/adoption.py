@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from daq.errors import RecordingError
+from daq.regular import read_regular
 from mesotap.config import Config, ConfigError, effective_text
 
 FORMAT, VERSION = "mesotap-diagnosis", 1
@@ -58,11 +59,9 @@ def read_diagnosis(path: Path) -> AdoptedModel:
         A sentence: the file is none, or names nothing that could be adopted.
     """
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise RecordingError(f"{path}: is too large for a diagnosis")
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror})") from error
+        content = json.loads(read_regular(path, LARGEST_FILE, "a diagnosis"))
+    except RecordingError:
+        raise
     except (ValueError, RecursionError) as error:
         raise RecordingError(f"{path}: is not JSON") from error
     if not isinstance(content, dict) or (content.get("format"), content.get("version")) != (FORMAT, VERSION):

@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console
 
 from analysis.mismatch.diagnosis import Location, Named, NextExperiment
+from mesotap.terminal import escape
 
 
 def location_part(found: Location | None) -> dict[str, Any] | None:
@@ -51,7 +52,7 @@ def print_mechanisms(named: Sequence[Named], console: Console) -> None:
     for m in named:
         others = ", ".join(m.indistinguishable_from)
         alike = f"; these data cannot tell it from {others}" if others else ""
-        console.print(f"  {m.id} ({m.where}, probability {m.probability:.2f}{alike})")
-        console.print(f"    {m.statement}")
+        console.print(f"  {escape(m.id)} ({escape(m.where)}, probability {m.probability:.2f}{alike})")
+        console.print(f"    {escape(m.statement)}")
         for name, v in m.parameters.items():
-            console.print(f"    {name} = {v.value:.4g} ({v.low:.4g} to {v.high:.4g}) {v.unit}")
+            console.print(f"    {escape(name)} = {v.value:.4g} ({v.low:.4g} to {v.high:.4g}) {escape(v.unit)}")

@@ -68,9 +68,9 @@ PIPED_WIDTH = 160  # of tables where no terminal says how wide it is
 
 def _console(json: Path | None) -> Console:
     """Where a command talks to a person: not where its answer for programs goes."""
-    from rich.console import Console
+    from mesotap.terminal import SafeConsole
 
-    console = Console(stderr=str(json) == "-")
+    console = SafeConsole(stderr=str(json) == "-")
     if not console.is_terminal:
         console.width = PIPED_WIDTH
     return console
@@ -339,7 +339,7 @@ def import_(
     json: JsonPath = None,
 ) -> None:
     """Make a session file of a recording by another program."""
-    from mesotap.commands.files import import_file
+    from mesotap.commands.recordings import import_file
 
     import_file(file, output, rate, channel or (), json, _console(json))
 
@@ -350,7 +350,7 @@ def info(
     json: JsonPath = None,
 ) -> None:
     """Say what a file holds."""
-    from mesotap.commands.files import info as describe
+    from mesotap.commands.recordings import info as describe
 
     describe(file, json, _console(json))
 
@@ -453,22 +453,24 @@ def config_check(
 ) -> None:
     """Hold a configuration against what is allowed."""
     from mesotap.config import load_config, settable_loads
+    from mesotap.terminal import say
 
     config = load_config(file, changes or ())
-    typer.echo(f"{file or 'config.yaml'}: good")
+    say(f"{file or 'config.yaml'}: good")
     for line in settable_loads(config):
-        typer.echo(line)
+        say(line)
 
 
 @config_app.command("show")
 def config_show(config: ConfigPath = None, changes: Changes = None, json: JsonPath = None) -> None:
     """Print every key with the value in force."""
-    from mesotap.commands.answers import write_json
+    from mesotap.commands.outputs import write_json
     from mesotap.config import effective_text, load_config
+    from mesotap.terminal import say
 
     loaded = load_config(config, changes or ())
     if json is None or str(json) != "-":
-        typer.echo(effective_text(loaded), nl=False)
+        say(effective_text(loaded).rstrip("\n"))
     write_json(json, loaded.model_dump(mode="json"))
 
 
@@ -478,10 +480,11 @@ def config_init(
 ) -> None:
     """Begin a commented configuration; never overwrites one."""
     from mesotap.config import ConfigError, default_text
+    from mesotap.terminal import say
 
     try:
         with file.open("x", encoding="utf-8") as new:
             new.write(default_text())
     except FileExistsError:
         raise ConfigError(f"{file}: exists already; it is left as it is") from None
-    typer.echo(f"{file}: begun; edit it, then 'mesotap config check {file}'")
+    say(f"{file}: begun; edit it, then 'mesotap config check {file}'")

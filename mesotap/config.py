@@ -11,9 +11,11 @@ from pydantic import ValidationError, model_validator
 
 from analysis.settings import AnalysisSettings
 from calibration.settings import CalibrationSettings
+from daq.errors import RecordingError, one_line
+from daq.regular import read_regular
 from daq.settings import DaqSettings
 from mesotap.settings import SessionSettings
-from mesotap.yaml_text import NOT_YAML, line_of, not_yaml, parsed, sentence, shown
+from mesotap.yaml_text import LARGEST_TEXT, NOT_YAML, NotTaken, line_of, not_yaml, parsed, sentence, shown
 from rig.drivers.settings import NewportStage
 from rig.errors import MesotapError
 from rig.settable import too_fine, what_can_be_set
@@ -85,21 +87,31 @@ def load_config(path: Path | None, changes: Sequence[str] = ()) -> Config:
         A line for each fault: file, line, key, value, what is allowed.
     """
     if path is None:
-        here = Path("config.yaml")
-        nothing = "--set" if changes else "the defaults"
-        text, name = (here.read_text(encoding="utf-8"), "config.yaml") if here.is_file() else ("", nothing)
-    else:
-        try:
-            text, name = path.read_text(encoding="utf-8"), str(path)
-        except UnicodeDecodeError as error:
-            raise ConfigError(f"{path}: is not a text file ({error.reason} at byte {error.start})") from error
-        except OSError as error:
-            raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
-    return parse_config(text, name, changes)
+        path = Path("config.yaml")
+        if not path.exists() and not path.is_symlink():
+            return parse_config("", "--set" if changes else "the defaults", changes)
+    return parse_config(text_of(path, "a configuration"), str(path), changes)
+
+
+def text_of(path: Path, what: str) -> str:
+    """Return the text of a file of settings; ``what`` it is goes into the sentence.
+
+    Raises
+    ------
+    ConfigError
+        It is no file, no text, too large, or cannot be read.
+    """
+    try:
+        return read_regular(path, LARGEST_TEXT, what).decode()
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: is not a text file ({error.reason} at byte {error.start})") from error
+    except RecordingError as error:
+        raise ConfigError(str(error)) from error
 
 
 def parse_config(text: str, name: str = "config.yaml", changes: Sequence[str] = ()) -> Config:
     """Validate the text of a configuration; see `load_config`."""
+    name = one_line(name)
     try:
         node, content = parsed(text)
     except NOT_YAML as error:
@@ -123,7 +135,12 @@ def parse_config(text: str, name: str = "config.yaml", changes: Sequence[str] = 
 
 def effective_text(config: Config) -> str:
     """Return the configuration in force, every key spelled out, as YAML."""
-    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, allow_unicode=True, default_flow_style=None)
+    content = config.model_dump(mode="json")
+    text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None)
+    if all(line.isprintable() for line in text.split("\n")):
+        return text
+    # what a terminal would act on is written as escapes, which read back as the same
+    return yaml.safe_dump(content, sort_keys=False, allow_unicode=False, default_flow_style=None)
 
 
 def _apply(content: dict[str, Any], change: str) -> None:
@@ -135,7 +152,8 @@ def _apply(content: dict[str, Any], change: str) -> None:
     try:
         setting = parsed(value)[1]
     except NOT_YAML as error:
-        raise ConfigError(f"--set {shown(change)}: the value is not YAML") from error
+        what = f"the value: {error}" if isinstance(error, NotTaken) else "the value is not YAML"
+        raise ConfigError(f"--set {shown(change)}: {what}") from error
     place = content
     for part in path[:-1]:
         inner = place.get(part)

@@ -15,11 +15,11 @@ from types import FrameType, TracebackType
 from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from daq.records import Shot
 from mesotap.session.states import State
+from mesotap.terminal import escape
 from rig import Operator, RigError, SessionAborted
 from rig.interface import nothing
 

@@ -13,6 +13,7 @@ from analysis.mismatch.diagnosis import Diagnosis
 from analysis.mismatch.fit import Fit
 from mesotap.adoption import LOAD_CELL
 from mesotap.answer_parts import location_part, mechanism_part, next_part, print_mechanisms
+from mesotap.terminal import escape
 
 
 def diagnosis_answer(d: Diagnosis, seconds: float) -> dict[str, Any]:
@@ -68,10 +69,10 @@ def print_diagnosis(d: Diagnosis, console: Console) -> None:
     }
     drifted = bool(d.mechanisms) and all(m.where == LOAD_CELL for m in d.mechanisms)
     sentence = "Eq. 9 explains these recordings, but the load cell drifted." if drifted else said[d.verdict]
-    console.print(f"[bold]{sentence}[/bold] (p = {d.p_value:.2g})")
+    console.print(f"[bold]{escape(sentence)}[/bold] (p = {d.p_value:.2g})")
     print_mechanisms(d.mechanisms, console)
     if d.location is not None:
-        console.print(f"  where: {d.location.component}; {d.location.why}")
+        console.print(f"  where: {escape(d.location.component)}; {escape(d.location.why)}")
     after = "" if d.rms_after is None else f", with what was left out {d.rms_after:.5g}"
     console.print(
         f"  {len(d.contest.held_out)} held-out impacts: rms {d.rms_before:.5g} m/s2 by Eq. 9{after}; "

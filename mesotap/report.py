@@ -272,7 +272,7 @@ def _label(name: str, drifted: bool) -> str:
 
 def written(path: Path, text: str) -> Path:
     """Write a text file, whole or not at all, and return its path."""
-    write_whole(path, text.encode())
+    write_whole(path, text.encode(errors="backslashreplace"))  # names of files need not be UTF-8
     return path
 
 

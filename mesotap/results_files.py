@@ -14,6 +14,7 @@ from analysis.modal.spectrum import SpectralMode
 from analysis.results import ImpactResult, LoadResult, RecordingModes, SessionResults
 from calibration.estimate import Estimate
 from calibration.gauge import GaugeResult
+from daq.errors import one_line
 
 RESULTS_FORMAT, MODES_FORMAT, VERSION = "mesotap-results", "mesotap-modes", 1
 MODAL = ("f1_hz", "f2_hz", "zeta1", "zeta2")
@@ -203,9 +204,20 @@ def _cells(source: LoadResult | ImpactResult, quantities: Sequence[str]) -> list
     return cells
 
 
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+def _cell(value: object) -> object:
+    """Return a cell that no spreadsheet takes for a formula: a text that begins as one gets an apostrophe."""
+    if not isinstance(value, str):
+        return value
+    text = one_line(value)
+    return f"'{text}" if value.lstrip(" ").startswith(_FORMULA) else text
+
+
 def _csv(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(header)
-    writer.writerows(rows)
+    writer.writerows([_cell(value) for value in row] for row in rows)
     return stream.getvalue()

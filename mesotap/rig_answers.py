@@ -11,6 +11,7 @@ from rich.table import Table
 
 from analysis.mismatch.rigs.diagnosis import RigDiagnosis
 from mesotap.answer_parts import location_part, mechanism_part, next_part, print_mechanisms
+from mesotap.terminal import escape
 
 VERDICTS = {
     "consistent": "The rig as described explains these recordings.",
@@ -72,14 +73,18 @@ def print_rig_diagnosis(d: RigDiagnosis, console: Console) -> None:
     console.print(f"[bold]{VERDICTS[d.verdict]}[/bold] (p = {d.p_value:.2g})")
     print_mechanisms(d.mechanisms, console)
     if d.location is not None:
-        console.print(f"  where: {d.location.component}; {d.location.why}")
+        console.print(f"  where: {escape(d.location.component)}; {escape(d.location.why)}")
     after = "" if d.rms_after is None else f", with what was left out {d.rms_after:.4g}"
     console.print(
         f"  held out, {d.held_out} pieces: rms {d.rms_before:.4g} {d.unit} by the rig as described{after}; "
         f"unforeseeable {d.noise_rms:.3g}"
     )
     for name, (before, later) in d.stretches.items():
-        console.print(f"    {name}: {before:.4g}" + ("" if later is None else f", then {later:.4g}") + f" {d.unit}")
+        console.print(
+            f"    {escape(name)}: {before:.4g}"
+            + ("" if later is None else f", then {later:.4g}")
+            + f" {escape(d.unit)}"
+        )
     if d.steady_before is not None:
         then = "" if d.steady_after is None else f", then {100 * d.steady_after:.3g} %"
         console.print(f"  steady responses held out: force off by {100 * d.steady_before:.3g} %{then}")
@@ -92,4 +97,4 @@ def print_rig_diagnosis(d: RigDiagnosis, console: Console) -> None:
             table.add_row(name, f"{value:.5f}", style="bold" if name == step["accepted"] else "")
         console.print(table)
     if d.next_experiment is not None:
-        console.print(f"  next: to part {' and '.join(d.next_experiment.separates)}. {d.next_experiment.why}")
+        console.print(f"  next: to part {' and '.join(d.next_experiment.separates)}. {escape(d.next_experiment.why)}")

@@ -9,13 +9,13 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from analysis.mismatch.rigs.described import DescribedRig, Drive, Hold, Seen, Stretch, SweepColumns
-from mesotap.config import ConfigError
+from daq.errors import one_line
+from mesotap.config import ConfigError, text_of
 from mesotap.yaml_text import NOT_YAML, line_of, not_yaml, parsed, sentence
 from rig.settings import Section
 from sim_backend.arrangement import Arrangement, Element, Parameter, Role, Row, Sensor
 
 GROUND = "ground"
-LARGEST_FILE = 100_000  # bytes
 Component = Literal[
     "contact", "upper mass", "lower mass", "tube springs", "frame", "impactor", "sensor chain", "load cell"
 ]
@@ -188,19 +188,12 @@ def load_rig(path: Path) -> DescribedRig:
     ConfigError
         A line for each fault: file, line, key, what is allowed.
     """
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise ConfigError(f"{path}: is no rig file: it is larger than {LARGEST_FILE // 1000} kB")
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: is not a text file ({error.reason} at byte {error.start})") from error
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
-    return parse_rig(text, str(path))
+    return parse_rig(text_of(path, "a rig file"), str(path))
 
 
 def parse_rig(text: str, name: str = "rig.yaml") -> DescribedRig:
     """Validate the text of a rig file; see `load_rig`."""
+    name = one_line(name)
     try:
         node, content = parsed(text)
     except NOT_YAML as error:

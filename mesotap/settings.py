@@ -8,6 +8,9 @@ from pydantic import Field, field_validator
 
 from rig.settings import Positive, Section
 
+LARGEST_TOLERANCE_MN = 100.0  # loads of the plan lie some 80 mN apart: beyond this one counts as another
+MOST_LOADS = 1000  # steps of a plan; at eight taps of 15 s each, a day and a half
+
 
 class SessionSettings(Section):
     """Section ``mesotap``."""
@@ -16,7 +19,7 @@ class SessionSettings(Section):
     specimen: str = ""
     title: str = ""
     load_plan_mn: tuple[Positive, ...] = (264.9, 348.3, 431.6, 524.8, 549.4, 627.8, 784.8, 927.0)
-    load_tolerance_mn: Positive = 6.0
+    load_tolerance_mn: Annotated[float, Field(gt=0, le=LARGEST_TOLERANCE_MN)] = 6.0
     impacts_per_load: Annotated[int, Field(ge=1, le=100)] = 8
     tries_per_load: Annotated[int, Field(ge=1, le=1000)] = 40
     dwell_s: Annotated[float, Field(ge=0, le=86400)] = 10.0
@@ -27,4 +30,6 @@ class SessionSettings(Section):
     def _some(cls, plan: tuple[float, ...]) -> tuple[float, ...]:
         if not plan:
             raise ValueError("the plan needs at least one load")
+        if len(plan) > MOST_LOADS:
+            raise ValueError(f"the plan has {len(plan)} loads, more than {MOST_LOADS}")
         return plan

@@ -21,26 +21,90 @@ NOT_YAML = (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, 
 """What PyYAML raises on text that it cannot make anything of."""
 
 LONGEST_SHOWN = 60
+LARGEST_TEXT = 100_000
+"""Bytes; the configuration with all its comments has ten thousand."""
+
+MOST_ENTRIES = 20_000
+"""Keys and values of a text with its aliases written out."""
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxother = 3, LONGEST_SHOWN  # aliases in YAML can stand for more than memory holds
 
 
 def not_yaml(name: str, error: Exception) -> str:
     """Return the sentence for one of `NOT_YAML`."""
+    name = one_line(name)
+    if isinstance(error, NotTaken):
+        return f"{name}: {error}"
     mark = getattr(error, "problem_mark", None)
     where = f", line {mark.line + 1}" if mark is not None else ""
     problem = getattr(error, "problem", None) or str(error) or type(error).__name__
     return f"{name}{where}: is not YAML: {shown(problem.splitlines()[0])}"
 
 
+class NotTaken(ValueError):
+    """YAML that is sound, and not taken: its text is the reason."""
+
+
 def parsed(text: str) -> tuple[Any, Any]:
-    """Return YAML as nodes, which know their lines, and as values."""
+    """Return YAML as nodes, which know their lines, and as values.
+
+    Raises
+    ------
+    Exception
+        One of `NOT_YAML`.
+    """
+    if len(text) > LARGEST_TEXT:
+        raise NotTaken(f"it is longer than {LARGEST_TEXT // 1000} kB")
     loader = yaml.SafeLoader(text)
     try:
         node = loader.get_single_node()
-        return node, None if node is None else loader.construct_document(node)
+        if node is None:
+            return None, None
+        _written_out(node, {}, set())
+        return node, loader.construct_document(node)
     finally:
         loader.dispose()
+
+
+def _written_out(node: yaml.Node, counted: dict[int, int], above: set[int]) -> int:
+    """Return how many entries a node has with its aliases written out: each may stand for many that stand for many.
+
+    Raises
+    ------
+    NotTaken
+        They are more than anybody means, one stands inside of itself, or a key is there twice.
+    """
+    if id(node) in counted:
+        return counted[id(node)]
+    if id(node) in above:
+        raise NotTaken(f"line {node.start_mark.line + 1}: an alias stands inside of what it stands for")
+    inner: list[yaml.Node] = []
+    if isinstance(node, yaml.MappingNode):
+        _refuse_twice(node)
+        inner = [part for entry in node.value for part in entry]
+    elif isinstance(node, yaml.SequenceNode):
+        inner = node.value
+    above.add(id(node))
+    count = 1
+    for part in inner:
+        count += _written_out(part, counted, above)
+        if count > MOST_ENTRIES:
+            raise NotTaken(f"line {part.start_mark.line + 1}: its aliases stand for more than {MOST_ENTRIES} entries")
+    above.remove(id(node))
+    counted[id(node)] = count
+    return count
+
+
+def _refuse_twice(node: yaml.MappingNode) -> None:
+    """Refuse a mapping in which a key is there twice: the last would count, and nobody would notice."""
+    lines: dict[str, int] = {}
+    for key, _ in node.value:
+        if not isinstance(key, yaml.ScalarNode):
+            continue
+        line = key.start_mark.line + 1
+        if key.value in lines:
+            raise NotTaken(f"{shown(key.value)} is given twice, in line {lines[key.value]} and in line {line}")
+        lines[key.value] = line
 
 
 def shown(text: object) -> str:

@@ -123,19 +123,28 @@ class Filter(Section):
         return self
 
 
-class Limits(Section):
-    """What the interlock holds to."""
+LARGEST_LOAD_MN = 10_000.0  # ten times the paper's largest preload (Table 5: 927 mN): no specimen of this tester's size
+LARGEST_STEP_UM = 5.0  # on tube springs of 0.27 MN/m in series 1.3 N: past the limit that ships in one step
+LARGEST_STALENESS_S = 5.0  # a motor at 0.4 mm/s (Newport CMA25CCL) goes 2 mm in it
+MOST_FROZEN = 100  # equal readings: at 100 a second, a second with a dead gauge
+LARGEST_THRESHOLD_MN = 200.0  # a contact that presses more than this has long been made
+LONGEST_TRAVEL_UM = 25_000.0  # of the longest actuator (Newport CMA25CCL)
+LARGEST_BACKLASH_UM = 100.0  # a worn micrometer screw has 10
 
-    load_mn: Positive = 1100.0
-    largest_approach_step_um: Positive = 0.5
-    stale_reading_s: Positive = 0.5
-    frozen_readings: Annotated[int, Field(ge=2)] = 3
-    contact_threshold_mn: Positive = 15.0
-    clearance_um: Positive = 100.0
-    largest_backlash_um: NonNegative = 5.0
-    expected_contact_um: Finite = 150.0
-    search_beyond_um: Positive = 3.0
-    mechanical_stop_um: Finite | None = None
+
+class Limits(Section):
+    """What the interlock holds to; a bound where a number beyond reason would be no protection at all."""
+
+    load_mn: Annotated[float, Field(gt=0, le=LARGEST_LOAD_MN)] = 1100.0
+    largest_approach_step_um: Annotated[float, Field(gt=0, le=LARGEST_STEP_UM)] = 0.5
+    stale_reading_s: Annotated[float, Field(gt=0, le=LARGEST_STALENESS_S)] = 0.5
+    frozen_readings: Annotated[int, Field(ge=2, le=MOST_FROZEN)] = 3
+    contact_threshold_mn: Annotated[float, Field(gt=0, le=LARGEST_THRESHOLD_MN)] = 15.0
+    clearance_um: Annotated[float, Field(gt=0, le=LONGEST_TRAVEL_UM)] = 100.0
+    largest_backlash_um: Annotated[float, Field(ge=0, le=LARGEST_BACKLASH_UM)] = 5.0
+    expected_contact_um: Annotated[float, Field(ge=-LONGEST_TRAVEL_UM, le=LONGEST_TRAVEL_UM)] = 150.0
+    search_beyond_um: Annotated[float, Field(gt=0, le=LONGEST_TRAVEL_UM)] = 3.0
+    mechanical_stop_um: Annotated[float, Field(ge=-LONGEST_TRAVEL_UM, le=LONGEST_TRAVEL_UM)] | None = None
 
 
 class RigSettings(Section):
@@ -145,7 +154,8 @@ class RigSettings(Section):
     springs: Springs = Springs(system_resonance_hz=356.0)
     wiring: Wiring = Wiring()
     filter: Filter = Filter()
-    gauge_sensitivity_mv_per_mn: Positive = 0.042
+    # the paper's gauge has 0.042: far outside of this no load, or any, would be seen
+    gauge_sensitivity_mv_per_mn: Annotated[float, Field(ge=1e-4, le=100)] = 0.042
     limits: Limits = Limits()
     parts: Parts = Parts()
 

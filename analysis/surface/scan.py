@@ -20,13 +20,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.errors import RecordingError
+from daq.limited import read_limited
+from daq.regular import read_regular
 from rig.errors import MesotapError
 
 FloatArray = NDArray[np.float64]
 UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9, "å": 1e-10}
 FEWEST_POINTS = 32  # along each direction
 EVEN = 0.02  # steps may differ by this share of their mean
-LARGEST_FILE = 400_000_000  # bytes
+LARGEST_FILE = 100_000_000  # bytes
+LONGEST_LINE = 10_000_000  # characters: a row of a map, or a profile, of a million points
 MOST_MISSING = 0.05  # share of the points that may be filled in
 
 
@@ -71,12 +75,18 @@ def read_scan(path: Path, unit: str | None = None, spacing_um: float | None = No
     Raises
     ------
     ScanError
-        What is wrong with the file, and where.
+        What is wrong with what is in the file, and where.
+    RecordingError
+        It cannot be read.
     """
-    if path.stat().st_size > LARGEST_FILE:
-        raise ScanError(f"{path}: larger than {LARGEST_FILE // 1_000_000} MB; export a part of the scan")
+    return read_limited(scan_in, path, unit, spacing_um, kinds=(Scan,), errors=(ScanError, RecordingError))
+
+
+def scan_in(path: Path, unit: str | None, spacing_um: float | None) -> Scan:
+    """Return the scan in a file that this process opens itself; see `read_scan`."""
+    content = read_regular(path, LARGEST_FILE, "a scan; export a part of it")
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ScanError(f"{path}: is no text file; export the scan as CSV") from None
     return parse_scan(text, str(path), unit, spacing_um)
@@ -107,6 +117,10 @@ def _declared(text: str, source: str) -> tuple[dict[str, str], list[tuple[int, s
     declared: dict[str, str] = {}
     lines = []
     for number, raw in enumerate(text.splitlines(), start=1):
+        if len(raw) > LONGEST_LINE:
+            raise ScanError(
+                f"{source}: line {number} has more than {LONGEST_LINE} characters; export a part of the scan"
+            )
         line = raw.strip()
         if line.startswith("#"):
             key, colon, value = line[1:].partition(":")

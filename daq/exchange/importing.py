@@ -9,11 +9,17 @@ from pathlib import Path
 
 from daq.errors import RecordingError
 from daq.exchange.recording import Columns, Recording, make_recording
+from daq.limited import read_limited
 from daq.records import RigDescription, Session, Shot
-from daq.trigger import find_trigger
+from daq.regular import read_head, read_regular
 
-LARGEST_FILE = 2_000_000_000
+LARGEST_FILE = 1_000_000_000
 """Bytes beyond which a file is not read."""
+
+LARGEST_TEXT = 100_000_000
+"""Bytes of a text beyond which it is not read: numbers in text take twenty times its room while they are read."""
+
+_HEAD = 520  # bytes that tell what a file is
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _KNOWN_OTHERS = {
@@ -51,10 +57,18 @@ def import_recording(
         One sentence: what about which file, channel, line or sample.
     """
     path = Path(path)
-    return make_recording(path, _read(path), rate_hz, channels, unit)
+    columns = read_limited(columns_in, path, kinds=(Columns,))
+    return make_recording(path, columns, rate_hz, channels, unit)
 
 
-def _read(path: Path) -> Columns:
+def columns_in(path: Path) -> Columns:
+    """Return what a file that this process opens itself holds.
+
+    Raises
+    ------
+    RecordingError
+        As `import_recording`.
+    """
     # The readers are imported where they are used: a CSV file should not wait for pyuff.
     content = content_of(path)
     if is_hdf5(content):
@@ -85,25 +99,21 @@ def is_mat5(path: Path, content: bytes) -> bool:
 
 
 def content_of(path: Path) -> bytes:
-    """Return what a file holds, unless it is certainly no recording.
+    """Return what a file holds, unless it is certainly no recording; of an HDF5 file only its beginning.
 
     Raises
     ------
     RecordingError
         It cannot be read, is empty or too large, or of a kind that is known to be something else.
     """
-    try:
-        if path.is_dir():
-            raise RecordingError(f"{path}: is a folder, not a file")
-        size = path.stat().st_size
-        if size > LARGEST_FILE:
-            raise RecordingError(f"{path}: is larger than {LARGEST_FILE // 10**9} GB, more than this program takes")
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise RecordingError(f"{path}: there is no such file") from None
-    except (OSError, ValueError) as error:
-        raise RecordingError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    if not content.strip():
+    head = read_head(path, _HEAD)
+    if is_hdf5(head):
+        return head
+    if is_mat5(path, head):
+        content = read_regular(path, LARGEST_FILE, "a recording")
+    else:
+        content = read_regular(path, LARGEST_TEXT, "a text of numbers")
+    if not content or content.isspace():
         raise RecordingError(f"{path}: the file is empty")
     for start, kind in _KNOWN_OTHERS.items():
         if content.startswith(start):
@@ -127,6 +137,8 @@ def as_session(recording: Recording, channels: Sequence[str | int] | None = None
     RecordingError
         There are no two channels, or one of those asked for is not there.
     """
+    from daq.trigger import find_trigger  # brings all of scipy.signal, which a reader of files need not wait for
+
     names = recording.names
     if len(names) < 2:
         raise RecordingError(f"{recording.source}: has only one channel ({names[0]}), two are needed")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from daq.errors import RecordingError
 from daq.exchange.arrays import NamedArrays, sort_arrays
 from daq.exchange.recording import Columns
-from daq.hdf5 import LARGEST_ARRAY
+from daq.limits import LARGEST_ARRAY
 
 HEADER = 128
 MATRIX, COMPRESSED = 14, 15
@@ -113,8 +113,12 @@ def walk_mat5(path: Path, content: bytes) -> NamedArrays:
     found = NamedArrays()
     try:
         reader = _Reader(memoryview(content), order, HEADER)
-        while reader.more():
+        for _ in range(MOST_ELEMENTS):
+            if not reader.more():
+                break
             kind, inner = reader.element()
+            if not kind:
+                raise _Damaged
             if kind == COMPRESSED:
                 kind, inner = _Reader(_unpack(inner), order).element()
             if kind == MATRIX:

@@ -5,15 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 import h5py
-import numpy as np
 
 from daq.errors import RecordingError
 from daq.exchange.arrays import NamedArrays, sort_arrays
 from daq.exchange.recording import Columns
-from daq.hdf5 import LARGEST_ARRAY, open_hdf5, reading
+from daq.hdf5 import Node, open_hdf5, reading
 
 DEEPEST = 8
 """Structs within structs beyond which nothing is looked for."""
+
+LONGEST_TEXT = 1000
+"""Characters of a text; units have few."""
 
 
 def read_mat73(path: Path) -> Columns:
@@ -39,32 +41,34 @@ def walk_mat73(path: Path) -> NamedArrays:
     with open_hdf5(path) as root:
         if root.attribute("format") == "mesotap-session":
             raise RecordingError(f"{path}: is a session file already: there is nothing to import")
-        _walk_group(path, found, "", root.item, 0)
+        _walk_group(root, found, "", 0)
     return found
 
 
-def _walk_group(path: Path, found: NamedArrays, name: str, group: h5py.Group, depth: int) -> None:
+def _walk_group(group: Node, found: NamedArrays, name: str, depth: int) -> None:
     if depth > DEEPEST:
         return
-    for inner in group:
-        full = f"{name}.{inner}" if name else str(inner)
-        if str(inner).startswith("#"):  # where MATLAB keeps what cells refer to
+    group.take()
+    for inner in group.names():
+        full = f"{name}.{inner}" if name else inner
+        if inner.startswith("#") or group.is_link(inner):  # where MATLAB keeps what cells refer to; what is elsewhere
             continue
-        with reading(path, f"/{full.replace('.', '/')}", "is damaged"):
-            item = group.get(inner)
-            if isinstance(item, h5py.Group):
-                _walk_group(path, found, full, item, depth + 1)
-            elif isinstance(item, h5py.Dataset):
-                _take_dataset(path, found, full, item)
+        with reading(group.path, f"/{full.replace('.', '/')}", "is damaged"):
+            item = group.child(inner)
+            if item is None or item.is_taken():
+                continue
+            if isinstance(item.item, h5py.Group):
+                _walk_group(item, found, full, depth + 1)
+            elif isinstance(item.item, h5py.Dataset):
+                _take_dataset(item, found, full)
 
 
-def _take_dataset(path: Path, found: NamedArrays, name: str, data: h5py.Dataset) -> None:
-    if data.shape is None or "MATLAB_empty" in data.attrs:
+def _take_dataset(data: Node, found: NamedArrays, name: str) -> None:
+    data.refuse_layout()
+    if data.item.shape is None or data.attribute("MATLAB_empty") is not None:
         return
-    if data.size > LARGEST_ARRAY:
-        raise RecordingError(f"{path}: {name} claims shape {data.shape}, more than this program takes")
-    if data.attrs.get("MATLAB_class") == b"char":
-        if data.size <= 1000:
-            found.texts[name] = "".join(chr(int(code)) for code in np.asarray(data[()]).reshape(-1))
-    elif data.dtype.kind in "fiu":
-        found.add(name, np.asarray(data[()]))
+    if data.attribute("MATLAB_class") == "char":
+        if data.item.size <= LONGEST_TEXT:
+            found.texts[name] = "".join(chr(int(code)) for code in data.content().reshape(-1))
+    elif data.item.dtype.kind in "fiu":
+        found.add(name, data.content())

@@ -12,11 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import RecordingError
-from daq.hdf5 import LARGEST_ARRAY
+from daq.limits import LARGEST_ARRAY
 from rig.settings import STANDARD_GRAVITY
 
 FEWEST_SAMPLES = 16
 """Samples below which a file is not taken for a recording."""
+
+MOST_CHANNELS = 1000
+"""Channels beyond which a file is no recording of a rig."""
 
 RATE_TOLERANCE = 0.005
 """Relative difference between a given sampling rate and the file's beyond which they contradict each other."""
@@ -185,6 +188,8 @@ def make_recording(
     """
     if not columns.data:
         raise RecordingError(f"{path}: holds no channel of samples")
+    if len(columns.data) > MOST_CHANNELS:
+        raise RecordingError(f"{path}: holds {len(columns.data)} channels, more than this program takes")
     samples = columns.data[0].size
     if samples < FEWEST_SAMPLES:
         raise RecordingError(f"{path}: holds only {samples} samples, expected at least {FEWEST_SAMPLES}")

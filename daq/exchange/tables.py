@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from daq.errors import RecordingError
 from daq.exchange.importing import content_of, is_hdf5, is_mat5
+from daq.limited import read_limited
 
 
 class NoTable(RecordingError):
@@ -37,6 +38,11 @@ def import_tables(path: Path, wanted: Sequence[str | int]) -> tuple[Table, ...]:
     RecordingError
         The file cannot be read, or one of the columns holds a NaN.
     """
+    return read_limited(tables_in, path, list(wanted), kinds=(Table,), errors=(RecordingError, NoTable))
+
+
+def tables_in(path: Path, wanted: Sequence[str | int]) -> tuple[Table, ...]:
+    """Return the tables in a file that this process opens itself; see `import_tables`."""
     content = content_of(path)
     if is_hdf5(content):
         from daq.exchange.matlab73 import walk_mat73

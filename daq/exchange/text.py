@@ -15,6 +15,9 @@ DELIMITERS = (";", "\t", ",", " ")
 LONGEST_HEADER = 100
 """Lines without numbers at the top beyond which a text is not taken for a table."""
 
+LONGEST_LINE = 1_000_000
+"""Characters of a line beyond which a text is not taken for a table: a thousand columns take twenty thousand."""
+
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _UNIT = re.compile(r"(.*?)[\s_]*[\[(]([^\])]*)[\])]\s*")
 
@@ -47,6 +50,8 @@ def read_text(path: Path, content: bytes) -> Columns:
         The file is no text, holds no table, or a line of the table is damaged: the line is named.
     """
     lines = decode(path, content).replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if max(map(len, lines)) > LONGEST_LINE:
+        raise RecordingError(f"{path}: is no recording: it has a line of more than {LONGEST_LINE} characters")
     numbered = [
         (number, line.strip("\x1a\f ")) for number, line in enumerate(lines, start=1) if line.strip("\x1a\f \t;,")
     ]

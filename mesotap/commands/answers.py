@@ -2,35 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import sys
-from pathlib import Path
-from typing import Any
-
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 
 from analysis.results import SessionResults
 from analysis.session import analyse_session
-from daq.durable import write_whole
-from daq.errors import RecordingError
 from daq.records import Session
-from daq.session_file import read_session
 from mesotap.config import Config
 from mesotap.rounding import with_uncertainty
-
-
-def write_json(path: Path | None, answer: Any) -> None:
-    """Write an answer for programs to ``path`` (``-``: standard output), whole or not at all; None writes nothing."""
-    if path is None:
-        return
-    text = json.dumps(answer, indent=1, allow_nan=False) + "\n"
-    if str(path) == "-":
-        sys.stdout.write(text)
-        return
-    write_whole(path, text.encode())
+from mesotap.terminal import escape
 
 
 def analysed(session: Session, config: Config, console: Console) -> SessionResults:
@@ -45,18 +26,6 @@ def analysed(session: Session, config: Config, console: Console) -> SessionResul
             config.rig.springs,
             lambda done, total: shown.update(task, description=f"analysed {done} of {total} loads"),
         )
-
-
-def refuse_to_overwrite(path: Path) -> None:
-    """Raise where a file is there that cannot be made again: anything but one imported or simulated ring-down."""
-    if not path.exists() or (path.is_file() and path.stat().st_size == 0):
-        return
-    try:
-        there = read_session(path)
-    except RecordingError:
-        there = None
-    if there is None or there.pre is not None or len(there.shots) > 1:
-        raise RecordingError(f"{path}: exists already and is left as it is; name another file")
 
 
 def show_session(results: SessionResults, console: Console) -> None:

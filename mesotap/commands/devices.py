@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
 
 from mesotap.bench import build_rig
-from mesotap.commands.answers import write_json
+from mesotap.commands.outputs import write_json
 from mesotap.config import Config, load_config
 from mesotap.console import KeyControl, TerminalOperator
 from mesotap.self_test import Verdict, self_test
+from mesotap.terminal import escape
 from mesotap.wire_options import NO_WIRE, WireOptions
 from rig import RigError
 from rig.drivers.driver import Driver

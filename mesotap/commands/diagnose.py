@@ -16,6 +16,7 @@ from daq.errors import RecordingError
 from daq.exchange.tables import NoTable
 from daq.records import Session
 from mesotap.diagnosis_files import diagnosis_answer, print_diagnosis
+from mesotap.terminal import escape
 from sim_backend.mechanisms.mechanism import Mechanism, element_mechanisms, mechanisms
 
 
@@ -24,7 +25,7 @@ def diagnose(
 ) -> None:
     """Diagnose a session file, or several of one rig together."""
     from daq.session_file import read_session
-    from mesotap.commands.answers import write_json
+    from mesotap.commands.outputs import write_json
 
     known = known_mechanisms(without)
     sessions = [read_session(file) for file in files]
@@ -33,7 +34,7 @@ def diagnose(
     print_diagnosis(found, console)
     if report is not None:
         page = report_of(report, sessions, found, answer, known, console)
-        console.print(f"report {page}", highlight=False, soft_wrap=True)
+        console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
 
 
 def known_mechanisms(without: Sequence[str] = ()) -> dict[str, Mechanism]:
@@ -92,7 +93,7 @@ def diagnose_finished(folder: Path, session: Session, results: SessionResults, c
     found, answer = diagnosed([session], known, console)
     print_diagnosis(found, console)
     page = report_of(folder, [session], found, answer, known, console, results)
-    console.print(f"diagnosis    {page}", highlight=False, soft_wrap=True)
+    console.print(f"diagnosis    {escape(page)}", highlight=False, soft_wrap=True)
     return page
 
 
@@ -104,7 +105,7 @@ def adopt(diagnosis: Path, config_path: Path | None, output: Path, console: Cons
     model = read_diagnosis(diagnosis)
     write_adopted(output, with_model(load_config(config_path), model))
     console.print(
-        f"{output}: simulated rig with {' and '.join(model.mechanisms)}"
+        f"{escape(output)}: simulated rig with {' and '.join(model.mechanisms)}"
         + (f", k_c and zeta_c at {len(model.loads)} loads as fitted" if len(model.loads) > 1 else ""),
         highlight=False,
         soft_wrap=True,
@@ -124,7 +125,7 @@ def diagnose_described(
     from analysis.mismatch.rigs.steady import sweeps_of
     from daq.exchange import import_recording
     from daq.exchange.tables import import_tables
-    from mesotap.commands.answers import write_json
+    from mesotap.commands.outputs import write_json
     from mesotap.rig_answers import print_rig_diagnosis, rig_answer
     from mesotap.rig_files import load_rig
 
@@ -159,7 +160,7 @@ def diagnose_described(
     if report is not None:
         from mesotap.rig_report import write_rig_report
 
-        console.print(f"  report: {write_rig_report(found, answer, report)}")
+        console.print(f"  report: {escape(write_rig_report(found, answer, report))}")
 
 
 def list_mechanisms(console: Console) -> None:

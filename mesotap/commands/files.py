@@ -1,8 +1,7 @@
-"""``analyze``, ``report``, ``published``, ``import`` and ``info``: what works on files."""
+"""``analyze``, ``report`` and ``published``: what analyses files."""
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from analysis.modal.amplitude import along_the_decay
@@ -19,20 +17,21 @@ from analysis.modal.identify import identify_ring_down, indicators
 from analysis.results import Mode, RecordingModes, SessionResults
 from analysis.session import AnalysisError
 from daq.errors import RecordingError
-from daq.exchange import Recording, as_session, import_recording
+from daq.exchange import Recording
 from daq.records import Session
-from daq.session_file import read_session, write_session
-from mesotap.commands.answers import analysed, refuse_to_overwrite, show_session, write_json
-from mesotap.commands.session import SESSION_FILE, partial
+from mesotap.commands.answers import analysed, show_session
+from mesotap.commands.outputs import write_json
+from mesotap.commands.recordings import opened as opened_file
+from mesotap.commands.session import partial
 from mesotap.config import Config, ConfigError, effective_text, load_config, parse_config
 from mesotap.results_files import modes_json, results_json
 from mesotap.rounding import with_uncertainty
 from mesotap.session.header import kept_config
+from mesotap.terminal import escape
 
 if TYPE_CHECKING:
     from mesotap.correction import Correction
 
-SESSION_SUFFIXES = (".h5", ".hdf5")
 METHODS = ("ml", "era")
 
 
@@ -78,7 +77,7 @@ def _analyze_one(
     console: Console,
     model: Path | None,
 ) -> dict[str, Any]:
-    opened = _opened(file, rate)
+    opened = opened_file(file, rate)
     if isinstance(opened, Session) and opened.rig.is_tester:
         config = _config_for(opened, config_path, changes, console)
         correction = None if model is None else _corrected(opened, model, console)
@@ -103,7 +102,7 @@ def _analyze_one(
         from mesotap.report import recording_report
 
         page = recording_report(report, recording, modes)
-        console.print(f"report {page}", highlight=False, soft_wrap=True)
+        console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
     return modes_json(modes)
 
 
@@ -136,15 +135,6 @@ def modes_of(recording: Recording, method: str) -> RecordingModes:
         notes=(*found.notes, f"the modes leave {100 * found.residual_share:.2g} % of the decay's energy unexplained"),
         diagram=found.diagram,
     )
-
-
-def _opened(file: Path, rate: float | None) -> Session | Recording:
-    if file.is_dir():
-        finished = file / SESSION_FILE
-        return read_session(finished) if finished.exists() else partial(file)[0]
-    if file.suffix.lower() in SESSION_SUFFIXES:
-        return read_session(file)
-    return import_recording(file, rate_hz=rate)
 
 
 def _config_for(session: Session, config_path: Path | None, changes: Sequence[str], console: Console) -> Config:
@@ -192,7 +182,7 @@ def write_session_report(
     console: Console,
 ) -> None:
     """Write the report of a session file or folder."""
-    opened = _opened(source, None)
+    opened = opened_file(source, None)
     if not isinstance(opened, Session) or not opened.rig.is_tester:
         raise RecordingError(
             f"{source}: is no session of the tester; 'mesotap analyze --report' reports any other file"
@@ -225,7 +215,7 @@ def _session_report(
         contact=config.analysis.contact,
         correction=correction,
     )
-    console.print(f"report {page}", highlight=False, soft_wrap=True)
+    console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
     return results
 
 
@@ -252,93 +242,8 @@ def published(report: Path | None, json_path: Path | None, console: Console) -> 
     if report is not None:
         from mesotap.report import published_report
 
-        console.print(f"report {published_report(report, answer)}", highlight=False, soft_wrap=True)
+        console.print(f"report {escape(published_report(report, answer))}", highlight=False, soft_wrap=True)
     write_json(json_path, answer.as_json())
-
-
-def import_file(
-    file: Path,
-    output: Path | None,
-    rate: float | None,
-    channels: Sequence[str],
-    json_path: Path | None,
-    console: Console,
-) -> None:
-    """Make a session file of another program's recording."""
-    target = output or file.with_suffix(".h5")
-    refuse_to_overwrite(target)
-    recording = import_recording(file, rate_hz=rate)
-    session = as_session(recording, _chosen(channels))
-    write_session(target, session)
-    shot = session.shots[0]
-    count, samples = recording.data.shape
-    console.print(
-        f"{target}: {count} channels ({', '.join(recording.names)}), {samples} samples at {recording.rate_hz:g} Hz; "
-        f"trigger at sample {shot.pretrigger}",
-        highlight=False,
-        soft_wrap=True,
-    )
-    write_json(json_path, _recording_info(recording, target))
-
-
-def _chosen(channels: Sequence[str]) -> tuple[str | int, str | int] | None:
-    if not channels:
-        return None
-    if len(channels) != 2:
-        raise RecordingError(f"--channel: name two channels, A then B, not {len(channels)}")
-    first, second = (int(c) if c.isdigit() else c for c in channels)
-    return first, second
-
-
-def info(file: Path, json_path: Path | None, console: Console) -> None:
-    """Say what a file holds."""
-    opened = _opened(file, None)
-    answer = _session_info(opened, file) if isinstance(opened, Session) else _recording_info(opened, file)
-    for key, value in answer.items():
-        shown = ", ".join(map(str, value)) if isinstance(value, list) else value
-        console.print(f"{key.replace('_', ' ')}: {escape(str(shown))}", highlight=False)
-    write_json(json_path, answer)
-
-
-def _session_info(session: Session, file: Path) -> dict[str, Any]:
-    accepted = sum(s.accepted for s in session.shots)
-    rig = session.rig
-    return {
-        "file": str(file),
-        "kind": "mesotap-session 1",
-        "created": session.created,
-        "operator": session.operator,
-        "specimen": session.specimen,
-        "title": session.title,
-        "software": session.software,
-        "complete": session.complete,
-        "impacts": len(session.shots),
-        "accepted": accepted,
-        "loads_mn": [
-            "unknown" if math.isnan(load) else round(load, 3)
-            for load in (_target(session, load_set) for load_set in session.load_sets())
-        ],
-        "calibrations": [w for w, c in (("before", session.pre), ("after", session.post)) if c is not None],
-        "rig": f"m1 {rig.m1_kg:g} kg, m2 {rig.m2_kg:g} kg, k1 {rig.k1_n_per_m:g} N/m, k2 {rig.k2_n_per_m:g} N/m"
-        if rig.is_tester
-        else "not described: no session of the tester",
-    }
-
-
-def _target(session: Session, load_set: int) -> float:
-    return next(s.target_load_mn for s in session.shots if s.load_set == load_set)
-
-
-def _recording_info(recording: Recording, file: Path) -> dict[str, Any]:
-    return {
-        "file": str(file),
-        "kind": "recording",
-        "channels": list(recording.names),
-        "unit": recording.unit,
-        "samples": int(recording.data.shape[1]),
-        "sample_rate_hz": recording.rate_hz,
-        "duration_s": recording.data.shape[1] / recording.rate_hz,
-    }
 
 
 def _show_modes(modes: RecordingModes, console: Console) -> None:

@@ -14,6 +14,7 @@ from mesotap.proof.errors import ProofError
 from mesotap.proof.generator.deck import KINDS
 from mesotap.proof.lookalikes import with_likeness
 from mesotap.proof.page import Proof
+from mesotap.terminal import escape
 
 
 def prove(seed: int, sessions: int, only: str | None, output: Path, jobs: int, console: Console) -> None:
@@ -70,7 +71,7 @@ def _entries(truths: dict[str, dict[str, Any]], answers: Path) -> tuple[list[Ent
 def _write(proof: Proof, output: Path, console: Console) -> None:
     written = page.write(proof, output)
     console.print(written.read_text(encoding="utf-8"), highlight=False, markup=False)
-    console.print(f"written: {written}", highlight=False)
+    console.print(f"written: {escape(written)}", highlight=False)
 
 
 def _progress(console: Console) -> Progress:

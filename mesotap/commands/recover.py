@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from rich.console import Console
-from rich.markup import escape
 
 from daq.errors import RecordingError
 from daq.session_file import read_session, write_session
-from mesotap.commands.answers import write_json
+from mesotap.commands.outputs import write_json
 from mesotap.recovery import recover
+from mesotap.terminal import escape
 
 
 def recover_folder(folder: Path, output: Path | None, json_path: Path | None, console: Console) -> None:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
 
 from analysis.results import SessionResults
 from analysis.session import AnalysisError
@@ -24,7 +23,9 @@ from daq.session_file import read_session, write_session
 from daq.trigger import record_shot
 from mesotap import __version__
 from mesotap.bench import build_rig, simulated_rig, truth_now
-from mesotap.commands.answers import analysed, refuse_to_overwrite, show_session, write_json
+from mesotap.commands.answers import analysed, show_session
+from mesotap.commands.outputs import refuse_to_overwrite, write_json
+from mesotap.commands.recordings import SESSION_FILE
 from mesotap.config import Config, effective_text, load_config
 from mesotap.console import KeyControl, SessionDisplay, TerminalOperator
 from mesotap.emulated_devices import SeparateRig
@@ -37,6 +38,7 @@ from mesotap.session.runner import Bench, Guardian, SessionRunner
 from mesotap.session.shots import judged_shot
 from mesotap.session.states import State
 from mesotap.session_log import Logged, session_log
+from mesotap.terminal import escape
 from mesotap.wire_options import NO_WIRE, WireOptions
 from rig import GaugeScale, Rig
 from rig.assembled import AssembledRig
@@ -45,8 +47,6 @@ from rig.hardware_log import HardwareLog
 from rig.interlock import Interlock
 from rig.wall_clock import WallClock
 from sim_backend.emulators.rig import EmulatedRig
-
-SESSION_FILE = "session.h5"
 
 
 def run(
@@ -109,7 +109,7 @@ def resume(path: Path, json_path: Path | None, console: Console, wire: WireOptio
         for line in note_version(folder, header, kept, WallClock().utc()):
             console.print(escape(line), highlight=False, soft_wrap=True)
         if progress.state is State.DONE and (path / SESSION_FILE).exists():
-            console.print(f"{path}: this session is finished; its report is written again", highlight=False)
+            console.print(f"{escape(path)}: this session is finished; its report is written again", highlight=False)
             session = read_session(path / SESSION_FILE)
             session = replace(session, source=SESSION_FILE)
             results = _report(session, config, path, progress.truths, console)
@@ -155,7 +155,7 @@ def _carry_out(
     runner.finish()
     session = replace(session, source=SESSION_FILE)
     results = _report(session, config, folder.path, runner.progress.truths, console)
-    console.print(f"session file {file}", highlight=False, soft_wrap=True)
+    console.print(f"session file {escape(file)}", highlight=False, soft_wrap=True)
     write_json(json_path, results_json(results))
     _diagnose(session, results, config, folder.path, console)
 
@@ -184,7 +184,7 @@ def _report(
         contact=config.analysis.contact,
     )
     show_session(results, console)
-    console.print(f"report       {page}", highlight=False, soft_wrap=True)
+    console.print(f"report       {escape(page)}", highlight=False, soft_wrap=True)
     return results
 
 
@@ -299,5 +299,5 @@ def simulate_one(
     for line in lines:
         console.print(line, highlight=False)
     said = shot.reject_reason or "accepted"
-    console.print(f"{output}: one tap at {before[0]:.1f} mN, {said}", highlight=False, soft_wrap=True)
+    console.print(f"{escape(output)}: one tap at {before[0]:.1f} mN, {escape(said)}", highlight=False, soft_wrap=True)
     write_json(json_path, {"format": "mesotap-truth", "version": 1, "file": str(output), "truth": truth})

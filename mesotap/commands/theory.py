@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from analysis.contact.gap import diagnose_published
@@ -21,10 +20,12 @@ from analysis.surface.moments import SurfaceAnswer, SurfaceParameters, analyse_s
 from analysis.surface.scan import read_scan
 from daq.records import Session
 from daq.session_file import read_session
-from mesotap.commands.answers import analysed, write_json
+from mesotap.commands.answers import analysed
+from mesotap.commands.outputs import write_json
 from mesotap.config import load_config
 from mesotap.explanations import chance, known
 from mesotap.rounding import with_uncertainty
+from mesotap.terminal import escape
 
 SHOWN = 10  # explanations of a gap in the terminal
 SPHERE_DAMPING = (0.17, 100.0, -0.75)  # 17 % at 100 mN to 3 % at 1 N (Sec. 4.1), a power of the load in between
@@ -39,7 +40,7 @@ def published_gap(which: str, json: Path | None, report: Path | None, console: C
     if report is not None:
         from mesotap.theory_pages import gap_report
 
-        console.print(f"report {gap_report(report, gap)}", highlight=False, soft_wrap=True)
+        console.print(f"report {escape(gap_report(report, gap))}", highlight=False, soft_wrap=True)
     write_json(json, gap.as_json())
 
 
@@ -195,7 +196,7 @@ def paper_figures(output: Path, seed: int, json: Path | None, console: Console) 
     ]
     page = paper_page(output, drawn, quoted)
     _show_quoted(quoted, console)
-    console.print(f"figures {page}", highlight=False, soft_wrap=True)
+    console.print(f"figures {escape(page)}", highlight=False, soft_wrap=True)
     write_json(json, {"format": "mesotap-quoted", "version": 1, "numbers": [q.as_json() for q in quoted]})
 
 
@@ -227,7 +228,8 @@ def _settings(table: PublishedTable) -> list[str]:
 
 
 def _simulated_session(changes: Sequence[str], seed: int, console: Console) -> tuple[Session, SessionResults]:
-    from mesotap.commands.session import SESSION_FILE, run
+    from mesotap.commands.recordings import SESSION_FILE
+    from mesotap.commands.session import run
 
     with tempfile.TemporaryDirectory() as folder:
         unheard = Console(file=io.StringIO())

@@ -105,7 +105,9 @@ def plain(text: str) -> str:
     """Return text of a user as a figure can draw it: no mathematics, no control characters, no unknown glyphs."""
     text = re.sub(r"\s+", " ", text).strip()
     text = "".join(c if ord(c) in _drawable() else "\N{WHITE SQUARE}" for c in text)
-    return text.replace("\\", "/").replace("$", r"\$")
+    text = text.replace("\\", "/").replace("$", r"\$")
+    # matplotlib leaves out of its legends what begins with an underscore
+    return f"\N{NO-BREAK SPACE}{text}" if text.startswith("_") else text
 
 
 def thinned(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -26,12 +26,15 @@ from pathlib import Path
 from typing import Any
 
 from daq.durable import write_whole
+from daq.errors import RecordingError
+from daq.regular import read_regular
 from mesotap.proof.errors import ProofError
 from mesotap.proof.generator.deck import Card, deal, make
 
 SESSIONS, ANSWERS, PARTS = "sessions", "answers", "parts"
 HASHES, SEALED, TRUTHS = "hashes.txt", "truths.sealed", "truths.json"
 LONGEST_S = 900.0  # that a diagnosis may take
+LARGEST_TRUTHS = 50_000_000  # bytes; those of 300 sessions have a million
 TOLD = 300  # characters of what a failed diagnosis said
 PACKAGE_ROOT = Path(__file__).resolve().parents[2]
 
@@ -220,10 +223,10 @@ def practice_sessions(folder: Path) -> tuple[dict[str, Path], dict[str, dict[str
     """
     path = folder / "truth.json"
     try:
-        truths = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ProofError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
+        truths = json.loads(read_regular(path, LARGEST_TRUTHS, "truths"))
+    except RecordingError as error:
+        raise ProofError(str(error)) from error
+    except (ValueError, RecursionError) as error:
         raise ProofError(f"{path}: is no JSON: {error}") from error
     if not isinstance(truths, dict) or not all(
         isinstance(t, dict) and isinstance(t.get("kinds"), list) for t in truths.values()

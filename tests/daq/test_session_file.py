@@ -21,6 +21,7 @@ from daq.errors import RecordingError
 from daq.records import RigDescription, Session
 from daq.session_file import read_session, write_session
 from rig.hardware_log import Repetition
+from tests.fuzz.forked import reading_in_forks
 
 from .same import same
 
@@ -232,7 +233,7 @@ def test_a_damaged_file_is_read_or_refused_in_one_sentence(
     where %= len(content)
     content[where : where + len(what)] = what
     path.write_bytes(content)
-    with contextlib.suppress(RecordingError):
+    with contextlib.suppress(RecordingError), reading_in_forks():
         read_session(path)
 
 
@@ -290,13 +291,14 @@ def test_an_old_attribute_longer_than_its_file_is_refused_before_room_is_made_fo
     path = tmp_path / "old.h5"
     with h5py.File(path, "w") as f:
         f.attrs["format"] = "mesotap-session"
+        f.attrs["format_version"] = 1
         f.attrs["created"] = "a text"
     content = bytearray(path.read_bytes())
     length = content.find((6).to_bytes(4, "little") + content.find(b"GCOL").to_bytes(8, "little"))
     content[length : length + 4] = b"\xff\xff\xff\xef"
     path.write_bytes(content)
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-    with pytest.raises(RecordingError, match="damaged or truncated"):
+    with pytest.raises(RecordingError, match="is damaged: it needs more memory than a file of its size may"):
         read_session(path)
     assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss < before + 1_000_000  # kB
 

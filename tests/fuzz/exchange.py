@@ -15,6 +15,7 @@ import numpy as np
 
 from daq.errors import RecordingError
 from daq.exchange.importing import as_session, import_recording
+from tests.fuzz.forked import reading_in_forks
 from tests.fuzz.mutations import Content, Damage, damaged, damages
 from tests.fuzz.source import Source, Target
 
@@ -26,7 +27,8 @@ RING = np.exp(-T * 50) * np.sin(300 * T)
 def imported_or_refused(path: Path, content: bytes, **options: Any) -> None:
     path.write_bytes(content)
     try:
-        recording = import_recording(path, **options)
+        with reading_in_forks():
+            recording = import_recording(path, **options)
     except RecordingError as error:
         text = str(error)
         assert text.startswith(str(path))

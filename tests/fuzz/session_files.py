@@ -14,6 +14,7 @@ from daq.errors import RecordingError
 from daq.journal import SessionFolder
 from daq.records import Session
 from daq.session_file import read_session, write_session
+from tests.fuzz.forked import reading_in_forks
 from tests.fuzz.mutations import Content, Damage, damaged, damages
 from tests.fuzz.sessions import as_written_here, in_the_old_layout, small_session
 from tests.fuzz.source import Source, Target
@@ -21,7 +22,8 @@ from tests.fuzz.source import Source, Target
 
 def read_or_refused(path: Path) -> Session | None:
     try:
-        session = read_session(path)
+        with reading_in_forks():
+            session = read_session(path)
     except RecordingError as error:
         text = str(error)
         assert text.startswith(str(path))
@@ -197,7 +199,8 @@ def sound_hdf5_that_is_no_sound_session(place: Path) -> Target:
         session = read_or_refused(path)
         if session is not None:  # what is read can be written, and reads as the same again
             write_session(again, session)
-            assert [s.number for s in read_session(again).shots] == [s.number for s in session.shots]
+            with reading_in_forks():
+                assert [s.number for s in read_session(again).shots] == [s.number for s in session.shots]
 
     return Target(lambda source: source.several(edit, 1, 3), check)
 
@@ -230,7 +233,7 @@ def damaged_session_folder(place: Path) -> Target:
         for file, content in sound.items():
             (root / file).write_bytes(damaged(content, damage) if file == name else content)
         try:
-            with SessionFolder.open(root) as folder:
+            with reading_in_forks(), SessionFolder.open(root) as folder:
                 folder.events()
                 list(folder.shots())
         except RecordingError as error:

@@ -95,7 +95,7 @@ def test_an_unreadable_file_is_named(tmp_path, content):
     path = tmp_path / "c.yaml"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(ConfigError, match=r"c\.yaml: (is not a text|cannot be read)"):
+    with pytest.raises(ConfigError, match=r"c\.yaml: (is not a text|there is no such file)"):
         load_config(path)
 
 
@@ -148,3 +148,54 @@ def test_the_simulated_stage_is_not_held_to_what_is_sold():
 def test_a_step_towards_contact_smaller_than_the_stages_is_refused():
     with pytest.raises(ConfigError, match=r"largest_approach_step_um of 0\.1 is less than a step of the stage, 0\.2"):
         parse_config("", changes=[TRA12CC, "mesotap.load_tolerance_mn=28", "rig.limits.largest_approach_step_um=0.1"])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("rig:\n  limits:\n    load_mn: 1\n    load_mn: 2", "load_mn is given twice, in line 3 and in line 4"),
+        ("rig: {}\nmesotap: {}\n'rig': {}", "rig is given twice, in line 1 and in line 3"),
+        ("a: &a [*a]", "an alias stands inside of what it stands for"),
+        ("x" * 100_001, "longer than 100 kB"),
+    ],
+)
+def test_yaml_that_is_sound_and_not_taken(text: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        parse_config(text)
+
+
+def test_a_key_given_twice_in_a_change_is_refused() -> None:
+    with pytest.raises(ConfigError, match="dwell_s is given twice"):
+        parse_config("", changes=["mesotap={dwell_s: 1, dwell_s: 2}"])
+
+
+def test_an_alias_for_a_few_entries_is_taken() -> None:
+    text = "rig: {masses: &masses {m1_kg: 0.1}}\nmesotap: {dwell_s: 1}\n"
+    assert parse_config(text).rig.masses.m1_kg == 0.1
+    both = "daq: {quality: &q {second_blow_ratio: 0.1}, trigger: {timeout_s: &t 12}}\nmesotap: {dwell_s: *t}"
+    assert parse_config(both).mesotap.dwell_s == 12
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("load_mn", 1e29),
+        ("largest_approach_step_um", 1e3),
+        ("stale_reading_s", 60),
+        ("frozen_readings", 10**6),
+        ("contact_threshold_mn", 1e4),
+        ("clearance_um", 1e9),
+        ("largest_backlash_um", 1e4),
+        ("expected_contact_um", 1e9),
+    ],
+)
+def test_a_limit_beyond_reason_is_refused(key: str, value: float) -> None:
+    with pytest.raises(ConfigError, match=f"rig.limits.{key} is .*less than or equal to"):
+        parse_config("", changes=[f"rig.limits.{key}={value}"])
+
+
+def test_what_is_in_force_holds_nothing_that_a_terminal_acts_on() -> None:
+    config = parse_config("", changes=['mesotap.operator="\\e[31m\\u202e"'])
+    text = effective_text(config)
+    assert all(line.isprintable() for line in text.splitlines())
+    assert parse_config(text) == config

@@ -1,0 +1,120 @@
+"""``info`` and ``import``: what needs no analysis, and does not wait for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from daq.errors import RecordingError
+from daq.exchange import Recording, as_session, import_recording
+from daq.records import Session
+from daq.session_file import read_session, write_session
+from mesotap.commands.outputs import refuse_to_overwrite, write_json
+from mesotap.terminal import escape
+
+SESSION_FILE = "session.h5"
+SESSION_SUFFIXES = (".h5", ".hdf5")
+
+
+def opened(file: Path, rate: float | None) -> Session | Recording:
+    """Return what a file, or the folder of a session, holds; ``rate`` (Hz) of a recording that does not say."""
+    if file.is_dir():
+        finished = file / SESSION_FILE
+        if finished.exists():
+            return read_session(finished)
+        from mesotap.commands.session import partial
+
+        return partial(file)[0]
+    if file.suffix.lower() in SESSION_SUFFIXES:
+        return read_session(file)
+    return import_recording(file, rate_hz=rate)
+
+
+def import_file(
+    file: Path,
+    output: Path | None,
+    rate: float | None,
+    channels: Sequence[str],
+    json_path: Path | None,
+    console: Console,
+) -> None:
+    """Make a session file of another program's recording."""
+    target = output or file.with_suffix(".h5")
+    refuse_to_overwrite(target)
+    recording = import_recording(file, rate_hz=rate)
+    session = as_session(recording, _chosen(channels))
+    write_session(target, session)
+    shot = session.shots[0]
+    count, samples = recording.data.shape
+    names = escape(", ".join(recording.names))
+    console.print(
+        f"{escape(target)}: {count} channels ({names}), {samples} samples at {recording.rate_hz:g} Hz; "
+        f"trigger at sample {shot.pretrigger}",
+        highlight=False,
+        soft_wrap=True,
+    )
+    write_json(json_path, _recording_info(recording, target))
+
+
+def _chosen(channels: Sequence[str]) -> tuple[str | int, str | int] | None:
+    if not channels:
+        return None
+    if len(channels) != 2:
+        raise RecordingError(f"--channel: name two channels, A then B, not {len(channels)}")
+    first, second = (int(c) if c.isdigit() else c for c in channels)
+    return first, second
+
+
+def info(file: Path, json_path: Path | None, console: Console) -> None:
+    """Say what a file holds."""
+    found = opened(file, None)
+    answer = _session_info(found, file) if isinstance(found, Session) else _recording_info(found, file)
+    for key, value in answer.items():
+        shown = ", ".join(map(str, value)) if isinstance(value, list) else value
+        console.print(f"{key.replace('_', ' ')}: {escape(str(shown))}", highlight=False)
+    write_json(json_path, answer)
+
+
+def _session_info(session: Session, file: Path) -> dict[str, Any]:
+    accepted = sum(s.accepted for s in session.shots)
+    rig = session.rig
+    return {
+        "file": str(file),
+        "kind": "mesotap-session 1",
+        "created": session.created,
+        "operator": session.operator,
+        "specimen": session.specimen,
+        "title": session.title,
+        "software": session.software,
+        "complete": session.complete,
+        "impacts": len(session.shots),
+        "accepted": accepted,
+        "loads_mn": [
+            "unknown" if math.isnan(load) else round(load, 3)
+            for load in (_target(session, load_set) for load_set in session.load_sets())
+        ],
+        "calibrations": [w for w, c in (("before", session.pre), ("after", session.post)) if c is not None],
+        "rig": f"m1 {rig.m1_kg:g} kg, m2 {rig.m2_kg:g} kg, k1 {rig.k1_n_per_m:g} N/m, k2 {rig.k2_n_per_m:g} N/m"
+        if rig.is_tester
+        else "not described: no session of the tester",
+    }
+
+
+def _target(session: Session, load_set: int) -> float:
+    return next(s.target_load_mn for s in session.shots if s.load_set == load_set)
+
+
+def _recording_info(recording: Recording, file: Path) -> dict[str, Any]:
+    return {
+        "file": str(file),
+        "kind": "recording",
+        "channels": list(recording.names),
+        "unit": recording.unit,
+        "samples": int(recording.data.shape[1]),
+        "sample_rate_hz": recording.rate_hz,
+        "duration_s": recording.data.shape[1] / recording.rate_hz,
+    }

@@ -145,7 +145,7 @@ class MotorStage(Stage, Driver):
         """Position of the encoder, and whether the motor is off."""
         status = self._axis.status()
         if status.state is AxisState.NOT_REFERENCED:
-            raise self._lost_reference()
+            raise self._lost_reference(status)
         self._motor_off = status.state is AxisState.DISABLED
         return StageReading(self._clock.now(), self._position_um(), self._motor_off)
 
@@ -202,13 +202,14 @@ class MotorStage(Stage, Driver):
         start = self._last_um if math.isfinite(self._last_um) else self._position_um()
         target = self._on_grid(max(start - travel_um, self._range_um[0]))
         slack, lasts_s = self._settings.in_position_um, LONGER * travel_um / self._settings.speed_um_per_s
-        furthest = start
+        furthest, trouble = start, None
         begun, turn = self._clock.now(), 0
         again_s, moved_s = begun + lasts_s + PATIENCE_S, begun
         self._begin_retraction(target)
         while self._clock.now() < moved_s + SWITCHING_S:
             status = self._axis.status()
             here, now = self._position_um(), self._clock.now()
+            trouble = status.trouble() or trouble
             if status.state is AxisState.NOT_REFERENCED:
                 self._home()
                 return self.read()
@@ -226,8 +227,7 @@ class MotorStage(Stage, Driver):
                 self._begin_retraction(target)
             turn += 1
             self._clock.sleep(begun + turn * self._settings.poll_s - self._clock.now())
-        self._require(self._axis.status(), (AxisState.READY,))
-        raise self._error(f"it did not move back by {travel_um:g} um", "look what blocks it")
+        raise self._error(*(trouble or (f"it did not move back by {travel_um:g} um", "look what blocks it")))
 
     def lock(self) -> None:
         """Switch the motor off: the screw holds the position."""
@@ -390,7 +390,7 @@ class MotorStage(Stage, Driver):
         """Raise unless the stage is in one of ``states`` and in no trouble."""
         trouble = status.trouble()
         if status.state is AxisState.NOT_REFERENCED:
-            raise self._lost_reference()
+            raise self._lost_reference(status)
         if trouble is not None:
             raise self._error(*trouble)
         if status.state not in states:
@@ -402,8 +402,10 @@ class MotorStage(Stage, Driver):
                 raise self._error(f"it is {status.state.value}", "end that with the maker's program (TK0)")
             raise self._error(f"it is {status.state.value}", "wait until it is ready, or switch it off and on again")
 
-    def _lost_reference(self) -> DeviceError:
+    def _lost_reference(self, status: AxisStatus) -> DeviceError:
         cut = "its power was cut and came back: it" if self._axis.power_came_back else "it"
+        if (trouble := status.trouble()) is not None:
+            cut = f"{trouble[0]}, and it"
         return self._error(
             f"{cut} does not know where it is",
             "check its power supply; it finds its reference when the surfaces are taken apart or, with "

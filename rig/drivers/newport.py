@@ -14,6 +14,7 @@ from functools import partial
 from typing import TypeVar
 
 from rig.drivers.newport_codes import (
+    AxisState,
     AxisStatus,
     CommandError,
     Controller,
@@ -89,12 +90,17 @@ class NewportAxis:
     # --- questions ------------------------------------------------------------------------------------------
 
     def status(self) -> AxisStatus:
-        """Errors and state; errors count once two answers in a row name them."""
+        """Errors and state.
+
+        A reply has no check bytes, so errors count once two answers in a row name them; or, as controllers forget them
+        once they have told them, once the state to which an error leads was told twice.
+        """
         first = self._ask("TS", self._status)
         if not first.errors:
             return first
         second = self._ask("TS", self._status)
-        return AxisStatus(first.errors & second.errors, second.state, second.code)
+        fits = first.state is second.state and first.state in (AxisState.DISABLED, AxisState.NOT_REFERENCED)
+        return AxisStatus(first.errors if fits else first.errors & second.errors, second.state, second.code)
 
     def position_mm(self) -> float:
         """Position of the encoder, mm."""

@@ -171,7 +171,7 @@ class MotorStage(Stage, Driver):
         if step_um < 0:
             target = max(target, self._range_um[0])  # apart as far as it goes
         self._go_to(target)
-        return self.read()
+        return StageReading(self._clock.now(), self._last_um, False)
 
     def advance(self, travel_um: float, step_um: float, stop: Callable[[], bool], aim: str = "") -> StageReading:
         """Step towards contact until told to stop or the travel is used up."""
@@ -240,7 +240,10 @@ class MotorStage(Stage, Driver):
     # --- motions --------------------------------------------------------------------------------------------
 
     def _go_to(self, position_um: float) -> None:
-        """Be at the multiple of the resolution next to ``position_um``, whatever it takes within a few attempts."""
+        """Be at the multiple of the resolution next to ``position_um``, whatever it takes within a few attempts.
+
+        Where it begins was asked just before.
+        """
         self.idle()
         target = self._on_grid(position_um)
         low, high = self._range_um
@@ -249,7 +252,7 @@ class MotorStage(Stage, Driver):
                 f"{target:.1f} um lies outside its travel of {low:.1f} to {high:.1f} um",
                 "correct zero_mm or the travel in rig.parts.stage, or set the specimen nearer",
             )
-        reached = self._position_um()
+        reached = self._last_um
         self._use_speed(self._approach_speed())
         for _ in range(ATTEMPTS):
             reached = self._follow(target)

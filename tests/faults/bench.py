@@ -10,7 +10,8 @@ from pathlib import Path
 from rich.console import Console
 
 from daq.errors import RecordingError
-from daq.journal import SessionFolder
+from daq.journal import SHOTS, SessionFolder, shot_in
+from daq.records import Shot
 from mesotap.bench import emulated_rig, truth_now
 from mesotap.config import Config
 from mesotap.console import POLL_S, KeyControl
@@ -60,6 +61,11 @@ class Killed(BaseException):
 
 def quick_config(*changes: str) -> Config:
     return small_config(*QUICK, *PORTS, *changes)
+
+
+def shots_of(folder: SessionFolder) -> list[Shot]:
+    """The shots of a folder, opened in this process: the tests wrote them."""
+    return [shot_in(folder.path / SHOTS / f"{number:05d}.h5", number)[0] for number in folder.shot_numbers()]
 
 
 def allowed_mn(config: Config) -> float:
@@ -216,7 +222,7 @@ class FaultyBench:
         with SessionFolder.open(self.path) as folder:
             return {
                 s.number: (s.load_set, s.load_before_mn, s.load_after_mn, s.acceleration.tobytes())
-                for s in folder.shots()
+                for s in shots_of(folder)
                 if s.accepted
             }
 

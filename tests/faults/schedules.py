@@ -20,7 +20,7 @@ from rig import SessionAborted
 from rig.drivers.newport_codes import PositionerError
 from rig.drivers.settings import AmplifierTcp
 from sim_backend.emulators.disturbance import WireFault
-from tests.faults.bench import SOLENOID, TCP, FaultyBench, Killed, allowed_mn, quick_config
+from tests.faults.bench import SOLENOID, TCP, FaultyBench, Killed, allowed_mn, quick_config, shots_of
 from tests.faults.cases import cut_power, end_in_the_way, fill_the_disk, gauge, set_the_clock_back, setting, usb, wire
 
 SAFE_WITHIN_S = 0.5
@@ -164,7 +164,7 @@ def _hold_to_the_end(bench: FaultyBench, seed: int) -> None:
     """The plan carried out: the taps asked for at each load, and a session to be written."""
     with SessionFolder.open(bench.path) as folder:
         progress = progress_of(folder.events())
-        session = assemble(folder.header, bench.config, progress, folder.shots())
+        session = assemble(folder.header, bench.config, progress, shots_of(folder))
     assert progress.state is State.FILE, f"seed {seed}: {progress.state}"
     for load_set in range(len(bench.config.mesotap.load_plan_mn)):
         good = sum(s.accepted and s.load_set == load_set for s in session.shots)

@@ -23,13 +23,14 @@ from tests.faults.cases import (
     LOAD,
     NAMES,
     PROGRAM,
+    STAGE,
     STANDS,
     UNNOTICED,
     Case,
 )
 
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
-SAFE_WITHIN_S = 0.5
+SAFE_WITHIN_S, ROUNDING_S = 0.5, 1e-6
 ROUND_TRIPS_S = (0.0, 0.016, 0.026, 0.05)
 """Of the wires to amplifier and stage: none, a USB adapter's latency, that and a controller's 10 ms, and a slow one."""
 BY_HAND = "back the micrometer off by hand"
@@ -99,6 +100,9 @@ def once(case: Case, path: Path, round_trip_s: float) -> Run:
     if outcome.error is not None:
         assert len(before) == 2
         again = bench.run()
+        if case.device == STAGE and again.error is not None:  # one that had lost its reference found it, and says so
+            assert "it does not know where it is" in again.reads
+            again = bench.run()
         assert again.error is None, again.reads
     after = bench.accepted()
     assert after.items() >= before.items(), "an accepted shot was lost or altered"
@@ -148,7 +152,7 @@ def rig(case: Case, outcome, load_mn: float, repeated: int, waited_s: float) -> 
     if case.between:
         assert outcome.apart_s - outcome.noticed_s <= SAFE_WITHIN_S
         return "surfaces apart when it is connected"
-    assert waited_s <= SAFE_WITHIN_S
+    assert waited_s <= SAFE_WITHIN_S + ROUNDING_S
     return ""
 
 

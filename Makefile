@@ -31,9 +31,11 @@ types: $(VENV)/.tested
 layers: $(VENV)/.tested
 	$(BIN)/lint-imports
 
-# 200 sessions killed at random moments and resumed
+# 200 sessions ended at random moments and resumed: a third by SIGKILL on the simulated rig, the others by SIGKILL and by
+# other signals on emulated devices that outlive them, with the guardian
 kills: $(VENV)/.tested
-	MESOTAP_KILLS=200 $(BIN)/python -m pytest tests/mesotap/test_killed.py
+	MESOTAP_KILLS=66 $(BIN)/python -m pytest tests/mesotap/test_killed.py
+	MESOTAP_GUARDED_KILLS=134 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -s tests/mesotap/test_guardian.py
 
 # 200 seeded loads: does every interval cover as often as it says?
 recovery: $(VENV)/.installed

@@ -13,6 +13,7 @@ from mesotap.commands.outputs import write_json
 from mesotap.config import Config, load_config
 from mesotap.console import KeyControl, TerminalOperator
 from mesotap.self_test import Verdict, self_test
+from mesotap.session.guardian_link import guardian_for
 from mesotap.terminal import escape
 from mesotap.wire_options import NO_WIRE, WireOptions
 from rig import RigError
@@ -69,17 +70,27 @@ def check(
     troubles = ""
     with wire.begun(config, "check") as file, KeyControl(console, operator.keyboard).listening() as control:
         rig = build_rig(config, simulate, operator, seed, emulated=emulate, wire_file=file)
+        guardian = guardian_for(rig, config)
+
+        def idle() -> None:
+            guardian.beat()
+            control.check()
+
         for part in (operator, rig.stage, rig.load_cell, rig.accelerometers, rig.weights):
-            part.idle = control.check
+            part.idle = idle
         try:
             for line in rig.open():
                 _show(Verdict("connection", True, line), verdicts, console)
+            if touch:
+                guardian.start()
+                guardian.arm(True)
             for verdict in self_test(rig, config, touch):
                 _show(verdict, verdicts, console)
         except RigError as error:
             troubles = "; ".join([str(error), *getattr(error, "__notes__", ())])
             _show(Verdict("safe state" if verdicts else "connection", False, troubles), verdicts, console)
         finally:
+            guardian.dismiss()
             rig.close()
     bad = [verdict.name for verdict in verdicts if verdict.passed is False]
     write_json(

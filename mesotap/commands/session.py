@@ -31,22 +31,20 @@ from mesotap.console import KeyControl, SessionDisplay, TerminalOperator
 from mesotap.emulated_devices import SeparateRig
 from mesotap.results_files import results_json
 from mesotap.session.entries import progress_in
-from mesotap.session.guardian import GuardianProcess
+from mesotap.session.guardian_link import guardian_for
 from mesotap.session.header import FOLDER_FORMAT, FOLDER_VERSION, kept_config, note_version, read_header
 from mesotap.session.progress import HARDWARE, assemble, describe_rig
-from mesotap.session.runner import Bench, Guardian, SessionRunner
+from mesotap.session.runner import Bench, SessionRunner
 from mesotap.session.shots import judged_shot
 from mesotap.session.states import State
 from mesotap.session_log import Logged, session_log
 from mesotap.terminal import escape
 from mesotap.wire_options import NO_WIRE, WireOptions
 from rig import GaugeScale, Rig
-from rig.assembled import AssembledRig
 from rig.drivers.wire_record import WireFile
 from rig.hardware_log import HardwareLog
 from rig.interlock import Interlock
 from rig.wall_clock import WallClock
-from sim_backend.emulators.rig import EmulatedRig
 
 
 def run(
@@ -92,13 +90,6 @@ def _rig_of(header: dict[str, Any], config: Config, operator: TerminalOperator, 
     return build_rig(config, simulated, operator, seed, realtime, emulated, devices, file)
 
 
-def _guardian(rig: Rig, config: Config, folder: SessionFolder) -> Guardian:
-    """Return who takes the surfaces apart if this program dies: for devices that do not die with it."""
-    if isinstance(rig, EmulatedRig) or not isinstance(rig, AssembledRig):
-        return Guardian()
-    return GuardianProcess(config.rig, rig, folder, rig.folder if isinstance(rig, SeparateRig) else None)
-
-
 def resume(path: Path, json_path: Path | None, console: Console, wire: WireOptions = NO_WIRE) -> None:
     """Go on with a session wherever it was left."""
     with SessionFolder.open(path) as folder:
@@ -140,7 +131,7 @@ def _carry_out(
         control.listening(),
         SessionDisplay(wanted, good, console) as display,
     ):
-        guardian = _guardian(rig, config, folder)
+        guardian = guardian_for(rig, config, folder)
         bench = Bench(rig, operator, Logged(display), control, lambda: truth_now(rig), guardian)
         runner = SessionRunner(config, folder, bench)
         try:

@@ -19,9 +19,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from daq.journal import append_after_death
+from daq.journal_file import append_after_death
 from mesotap.session.guardian import APART, ARMED, DISMISSED, LARGEST_SETUP
-from mesotap.session.progress import SAFE
 from rig import Accelerometers, Block, DeadWeights, GaugeScale, Impactor, LoadCell, LoadReading, RigError
 from rig.assembled import AssembledRig
 from rig.drivers.amplifier import DEVICE as AMPLIFIER
@@ -90,7 +89,7 @@ class Successor:
         self._setup = setup
         self._descriptors = descriptors
         self._settings = RigSettings.model_validate(setup["rig"])
-        self._folder = Path(setup["folder"])
+        self._folder = None if setup["folder"] is None else Path(setup["folder"])
         self._scale = GaugeScale(*setup["scale"])
         self._clock = WallClock()
         self._why = "the program died"
@@ -137,8 +136,9 @@ class Successor:
         safe = self._retract()
         lines.join()
         at = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-        event = {"event": SAFE, "at": at, "reason": self._why, "troubles": list(safe.troubles), "by": "guardian"}
-        append_after_death(self._folder, event)
+        event = {"event": "safe", "at": at, "reason": self._why, "troubles": list(safe.troubles), "by": "guardian"}
+        if self._folder is not None:
+            append_after_death(self._folder, event)
         with contextlib.suppress(OSError):
             sys.stderr.write(f"\nmesotap guardian: {self._why}; {safe.sentence()}; {GOES_ON}\n")
             sys.stderr.flush()

@@ -18,6 +18,7 @@ from daq.journal import SessionFolder
 from daq.records import CalibrationPoints, Shot
 from daq.trigger import NoTap, record_shot
 from mesotap.config import Config
+from mesotap.session.guardian import Guardian
 from mesotap.session.progress import NO_TAP, NOTES, SAFE, SHOT, STARTED, Progress, progress_of
 from mesotap.session.shots import judged_shot, shot_entry
 from mesotap.session.states import Event, State
@@ -39,25 +40,6 @@ class Control(Protocol):
 
     def check(self, hold: Callable[[], None]) -> None:
         """Return at once, or stay while paused (calling ``hold`` now and then), or raise `SessionAborted`."""
-
-
-class Guardian:
-    """Who takes the surfaces apart if this program dies under load; this one does nothing."""
-
-    def start(self) -> None:
-        """Be ready before anything is loaded; `RigError` if that cannot be."""
-
-    def scale(self, scale: GaugeScale) -> None:
-        """Be told how the gauge reads."""
-
-    def arm(self, load: bool) -> None:
-        """Be told whether the surfaces may touch from now on."""
-
-    def beat(self) -> None:
-        """Be told that the program is alive; called a few times a second."""
-
-    def dismiss(self) -> None:
-        """Be no longer needed."""
 
 
 class Uninterrupted:

@@ -9,7 +9,7 @@ import pytest
 from daq.journal import SessionFolder
 from mesotap.bench import emulated_rig, simulated_rig
 from mesotap.console import KeyControl
-from mesotap.session.runner import Guardian
+from mesotap.session.guardian import Guardian
 from mesotap.session.states import State
 from rig import DeviceError, GaugeScale, LoadReading, RigError, RigFailures, SessionAborted, StaleReading
 from rig.assembled import AssembledRig

@@ -13,12 +13,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
 
-from rig.errors import DeviceError, InterlockRefusal, RigError, SessionAborted, StaleReading
+from rig.errors import InterlockRefusal, RigError, StaleReading
 from rig.interface import Rig
 from rig.load_loop import LoadLoop
 from rig.readings import GaugeScale, LoadReading
 from rig.settable import largest_mn_per_um, whole_steps
 from rig.settings import Limits
+from rig.witness import LoadWitness
 
 Progress = Callable[[str], None]
 
@@ -26,7 +27,6 @@ SOFTEST_RESPONSE = 0.55  # of the springs' stiffness: below this, at load, the g
 STIFFEST_RESPONSE = 1.35
 RESPONSE_FROM_THRESHOLDS = 5.0  # contact thresholds of load from which the response is judged
 RESPONSE_TRAVEL_UM = 0.4  # travel over which it is judged
-QUANTA = 2.0  # steps of a rounded voltage by which the load must have risen before a gauge that stands still is frozen
 RETRACTIONS = 3
 LEFT_THRESHOLDS = 3.0  # load, in contact thresholds, that a gauge may show with the surfaces apart
 CAREFUL_READING_S = 0.2
@@ -75,24 +75,23 @@ class Interlock:
     def __init__(self, rig: Rig, limits: Limits, scale: GaugeScale, spring_stiffness: tuple[float, float]) -> None:
         self._rig = rig
         self._limits = limits
-        self.scale = scale
+        self._witness = LoadWitness(rig, limits, scale)
         self._mn_per_um = largest_mn_per_um(spring_stiffness)
-        self._frozen = 0
-        self._last_voltage = math.nan
-        self._read_at = -math.inf  # rig time of the sample behind the last believable reading
-        self._read_mn = math.nan
-        self._disbelieved = False  # the gauge contradicted the stage or itself since it was last calibrated
         self._stands: tuple[float, bool] | None = None  # where the stage was left, and whether clamped
         rig.stage.permit = self._permit
-        self._travelled_um = 0.0  # towards contact since the voltage changed
         self._contact: tuple[float, float] | None = None  # position and load where contact was felt
         self._felt_before: tuple[float, float] | None = None  # the same of the last time, also when apart
         self._judged_from: tuple[float, float] | None = None  # position and load where the response began
         self._turned_at: float | None = None  # where the stage last turned back, until its play is used up
 
     @property
-    def _gauge(self) -> str:
-        return self._rig.load_cell.name
+    def scale(self) -> GaugeScale:
+        """Line between the gauge's voltage and the load."""
+        return self._witness.scale
+
+    @scale.setter
+    def scale(self, scale: GaugeScale) -> None:
+        self._witness.scale = scale
 
     @property
     def contact(self) -> tuple[float, float] | None:
@@ -112,7 +111,7 @@ class Interlock:
     @property
     def read_at_s(self) -> float:
         """Rig time at which the load was last known, s; minus infinity before the first reading."""
-        return self._read_at
+        return self._witness.read_at_s
 
     # --- the gauge ------------------------------------------------------------------------------------------
 
@@ -122,54 +121,7 @@ class Interlock:
 
     def read_gauge(self, duration_s: float = 0.1) -> LoadReading:
         """One believable reading of the gauge."""
-        try:
-            reading = self._believable(duration_s)
-        except StaleReading:
-            self._disbelieved = True
-            raise
-        self._read_at, self._read_mn = reading.time_s, self.scale.load_mn(reading.voltage_mv)
-        return reading
-
-    def _believable(self, duration_s: float) -> LoadReading:
-        """One reading of a gauge that lives; one that repeats itself is asked again at once, before anything moves."""
-        while True:
-            reading = self._sound(duration_s)
-            again = reading.voltage_mv == self._last_voltage
-            still = reading.samples > 1 and reading.spread_mv == 0.0
-            if reading.quantum_mv:  # what the amplifier rounds may stand still while the load does
-                again, still = again and self._must_show(reading.quantum_mv), False
-            same = again or still
-            if reading.voltage_mv != self._last_voltage:
-                self._travelled_um = 0.0
-            self._frozen = self._frozen + again + still if same else 0  # a reading that is both counts twice
-            self._last_voltage = reading.voltage_mv
-            if not same:
-                return reading
-            if self._frozen >= self._limits.frozen_readings:
-                raise StaleReading(
-                    f"{self._gauge}: {self._frozen + 1} readings are the same to the last digit "
-                    f"({reading.voltage_mv:.4f} mV); the amplifier is frozen: restart it"
-                )
-
-    def _sound(self, duration_s: float) -> LoadReading:
-        """One reading that is a number, and of now."""
-        try:
-            reading = self._rig.load_cell.read(duration_s)
-        except (StaleReading, SessionAborted):  # whoever ends the session is not the gauge's fault
-            raise
-        except DeviceError as error:
-            raise StaleReading(str(error)) from error
-        except RigError as error:
-            raise StaleReading(f"{self._gauge}: no reading ({error}); the stage does not move") from error
-        age = self._rig.clock.now() - reading.time_s
-        if age > self._limits.stale_reading_s:
-            raise StaleReading(
-                f"{self._gauge}: the last reading is {age:.2f} s old, more than {self._limits.stale_reading_s:g} s; "
-                "check the amplifier's connection"
-            )
-        if not math.isfinite(reading.voltage_mv):
-            raise StaleReading(f"{self._gauge}: the amplifier answers no number; check the bridge's wiring")
-        return reading
+        return self._witness.read(duration_s, self._must_have_risen_mn())
 
     # --- moves ----------------------------------------------------------------------------------------------
 
@@ -187,7 +139,7 @@ class Interlock:
         self._stands = None
         self._rig.stage.unlock()
         self._contact = self._judged_from = None
-        self._disbelieved = False
+        self._witness.believe_again()
         resting = sum(self.load_mn() for _ in range(3)) / 3
         threshold = self._limits.contact_threshold_mn
         if abs(resting) > 2 * threshold:
@@ -205,7 +157,7 @@ class Interlock:
                 progress(f"approaching, load {load:.0f} mN")
             self._check_limit(load)
             if load < resting - 2 * threshold:
-                raise self._doubt(
+                raise self._witness.doubt(
                     f"it fell from {resting:.0f} to {load:.0f} mN on the approach, which no contact "
                     "does; check its cable and that nothing leans on the masses"
                 )
@@ -276,7 +228,7 @@ class Interlock:
         self._stands = None
         position = self._rig.stage.move_by(step_um, aim).position_um
         self._stands = (position, False)
-        self._travelled_um += max(step_um, 0.0)
+        self._witness.travelled_um += max(step_um, 0.0)
         if step_um < 0 and math.isfinite(position):
             self._turned_at = position
         after = self.load_mn(STEP_READING_S)
@@ -303,7 +255,7 @@ class Interlock:
         self._stands = None
         for _ in range(RETRACTIONS):
             self._rig.stage.retract(self._limits.clearance_um, "taking the surfaces apart")
-            doubted = "cannot be believed" if self._disbelieved else ""
+            doubted = "cannot be believed" if self._witness.doubted else ""
             try:
                 load = self.load_mn()
             except StaleReading:
@@ -362,8 +314,8 @@ class Interlock:
         A program that was stopped, or a machine that was busy, since the last reading knows nothing of what happened
         meanwhile.
         """
-        if self._rig.clock.now() - self._read_at > self._limits.stale_reading_s:
-            before = self._read_mn
+        if self._rig.clock.now() - self._witness.read_at_s > self._limits.stale_reading_s:
+            before = self._witness.load_mn
             load = self.load_mn()
             self._check_standing(before, load)
             self._check_limit(load)
@@ -383,11 +335,12 @@ class Interlock:
 
     # --- witnesses ------------------------------------------------------------------------------------------
 
-    def _must_show(self, quantum_mv: float) -> bool:
-        """Whether a gauge that rounds its voltage would have changed by now, by what the stage went since it did."""
+    def _must_have_risen_mn(self) -> float:
+        """Least rise of the load by what the stage went since the gauge last changed; 0 while apart."""
+        if self._contact is None:
+            return 0.0
         play = 0.0 if self._turned_at is None else self._limits.largest_backlash_um
-        rise_mn = SOFTEST_RESPONSE * self._mn_per_um * (self._travelled_um - play)
-        return self._contact is not None and rise_mn * abs(self.scale.sensitivity_mv_per_mn) > QUANTA * quantum_mv
+        return SOFTEST_RESPONSE * self._mn_per_um * (self._witness.travelled_um - play)
 
     def _check_limit(self, load: float) -> None:
         if load > self._limits.load_mn:
@@ -415,7 +368,7 @@ class Interlock:
             if self._contact is not None and math.isfinite(position) and math.isfinite(self._contact[0]):
                 travelled = (position - self._contact[0]) * self._mn_per_um
                 if travelled > self._limits.load_mn * 0.75 + self._contact[1]:
-                    raise self._doubt(
+                    raise self._witness.doubt(
                         f"{position - self._contact[0]:.1f} um past contact it shows only {load:.0f} "
                         "mN; it does not follow the stage: look whether it answers a touch of the finger"
                     )
@@ -434,7 +387,7 @@ class Interlock:
                 return
             self._turned_at = None
         if not SOFTEST_RESPONSE < response < STIFFEST_RESPONSE:
-            raise self._doubt(
+            raise self._witness.doubt(
                 f"{travel:.2f} um of travel changed it by {response:.0%} of what the springs allow; "
                 "gauge and stage disagree: check the gauge's wiring and what else touches the masses"
             )
@@ -442,15 +395,10 @@ class Interlock:
     def _check_standing(self, before: float, now: float) -> None:
         """Refuse a change of the load that cannot happen while the stage stands."""
         if abs(now - before) > STANDING_CHANGE_THRESHOLDS * self._limits.contact_threshold_mn:
-            raise self._doubt(
+            raise self._witness.doubt(
                 f"the load changed from {before:.0f} to {now:.0f} mN while the stage stood still; check its cable and "
                 "what touches the masses, then resume"
             )
-
-    def _doubt(self, what: str) -> StaleReading:
-        """Return the error for a gauge that is no witness any more."""
-        self._disbelieved = True
-        return StaleReading(f"{self._gauge}: {what}")
 
     # --- leaving --------------------------------------------------------------------------------------------
 

@@ -103,7 +103,7 @@ def test_a_flooding_peer_on_ethernet_is_left():
     settings = AmplifierTcp(driver="modbus-tcp", preset="seneca-ze-sg3", host=host, tcp_port=port)
     gauge = ModbusLoadCell(TcpTransport("an amplifier", host, port), "tcp", settings, WallClock())
     try:
-        with pytest.raises(DeviceError, match="an amplifier on 127.0.0.1"):
+        with pytest.raises(DeviceError, match=r"an amplifier on 127\.0\.0\.1"):
             gauge.connect()
     finally:
         gauge.close()

@@ -111,7 +111,7 @@ def _image(session: Session) -> bytes:
         return bytes(file.id.get_file_image())
 
 
-KINDS = (Session, Shot, RigDescription, CalibrationPoints)
+KINDS = (Session, Shot, RigDescription, CalibrationPoints, Repetition)
 
 
 def read_session(path: str | Path) -> Session:

@@ -23,5 +23,8 @@ class Guardian:
     def beat(self) -> None:
         """Be told that the program is alive; called a few times a second."""
 
+    def leave(self) -> None:
+        """Be told that the program takes the surfaces apart by itself now: nothing of the guardian may delay that."""
+
     def dismiss(self) -> None:
         """Be no longer needed."""

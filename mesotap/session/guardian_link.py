@@ -60,7 +60,7 @@ class GuardianProcess(Guardian):
         self._scale = GaugeScale(settings.gauge_sensitivity_mv_per_mn)
         self._process: subprocess.Popen[bytes] | None = None
         self._socket: socket.socket | None = None
-        self._ready = self._armed = False
+        self._ready = self._armed = self._leaving = False
         self._beat_s = 0.0
 
     def start(self) -> None:
@@ -112,6 +112,10 @@ class GuardianProcess(Guardian):
         self._beat_s = now
         self._send({"state": BEAT})
 
+    def leave(self) -> None:
+        """Leave it as it is, dead or alive."""
+        self._leaving = True
+
     def dismiss(self) -> None:
         """Have it end, and wait for that, so that the ports are free."""
         if self._socket is not None:
@@ -162,7 +166,8 @@ class GuardianProcess(Guardian):
         except BlockingIOError:
             return  # it has not read what came before: signs of life enough
         except OSError:
-            self._replace()
+            if not self._leaving:
+                self._replace()
 
     def _replace(self) -> None:
         self.dismiss()

@@ -136,6 +136,7 @@ class SessionRunner:
                 self._carry_on()
             finally:
                 self._leaving = True  # from here on nothing interrupts
+                self._bench.guardian.leave()
         except BaseException as caught:
             # SessionAborted and KeyboardInterrupt too: whatever the exit, the surfaces are taken apart
             error = caught

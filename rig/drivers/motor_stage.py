@@ -111,7 +111,7 @@ class MotorStage(Stage, Driver):
         before = "" if trouble is None else f", before: {trouble[0]}"
         return (
             f"{DEVICE} on {self._transport.port}: {version}, at {self._position_um():.2f} um, "
-            f"{status.state.value}, {self._approach_speed():.3g} um/s towards contact{before}"
+            f"{status.state.value}, {self._approach_speed():.3g} um/s towards contact{self._slow_wire()}{before}"
         )
 
     def close(self) -> None:
@@ -330,6 +330,11 @@ class MotorStage(Stage, Driver):
             for _ in range(round(SWITCHING_ON_S / self._settings.poll_s)):
                 self._clock.sleep(self._settings.poll_s)
                 self._axis.begin_retraction(place, speed, stop=False)
+
+    def _slow_wire(self) -> str:
+        """What is said of a wire that slows the approach down."""
+        slow = self._axis.round_trip_s > self._settings.poll_s
+        return f" (replies take {self._axis.round_trip_s * 1e3:.0f} ms)" if slow else ""
 
     def _approach_speed(self) -> float:
         """Speed towards contact, um/s: what goes wrong ends within the largest step, over this wire."""

@@ -10,6 +10,7 @@ from daq.journal import SessionFolder
 from mesotap.bench import emulated_rig, simulated_rig
 from mesotap.console import KeyControl
 from mesotap.session.guardian import Guardian
+from mesotap.session.guardian_link import GuardianProcess
 from mesotap.session.states import State
 from rig import DeviceError, GaugeScale, LoadReading, RigError, RigFailures, SessionAborted, StaleReading
 from rig.assembled import AssembledRig
@@ -371,3 +372,28 @@ def test_a_guardian_is_armed_before_contact_and_dismissed_apart(tmp_path):
         runner.run()
     assert guardian.told == ["start", True, False, "dismiss"]
     assert guardian.beats > 100
+
+
+def test_a_guardian_that_is_killed_is_replaced_and_delays_no_exit(tmp_path):
+    """Its process is killed under load: the next sign of life starts another one, which knows that there is a load."""
+    config = quick_config()
+    with SessionFolder.create(tmp_path / "s", {"config": "", "created": ""}) as folder:
+        rig = AssembledRig("rig", None, Part(), Part(), Part(), None, None)
+        guardian = GuardianProcess(config.rig, rig, folder)
+        guardian.start()
+        guardian.arm(True)
+        first = guardian._process
+        first.kill()
+        first.wait()
+        guardian._beat_s = 0.0
+        guardian.beat()
+        second = guardian._process
+        assert second is not first
+        assert second.poll() is None
+        second.kill()
+        second.wait()
+        guardian.leave()
+        guardian.arm(False)
+        assert guardian._process is second
+        guardian.dismiss()
+        assert guardian._process is None

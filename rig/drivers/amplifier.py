@@ -67,7 +67,7 @@ class ModbusLoadCell(LoadCell, Driver):
         """
         self._transport.open()
         known = [self._identity(), self._model(), self._unit(), self._ratio_and_full_scale(), self._rate()]
-        self.round_trip_s = self._wire.round_trip_s
+        self.round_trip_s = self._wire.reply_time.round_trip_s
         said = ", ".join(text for text in known if text)
         return f"{DEVICE} on {self._transport.port}: answers at address {self._settings.address}" + (
             f"; {said}" if said else ""

@@ -15,15 +15,8 @@ from pymodbus.client.base import ModbusBaseSyncClient
 from pymodbus.pdu import ExceptionResponse
 from pymodbus.transport import CommParams, CommType
 
-from rig.drivers.transport import (
-    LARGEST_LEFTOVER,
-    PATIENT_S,
-    ROUND_TRIPS,
-    Transport,
-    reply_time_limit,
-    round_trip,
-    settle,
-)
+from rig.drivers.reply_time import PATIENT_S, ReplyTime
+from rig.drivers.transport import LARGEST_LEFTOVER, Transport, settle
 from rig.errors import DeviceError, NoAnswer
 from rig.hardware_log import repeated
 from rig.interface import Clock
@@ -61,7 +54,7 @@ class ModbusFault(Enum):
 class _Client(ModbusBaseSyncClient):
     """pymodbus's client over a transport of ours, without retries of its own."""
 
-    def __init__(self, transport: Transport, framer: FramerType, clock: Clock) -> None:
+    def __init__(self, transport: Transport, framer: FramerType, clock: Clock, reply_time: ReplyTime) -> None:
         link = CommParams(
             comm_name=transport.device,
             comm_type=CommType.SERIAL,
@@ -73,7 +66,7 @@ class _Client(ModbusBaseSyncClient):
         self._transport = transport
         self._clock = clock
         self._deadline_s = 0.0
-        self.timeout_s = PATIENT_S
+        self._reply_time = reply_time
         self.received = 0
 
     def connect(self) -> bool:
@@ -88,7 +81,7 @@ class _Client(ModbusBaseSyncClient):
         if unasked := self._transport.discard():
             repeated(LOG, self._transport.device, "bytes that nobody asked for were discarded", unasked[:64].hex(" "))
         self.received = 0
-        self._deadline_s = self._clock.now() + self.timeout_s
+        self._deadline_s = self._clock.now() + self._reply_time.limit_s
         self._transport.write(request)
         return len(request)
 
@@ -126,32 +119,13 @@ class ModbusDevice:
     ) -> None:
         self._transport = transport
         self._clock = clock
-        self._client = _Client(transport, FramerType.RTU if framing == "rtu" else FramerType.SOCKET, clock)
-        self._given = timeout_s is not None
-        self._times: list[float] = []
-        if timeout_s is not None:
-            self._client.timeout_s = timeout_s
+        self.reply_time = ReplyTime(timeout_s)
+        framer = FramerType.RTU if framing == "rtu" else FramerType.SOCKET
+        self._client = _Client(transport, framer, clock, self.reply_time)
         self._address = address
         self._tries = tries
-        self.round_trip_s = 0.0
-        """Longest time that one of the first replies took, s; 0 before they came."""
         self.repeated = 0
         """How many questions had to be asked again so far."""
-
-    @property
-    def silent_after_s(self) -> float:
-        """Time after which a device that says nothing counts as silent, s."""
-        return self._tries * (self._client.timeout_s + QUIET_S)
-
-    def _learn(self, took_s: float) -> None:
-        """Take in how long a reply took, until it is known how long to wait for one."""
-        if len(self._times) >= ROUND_TRIPS:
-            return
-        self._times.append(took_s)
-        if len(self._times) == ROUND_TRIPS:
-            self.round_trip_s = round_trip(self._times)
-            if not self._given:
-                self._client.timeout_s = reply_time_limit(self.round_trip_s)
 
     def read(self, table: str, offset: int, count: int) -> list[int]:
         """Return ``count`` registers from ``offset`` on.
@@ -177,7 +151,7 @@ class ModbusDevice:
                 except ModbusException:
                     answered = self._what_came()
                     continue
-                self._learn(self._clock.now() - begun)
+                self.reply_time.learn(self._clock.now() - begun)
                 if isinstance(reply, ExceptionResponse):
                     raise DeviceError(
                         self._transport.device, self._transport.port, *ModbusFault.of(reply.exception_code)

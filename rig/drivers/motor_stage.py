@@ -96,7 +96,7 @@ class MotorStage(Stage, Driver):
             self._axis.stop()
             self._at_rest()
             status = self._axis.status()
-        self.round_trip_s = self._axis.round_trip_s
+        self.round_trip_s = self._axis.reply_time.round_trip_s
         if status.state is AxisState.NOT_REFERENCED and self._settings.home_at_connect:
             self._home()
             status = self._axis.status()
@@ -138,7 +138,7 @@ class MotorStage(Stage, Driver):
         self._transport.open()
         self._axis.stop()
         self._range_um, self.round_trip_s = travel_um, round_trip_s
-        self._axis.expect(round_trip_s)
+        self._axis.reply_time.expect(round_trip_s)
         self._motor_off = True  # not known: the longer way is safe
 
     def read(self) -> StageReading:
@@ -326,19 +326,19 @@ class MotorStage(Stage, Driver):
         self._speed = math.nan
         place, speed = self._to_mm(target_um), self._settings.speed_um_per_s * 1e-3
         self._axis.begin_retraction(place, speed)
-        if self._motor_off and self._axis.round_trip_s > self._settings.poll_s:
+        if self._motor_off and self._axis.reply_time.round_trip_s > self._settings.poll_s:
             for _ in range(round(SWITCHING_ON_S / self._settings.poll_s)):
                 self._clock.sleep(self._settings.poll_s)
                 self._axis.begin_retraction(place, speed, stop=False)
 
     def _slow_wire(self) -> str:
         """What is said of a wire that slows the approach down."""
-        slow = self._axis.round_trip_s > self._settings.poll_s
-        return f" (replies take {self._axis.round_trip_s * 1e3:.0f} ms)" if slow else ""
+        slow = self._axis.reply_time.round_trip_s > self._settings.poll_s
+        return f" (replies take {self._axis.reply_time.round_trip_s * 1e3:.0f} ms)" if slow else ""
 
     def _approach_speed(self) -> float:
         """Speed towards contact, um/s: what goes wrong ends within the largest step, over this wire."""
-        latency_s = self._settings.poll_s + QUESTIONS_TO_STOP * self._axis.round_trip_s + self.idle_takes_s
+        latency_s = self._settings.poll_s + QUESTIONS_TO_STOP * self._axis.reply_time.round_trip_s + self.idle_takes_s
         return min(self._settings.speed_um_per_s, self._overshoot / latency_s)
 
     def _use_speed(self, um_per_s: float) -> None:

@@ -24,7 +24,8 @@ from rig.drivers.newport_codes import (
     parse_reply,
     parse_status,
 )
-from rig.drivers.transport import PATIENT_S, ROUND_TRIPS, Transport, reply_time_limit, round_trip, settle
+from rig.drivers.reply_time import ReplyTime
+from rig.drivers.transport import Transport, settle
 from rig.errors import DeviceError, NoAnswer
 from rig.hardware_log import repeated
 from rig.interface import Clock
@@ -74,12 +75,8 @@ class NewportAxis:
         self._transport = transport
         self._address = address
         self._clock = clock
-        self._given = timeout_s is not None
-        self._times: list[float] = []
-        self._timeout_s = PATIENT_S if timeout_s is None else timeout_s
+        self.reply_time = ReplyTime(timeout_s)
         self._tries = tries
-        self.round_trip_s = 0.0
-        """Longest time that one of the first replies took, s; 0 before they came."""
         self._status = partial(parse_status, controller=controller)
         self._error = partial(parse_error, controller=controller)
         self.repeated = 0
@@ -218,7 +215,7 @@ class NewportAxis:
                     self._note("bytes that nobody asked for were discarded", repr(unasked[:LONGEST_LINE]))
                 begun = self._clock.now()
                 self._transport.write(self._line(command, suffix))
-                deadline = begun + self._timeout_s
+                deadline = begun + self.reply_time.limit_s
                 pending = b""
                 while (line := self._next_line(pending, deadline)) is not None:
                     whole, pending = line
@@ -228,7 +225,7 @@ class NewportAxis:
                     except ReplyError:
                         self._note("a line was foreign or damaged", repr(whole))
                         continue  # the true reply may follow
-                    self._learn(self._clock.now() - begun)
+                    self.reply_time.learn(self._clock.now() - begun)
                     return answer
         what = "its replies make no sense" if heard else "it does not answer"
         raise NoAnswer(
@@ -240,23 +237,6 @@ class NewportAxis:
 
     def _note(self, what: str, detail: str = "") -> None:
         repeated(LOG, self._transport.device, what, detail)
-
-    def expect(self, round_trip_s: float) -> None:
-        """Be told how long a reply takes."""
-        self._times = [round_trip_s] * ROUND_TRIPS
-        self.round_trip_s = round_trip_s
-        if not self._given:
-            self._timeout_s = reply_time_limit(round_trip_s)
-
-    def _learn(self, took_s: float) -> None:
-        """Take in how long a reply took, until it is known how long to wait for one."""
-        if len(self._times) >= ROUND_TRIPS:
-            return
-        self._times.append(took_s)
-        if len(self._times) == ROUND_TRIPS:
-            self.round_trip_s = round_trip(self._times)
-            if not self._given:
-                self._timeout_s = reply_time_limit(self.round_trip_s)
 
     def _watch_for_nul(self, data: bytes) -> bytes:
         """Return the bytes without a NUL, which says that the motor's power was cut and came back."""
@@ -270,7 +250,9 @@ class NewportAxis:
         """Return the next whole line and what came after it; None once it is too late."""
         while True:
             left = deadline - self._clock.now()
-            if END in pending and left > -self._timeout_s:  # a line that has come is read, if not one of very many
+            if (
+                END in pending and left > -self.reply_time.limit_s
+            ):  # a line that has come is read, if not one of very many
                 break
             if left <= 0 or len(pending) > LONGEST_LINE:
                 return None

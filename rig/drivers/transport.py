@@ -23,21 +23,6 @@ CONNECT_S = 3.0
 LARGEST_LEFTOVER = 65536  # bytes; more that nobody asked for is no late reply
 SETTLING_S = 0.1  # in which a line has to fall quiet
 
-PATIENT_S = 0.5  # for which a reply is waited while nobody knows yet how long one takes
-ROUND_TRIPS = 5  # questions from which that is found out
-SHORTEST_WAIT_S, WAIT_SHARE, WAIT_MARGIN_S = 0.06, 1.2, 0.02
-"""A reply counts as lost after 1.2 times what the slowest took, and 20 ms for a busy machine; never before 60 ms."""
-
-
-def round_trip(times_s: list[float]) -> float:
-    """Return how long a reply takes: the longest of several, without the one that a lost reply had asked again."""
-    return sorted(times_s)[-2]
-
-
-def reply_time_limit(round_trip_s: float) -> float:
-    """Return how long to wait for a reply on a wire with this round trip, s."""
-    return max(SHORTEST_WAIT_S, WAIT_SHARE * round_trip_s + WAIT_MARGIN_S)
-
 
 class Transport(ABC):
     """A port and the device behind it.

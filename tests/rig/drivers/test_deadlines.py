@@ -12,16 +12,9 @@ from rig import DeviceError
 from rig.drivers.amplifier import ModbusLoadCell
 from rig.drivers.modbus import ModbusDevice
 from rig.drivers.newport import NewportAxis
+from rig.drivers.reply_time import ReplyTime
 from rig.drivers.settings import AmplifierTcp
-from rig.drivers.transport import (
-    LARGEST_LEFTOVER,
-    SETTLING_S,
-    TcpTransport,
-    Transport,
-    reply_time_limit,
-    round_trip,
-    settle,
-)
+from rig.drivers.transport import LARGEST_LEFTOVER, SETTLING_S, TcpTransport, Transport, settle
 from rig.wall_clock import WallClock
 from sim_backend.clock import VirtualClock
 
@@ -113,8 +106,22 @@ def test_a_flooding_peer_on_ethernet_is_left():
 
 @pytest.mark.parametrize(("round_trip_s", "limit_s"), [(0.0, 0.06), (0.016, 0.06), (0.05, 0.08), (0.2, 0.26)])
 def test_a_reply_is_waited_for_as_long_as_the_wire_asks_for(round_trip_s, limit_s):
-    assert reply_time_limit(round_trip_s) == pytest.approx(limit_s)
+    time = ReplyTime(None)
+    for _ in range(5):
+        assert time.limit_s == 0.5
+        time.learn(round_trip_s)
+    assert time.limit_s == pytest.approx(limit_s)
 
 
 def test_one_reply_that_was_lost_does_not_count():
-    assert round_trip([0.016, 0.3, 0.016, 0.017, 0.016]) == 0.017
+    time = ReplyTime(None)
+    for took_s in (0.016, 0.3, 0.016, 0.017, 0.016):
+        time.learn(took_s)
+    assert time.round_trip_s == 0.017
+
+
+def test_a_time_that_was_given_is_kept():
+    time = ReplyTime(0.3)
+    for _ in range(6):
+        time.learn(0.05)
+    assert (time.limit_s, time.round_trip_s) == (0.3, 0.05)

@@ -250,10 +250,8 @@ class NewportAxis:
         """Return the next whole line and what came after it; None once it is too late."""
         while True:
             left = deadline - self._clock.now()
-            if (
-                END in pending and left > -self.reply_time.limit_s
-            ):  # a line that has come is read, if not one of very many
-                break
+            if END in pending and left > -self.reply_time.limit_s:
+                break  # a line that has come is read, if it is not one of very many
             if left <= 0 or len(pending) > LONGEST_LINE:
                 return None
             data = self._transport.read(left)

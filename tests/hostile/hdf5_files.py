@@ -83,6 +83,17 @@ def array(where: str, values: Any, **options: Any) -> Edit:
     return instead(where, put)
 
 
+def undigested(change: Edit) -> Edit:
+    """The same by a program that keeps no digests."""
+
+    def edit(file: h5py.File) -> None:
+        change(file)
+        for impact in file["impacts"].values():
+            impact.attrs.pop("digest", None)
+
+    return edit
+
+
 def attribute(item: str, name: str, value: Any) -> Edit:
     def edit(file: h5py.File) -> None:
         file[item].attrs[name] = value
@@ -217,7 +228,8 @@ EDITS: tuple[tuple[str, Edit, dict[str, Any]], ...] = (
     ("lists for samples", array(ACCELERATION, None, shape=(2, 64), dtype=h5py.vlen_dtype("f8")), {"says": "numbers"}),
     ("references for samples", array(ACCELERATION, None, shape=(2, 64), dtype=h5py.ref_dtype), {"says": "numbers"}),
     ("texts for samples", array(ACCELERATION, np.full((2, 64), b"1.0")), {"says": "numbers"}),
-    ("samples of 16 bits", array(ACCELERATION, np.zeros((2, 64), "f2")), {"shows": "impacts: 2"}),
+    ("samples of 16 bits", undigested(array(ACCELERATION, np.zeros((2, 64), "f2"))), {"shows": "impacts: 2"}),
+    ("samples that were altered", array(ACCELERATION, np.zeros((2, 64), "f2")), {"says": "digest"}),
     ("samples of 128 bits", array(ACCELERATION, np.zeros((2, 64), np.longdouble)), {"either": True}),
     ("a type for a group", instead("impacts", lambda f: f.__setitem__("impacts", np.dtype("f8"))), {"says": "impacts"}),
     ("a group for a text", instead(CONFIG, lambda f: f.create_group(CONFIG)), {"says": "not a scalar string"}),

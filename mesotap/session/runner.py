@@ -193,8 +193,7 @@ class SessionRunner:
             self._tell(
                 State.CONNECT, f"the load is {load:.0f} mN, not the {expected:.0f} mN it was left at; it is set anew"
             )
-            self._interlock.retract()
-            self._bench.guardian.arm(False)
+            self._take_apart(State.CONNECT)
             self._note(SAFE)
 
     def _take_up(self) -> None:
@@ -320,11 +319,14 @@ class SessionRunner:
         return shot
 
     def _retract(self) -> None:
-        doubted = self._interlock.retract(lambda text: self._tell(State.RETRACT, text))
+        self._take_apart(State.RETRACT)
+        self._done(Event.APART)
+
+    def _take_apart(self, state: State) -> None:
+        doubted = self._interlock.retract(lambda text: self._tell(state, text))
         if doubted:
             raise RigError(f"retract: the gauge {doubted}; look whether the surfaces are apart, then resume")
         self._bench.guardian.arm(False)
-        self._done(Event.APART)
 
     # --- the journal ----------------------------------------------------------------------------------------
 

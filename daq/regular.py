@@ -67,9 +67,11 @@ def read_regular(path: Path, most: int, what: str = "what is expected here") -> 
     descriptor, size = open_regular(path)
     try:
         with os.fdopen(descriptor, "rb") as file:
-            content = b"" if size > most else file.read(min(most, max(size, _UNSIZED)) + 1)
+            content: bytes | None = b"" if size > most else file.read(min(most, max(size, _UNSIZED)) + 1)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+    if content is None:  # what only looks like a file, such as the log of the kernel, may have nothing to give now
+        raise RecordingError(f"{path}: cannot be read: it is no file that stays as it is")
     if max(size, len(content)) > most:
         raise RecordingError(f"{path}: is larger than {_readable(most)}, too large for {what}")
     return content

@@ -19,7 +19,7 @@ from daq.records import Session
 from daq.session_file import read_session
 from mesotap import report
 from mesotap.__main__ import _sentence
-from mesotap.commands import files, recover, session
+from mesotap.commands import files, recordings, recover, session
 from tests.fuzz.session_folders import DAMAGES, finished, unfinished
 
 WHOLE = bool(os.environ.get("MESOTAP_WHOLE_COMMANDS"))
@@ -43,7 +43,7 @@ COMMANDS: dict[str, Callable[[Path], object]] = {
     "resume": lambda folder: session.resume(folder, None, silent()),
     "report": lambda folder: files.write_session_report(folder, None, None, (), None, silent()),
     "analyze": lambda folder: files.analyze([folder], None, None, None, (), None, None, silent()),
-    "info": lambda folder: files.info(folder, None, silent()),
+    "info": lambda folder: recordings.info(folder, None, silent()),
     "recover": lambda folder: recover.recover_folder(folder, folder.parent / "recovered.h5", None, silent()),
 }
 

@@ -134,7 +134,7 @@ def test_answers_are_kept_and_failures_tried_again(
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (None, "cannot be read"),
+        (None, "there is no such file"),
         ("{", "is no JSON"),
         ('{"a": 1}', "expected"),
         ('{"a": {"kinds": []}}', "no number 'd'"),

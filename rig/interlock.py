@@ -80,7 +80,9 @@ class Interlock:
         self._stands: tuple[float, bool] | None = None  # where the stage was left, and whether clamped
         rig.stage.permit = self._permit
         self._contact: tuple[float, float] | None = None  # position and load where contact was felt
-        self._felt_before: tuple[float, float] | None = None  # the same of the last time, also when apart
+        self._felt_before: tuple[float, float] | None = (
+            None  # the same of the last one that carried a load, also when apart
+        )
         self._judged_from: tuple[float, float] | None = None  # position and load where the response began
         self._turned_at: float | None = None  # where the stage last turned back, until its play is used up
 
@@ -101,17 +103,14 @@ class Interlock:
     @contact.setter
     def contact(self, felt: tuple[float, float] | None) -> None:
         self._contact = felt
-        if felt is not None:
-            self._felt_before = felt
+
+    def forget_readings(self) -> None:
+        """Forget what the gauge read, which a rig that was put back to where it was reads once more."""
+        self._witness.forget()
 
     def expect_contact(self, felt: tuple[float, float] | None) -> None:
         """Be told where (um, mN) the surfaces met before: they are not looked for far beyond."""
         self._felt_before = felt
-
-    @property
-    def read_at_s(self) -> float:
-        """Rig time at which the load was last known, s; minus infinity before the first reading."""
-        return self._witness.read_at_s
 
     # --- the gauge ------------------------------------------------------------------------------------------
 
@@ -173,7 +172,7 @@ class Interlock:
                 f"expected ({reach - self._limits.search_beyond_um:g} um); check that the gauge answers a touch of the "
                 "finger, then correct rig.limits.expected_contact_um"
             )
-        self._contact = self._felt_before = (reading.position_um, load)
+        self._contact = (reading.position_um, load)
         self._judged_from = None
         return load
 
@@ -205,9 +204,12 @@ class Interlock:
             raise InterlockRefusal(
                 f"load: {target_mn:g} mN is past the limit of {self._limits.load_mn:g} mN (rig.limits.load_mn)"
             )
+        self._stands = None
         self._rig.stage.unlock()
         loop = LoadLoop(self._mn_per_um, self._rig.stage.step_um, self._limits.largest_approach_step_um)
-        return loop.close(target_mn, tolerance_mn, self.load_mn(), self.move_by, progress)
+        load = loop.close(target_mn, tolerance_mn, self.load_mn(), self.move_by, progress)
+        self._felt_before = self._contact or self._felt_before  # what carries a load is a contact, and no jump
+        return load
 
     def move_by(self, step_um: float, aim: str = "", load_mn: float | None = None) -> float:
         """Make one guarded step and return the load after it, mN. Steps towards contact are cut to the limit."""

@@ -185,6 +185,22 @@ class RigSettings(Section):
             )
         return self
 
+    @model_validator(mode="after")
+    def _within_reach(self) -> RigSettings:
+        """Two devices need two ports, and the surfaces must meet within the stage's travel."""
+        stage, gauge = self.parts.stage, self.parts.load_cell
+        if isinstance(stage, str):
+            return self
+        if not isinstance(gauge, str) and getattr(gauge, "port", None) == stage.port:
+            raise ValueError(f"parts.stage and parts.load_cell are both on {stage.port}; each needs a port of its own")
+        reach_mm = stage.zero_mm + (self.limits.expected_contact_um + self.limits.search_beyond_um) * 1e-3
+        if reach_mm > stage.highest_mm:
+            raise ValueError(
+                f"limits.expected_contact_um ({self.limits.expected_contact_um:g}) is looked for up to {reach_mm:g} mm "
+                f"of the stage, past its parts.stage.highest_mm of {stage.highest_mm:g}; correct one of them or zero_mm"
+            )
+        return self
+
     def worst_unwatched_load_mn(self) -> float:
         """Load that two failures at once could make, mN.
 

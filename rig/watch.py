@@ -43,9 +43,13 @@ class LoadWatch:
         self._clock: Clock = rig.clock
         self._interlock = interlock
         self._period_s = min(PERIOD_S, SHARE_OF_BUDGET * stale_s)
-        self._stage_seen_at = -math.inf
+        self._gauge_seen_at = self._stage_seen_at = -math.inf
         self._looking = False
         self.taps = False
+
+    def restart(self) -> None:
+        """Count the periods from now on: with each entry of the journal, so that a resumed session looks alike."""
+        self._gauge_seen_at = self._stage_seen_at = self._clock.now()
 
     def look(self) -> None:
         """Look at what is due; nothing while the surfaces are apart.
@@ -63,8 +67,9 @@ class LoadWatch:
             return
         self._looking = True  # a part that waits while it is looked at calls this again
         try:
-            if self._clock.now() - self._interlock.read_at_s >= self._period_s:
+            if self._clock.now() - self._gauge_seen_at >= self._period_s:
                 self._interlock.look_at_gauge(self.taps)
+                self._gauge_seen_at = self._clock.now()
             if self._clock.now() - self._stage_seen_at >= STAGE_PERIOD_S:
                 self._interlock.look_at_stage()
                 self._stage_seen_at = self._clock.now()

@@ -75,6 +75,10 @@ class LoadWitness:
         self.doubted = True
         return StaleReading(f"{self._rig.load_cell.name}: {what}")
 
+    def forget(self) -> None:
+        """Forget what was read: a simulated rig that is put back to where it was reads the same once more."""
+        self._same, self._last_mv = 0, math.nan
+
     def believe_again(self) -> None:
         """Begin anew, with the surfaces apart."""
         self.doubted = False

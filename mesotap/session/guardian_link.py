@@ -32,6 +32,7 @@ from sim_backend.emulators.rig import EmulatedRig
 STARTING_S = 30.0  # a busy machine may take long to start it
 ANSWERING_S = 5.0
 BEAT_S = 0.5  # between two signs of life
+DEAF_S = 5.0  # without an answer to them, after which a guardian is none
 DISMISSING_S = 5.0
 
 
@@ -61,7 +62,7 @@ class GuardianProcess(Guardian):
         self._process: subprocess.Popen[bytes] | None = None
         self._socket: socket.socket | None = None
         self._ready = self._armed = self._leaving = False
-        self._beat_s = 0.0
+        self._beat_s = self._heard_s = 0.0
 
     def start(self) -> None:
         """Start it, and hand it the ports.
@@ -111,6 +112,10 @@ class GuardianProcess(Guardian):
             return
         self._beat_s = now
         self._send({"state": BEAT})
+        if self._answers():
+            self._heard_s = now
+        elif self._ready and not self._leaving and now - self._heard_s > DEAF_S:
+            self._replace()  # it was stopped, or hangs
 
     def leave(self) -> None:
         """Leave it as it is, dead or alive."""
@@ -170,10 +175,24 @@ class GuardianProcess(Guardian):
                 self._replace()
 
     def _replace(self) -> None:
+        """Start another one; it finds in its socket that there is a load, and nobody waits for it meanwhile."""
+        if self._process is not None:
+            self._process.kill()
         self.dismiss()
         self.start()
-        if self._armed:
-            self.arm(True)
+        self._send({"state": ARMED if self._armed else APART})
+
+    def _answers(self) -> bool:
+        """Read away what it said; whether it said anything."""
+        heard = False
+        while self._socket is not None and select.select([self._socket], [], [], 0.0)[0]:
+            try:
+                if not self._socket.recv(LARGEST_SETUP):
+                    break
+            except OSError:
+                break
+            heard = self._ready = True
+        return heard
 
     def _heard(self, word: str) -> bool:
         """Wait until it says ``word``."""
@@ -183,6 +202,7 @@ class GuardianProcess(Guardian):
                 return False
             said = self._socket.recv(LARGEST_SETUP).decode()
             self._ready = True
+            self._heard_s = time.monotonic()
             if said == word:
                 return True
             if not said:

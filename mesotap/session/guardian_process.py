@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.journal_file import append_after_death
-from mesotap.session.guardian import APART, ARMED, DISMISSED, LARGEST_SETUP
+from mesotap.session.guardian import APART, ARMED, BEAT, DISMISSED, LARGEST_SETUP
 from rig import Accelerometers, Block, DeadWeights, GaugeScale, Impactor, LoadCell, LoadReading, RigError
 from rig.assembled import AssembledRig
 from rig.drivers.amplifier import DEVICE as AMPLIFIER
@@ -63,7 +63,7 @@ def main(descriptor: int, parent: int) -> None:
     try:
         watched = os.pidfd_open(parent)
     except OSError:
-        return  # dead before anything could be loaded
+        watched = -1  # dead before this began; what it said last is in the socket
     session = socket.socket(fileno=descriptor)
     data, descriptors, _, _ = socket.recv_fds(session, LARGEST_SETUP, 8)
     if not data:
@@ -98,14 +98,15 @@ class Successor:
         """Return once the session needs nobody any more: whether it died under load."""
         armed, heard_s = False, time.monotonic()
         while True:
-            ready = select.select([session.fileno(), watched], [], [], 1.0)[0]
+            ready = select.select([session.fileno(), *([watched] if watched >= 0 else [])], [], [], 1.0)[0]
             if session.fileno() in ready:
                 try:
                     message = session.recv(LARGEST_SETUP)
                 except OSError:
                     message = b""
                 if not message:  # it hung up: it is dying, or dead
-                    select.select([watched], [], [], SILENCE_S)
+                    if watched >= 0:
+                        select.select([watched], [], [], SILENCE_S)
                     return armed
                 heard_s = time.monotonic()
                 said = json.loads(message)
@@ -115,9 +116,9 @@ class Successor:
                     return False
                 if said.get("state") in (ARMED, APART):
                     armed = said["state"] == ARMED
-                    if armed:
-                        with contextlib.suppress(OSError):
-                            session.send(ARMED.encode())
+                if said.get("state") in (ARMED, BEAT):
+                    with contextlib.suppress(OSError):
+                        session.send(said["state"].encode(), socket.MSG_DONTWAIT)
             elif watched in ready:
                 return armed
             elif armed and time.monotonic() - heard_s > SILENCE_S:
@@ -149,9 +150,10 @@ class Successor:
             return SafeState(("the load may still be on: back the micrometer off by hand",), 0.0)
         safe = SafeState((), 0.0)
         for attempt in range(TRIES):
-            stage = self._stage(part, inherited=attempt == 0)
+            inherited = attempt == 0 and "stage" in self._descriptors
+            stage = self._stage(part, inherited)
             try:
-                if attempt == 0:
+                if inherited:
                     stage.take_over(tuple(self._setup["travel_um"]), self._setup["stage_round_trip_s"])
                 else:
                     stage.connect()

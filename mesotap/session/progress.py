@@ -43,7 +43,9 @@ class Progress:
     contact
         Position (um) and load (mN) where contact was felt, None while apart.
     felt_before
-        The same of the last contact, also when the surfaces are apart again.
+        The same of the last contact on which a load was set, also when the surfaces are apart again.
+    doubtful
+        Whether the last exit did not see the surfaces apart: where they are is found out before anything goes on.
     load_mn
         Load at which the stage was locked.
     checkpoint
@@ -60,6 +62,7 @@ class Progress:
     post: CalibrationPoints | None = None
     contact: tuple[float, float] | None = None
     felt_before: tuple[float, float] | None = None
+    doubtful: bool = False
     load_mn: float = float("nan")
     checkpoint: dict[str, Any] = field(default_factory=dict)
     truths: list[dict[str, Any]] = field(default_factory=list)
@@ -75,7 +78,8 @@ class Progress:
         name = entry["event"]
         self.checkpoint = entry.get("rig", self.checkpoint)
         if name == SAFE:
-            if entry.get("troubles"):
+            self.doubtful = bool(entry.get("troubles"))
+            if self.doubtful:
                 return  # nobody knows: resume looks at the load
             self.contact = None
             if self.state in (State.SET_LOAD, State.LOCK, State.TAP):
@@ -99,9 +103,10 @@ class Progress:
                 self.post = points
         elif event is Event.CONTACT:
             position, load = entry["position_um"], entry["load_mn"]
-            self.contact = self.felt_before = (float("nan") if position is None else float(position), float(load))
+            self.contact = (float("nan") if position is None else float(position), float(load))
         elif event is Event.LOADED:
             self.load_mn = float(entry["load_mn"])
+            self.felt_before = self.contact
             if entry.get("truth"):
                 self.truths = [t for t in self.truths if t["load_set"] != self.load_set]
                 self.truths.append({"load_set": self.load_set, **entry["truth"]})

@@ -33,6 +33,7 @@ NOTHING_MOVED = "nothing was moved"
 GOES_ON = "'mesotap resume' goes on"
 SLOW_WIRE_S = 0.005  # round trip to the stage from which a step lasts longer than a look at the gauge
 LOOK_S = 0.03  # which that takes, the wire apart
+LONGEST_LOOK_S = 0.3  # with which load and recorder can be attended to in turn: its memory holds 0.4 s
 
 
 class Control(Protocol):
@@ -183,16 +184,21 @@ class SessionRunner:
         self._bench.guardian.start()
         self._rig.stage.read()  # a stage that does not know where it is says so before anything is begun
         self._take_up()  # connecting must not have changed anything
+        self._watch.restart()
         if self.progress.contact is None:
             return
         self._bench.guardian.arm(True)
         expected = self.progress.load_mn
         load = self._interlock.check()
         self._take_up()  # nor looking
-        if self.progress.state in (State.LOCK, State.TAP) and abs(load - expected) > self._largest_change(expected):
+        self._interlock.forget_readings()
+        self._watch.restart()
+        moved = self.progress.state in (State.LOCK, State.TAP) and abs(load - expected) > self._largest_change(expected)
+        if moved:
             self._tell(
                 State.CONNECT, f"the load is {load:.0f} mN, not the {expected:.0f} mN it was left at; it is set anew"
             )
+        if moved or self.progress.doubtful:
             self._take_apart(State.CONNECT)
             self._note(SAFE)
 
@@ -339,6 +345,7 @@ class SessionRunner:
         entry = {"event": event, "at": self._rig.clock.utc(), **details, "rig": state}
         self._folder.append(entry)
         self.progress.apply(entry)
+        self._watch.restart()
 
     def _reconcile(self) -> None:
         """Journal a shot that reached the disk just before the program was killed."""
@@ -419,6 +426,13 @@ class SessionRunner:
     def _watch_moves(self) -> None:
         """Have the load looked at in the midst of a move too where a slow wire makes it last."""
         stage, gauge = self._rig.stage, self._rig.load_cell
+        look_s = LOOK_S + 2 * (gauge.round_trip_s + stage.round_trip_s)
+        if look_s > LONGEST_LOOK_S:
+            raise RigError(
+                f"wires: a look at gauge and stage takes {look_s:.2f} s (replies of {gauge.round_trip_s * 1e3:.0f} and "
+                f"{stage.round_trip_s * 1e3:.0f} ms), too long to watch the load by; set a higher baud rate, the USB "
+                "adapter's latency to 1 ms, or connect them without a network in between"
+            )
         if stage.round_trip_s > SLOW_WIRE_S:
             stage.idle, stage.idle_takes_s = self._idle, LOOK_S + 2 * gauge.round_trip_s
 

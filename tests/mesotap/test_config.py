@@ -199,3 +199,17 @@ def test_what_is_in_force_holds_nothing_that_a_terminal_acts_on() -> None:
     text = effective_text(config)
     assert all(line.isprintable() for line in text.splitlines())
     assert parse_config(text) == config
+
+
+STAGE = "rig.parts.stage={driver: conex-cc, port: /dev/ttyUSB1, resolution_um: 0.02}"
+
+
+def test_two_devices_on_one_port_are_refused():
+    gauge = "rig.parts.load_cell={driver: modbus-rtu, preset: seneca-ze-sg3, port: /dev/ttyUSB1}"
+    with pytest.raises(ConfigError, match="are both on /dev/ttyUSB1"):
+        parse_config("", changes=[STAGE, gauge])
+
+
+def test_a_contact_beyond_the_travel_is_refused():
+    with pytest.raises(ConfigError, match=r"is looked for up to 22\.003 mm of the stage"):
+        parse_config("", changes=[STAGE, "rig.limits.expected_contact_um=20000"])

@@ -123,7 +123,7 @@ def test_what_cannot_be_adopted_is_refused_in_a_sentence(diagnosis: Path, answer
 
 
 def test_a_file_that_is_no_diagnosis_ends_with_code_2(tmp_path: Path) -> None:
-    assert "cannot be read" in refused("adopt", str(tmp_path / "nothing.json"))
+    assert "there is no such file" in refused("adopt", str(tmp_path / "nothing.json"))
 
 
 JSON = st.recursive(

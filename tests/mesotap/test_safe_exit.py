@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import math
+import os
+import signal
+import socket
+import subprocess
+import sys
 
 import pytest
 
 from daq.journal import SessionFolder
 from mesotap.bench import emulated_rig, simulated_rig
 from mesotap.console import KeyControl
-from mesotap.session.guardian import Guardian
+from mesotap.session.guardian import ARMED, Guardian
 from mesotap.session.guardian_link import GuardianProcess
 from mesotap.session.states import State
 from rig import DeviceError, GaugeScale, LoadReading, RigError, RigFailures, SessionAborted, StaleReading
@@ -321,6 +327,7 @@ def test_contact_is_looked_for_again_where_it_was(tmp_path):
     rig = simulated_rig(config)
     interlock = interlock_of(rig, config)
     interlock.approach()
+    interlock.set_load(300.0, 6.0)
     assert math.isfinite(interlock.contact[0])
     assert interlock.make_safe().sentence() == "the surfaces are apart"
     rig.load_cell.fault = ("scale", 0.0)
@@ -390,10 +397,59 @@ def test_a_guardian_that_is_killed_is_replaced_and_delays_no_exit(tmp_path):
         second = guardian._process
         assert second is not first
         assert second.poll() is None
-        second.kill()
-        second.wait()
+        assert guardian._heard(ARMED)
+        os.kill(second.pid, signal.SIGSTOP)  # one that hangs is none
+        guardian._heard_s = guardian._beat_s = -1e9
+        guardian.beat()
+        third = guardian._process
+        assert third is not second
+        assert second.poll() == -signal.SIGKILL
+        third.kill()
+        third.wait()
         guardian.leave()
         guardian.arm(False)
-        assert guardian._process is second
+        assert guardian._process is third
         guardian.dismiss()
         assert guardian._process is None
+
+
+def test_a_guardian_whose_session_died_before_it_began_takes_over(tmp_path):
+    """Setup and the word that there is a load wait in its socket; its session is gone when it reads them."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    setup = {"rig": quick_config().rig.model_dump(mode="json"), "folder": None, "scale": [0.042, 0.0], "bus": None}
+    setup |= {"descriptors": [], "travel_um": [-200.0, 11800.0], "stage_round_trip_s": 0.0}
+    ours.send(json.dumps(setup).encode())
+    ours.send(json.dumps({"state": ARMED}).encode())
+    ours.close()
+    command = [sys.executable, "-m", "mesotap.session.guardian_process", str(theirs.fileno()), str(gone.pid)]
+    told = subprocess.run(command, pass_fds=[theirs.fileno()], capture_output=True, text=True, check=False).stderr
+    theirs.close()
+    assert "mesotap guardian: the program died; not made safe" in told
+    assert "/dev/ttyUSB1" in told
+
+
+def test_a_jump_of_the_gauge_in_the_approach_costs_no_session(tmp_path):
+    """Contact felt in the air, by a gauge that is sound again later: the session goes on where the surfaces meet."""
+    bench = FaultyBench(tmp_path / "s", quick_config())
+    gauge = bench.rig.physics.load_cell
+
+    def jump() -> None:
+        gauge.fault = ("offset", 2.0)
+        bench.after(1.5, lambda: setattr(gauge, "fault", None))
+
+    bench.when(State.APPROACH, 0, 12, jump)
+    outcome = bench.run()
+    assert outcome.error is not None
+    bench.mend()
+    for _ in range(2):
+        outcome = bench.run()
+    assert outcome.error is None, outcome.reads
+    assert len(bench.accepted()) == 4
+
+
+def test_wires_too_slow_to_watch_the_load_by_are_told(tmp_path):
+    bench = FaultyBench(tmp_path / "s", quick_config(), round_trip_s=0.1)
+    outcome = bench.run()
+    assert "wires: a look at gauge and stage takes 0.43 s (replies of 100 and 100 ms)" in outcome.reads

@@ -213,9 +213,7 @@ def test_a_device_that_answers_nothing_is_told_within_half_a_second():
     stream.read()
     stream.device.inject("silent")
     now = stream.clock.now()
-    with pytest.raises(
-        RigError, match=r"did not answer .*; plug it out and in again \(to start it again did not help\)$"
-    ):
+    with pytest.raises(RigError, match=r"did not answer .*; plug it out and in again"):
         stream.read()
     assert stream.clock.now() - now <= 0.5
     stream.driver.stop()

@@ -57,7 +57,7 @@ class Case:
         How long after that look it happens, in the midst of whatever goes on then.
     from_notice
         Whether the time until the surfaces are apart counts from when it was noticed: what shows in the next move of
-        the stage does no harm before.
+        the stage does no harm before, nor does a recorder that is started again and again.
     """
 
     device: str
@@ -298,9 +298,9 @@ CASES = [
     Case(RECORDER, "endpoint stalls", usb("stall"), UNNOTICED, State.TAP, 1),
     Case(RECORDER, "a transfer truncated", usb("truncated"), UNNOTICED, State.TAP, 1),
     Case(RECORDER, "one time-out", usb("timeout"), UNNOTICED, State.TAP, 1),
-    Case(RECORDER, "silent from now on", usb("silent"), APART, State.TAP, 1),
-    Case(RECORDER, "cable pulled and put back", usb("unplug"), APART, State.TAP, 1),
-    Case(RECORDER, "another one plugged in", usb("swapped"), APART, State.TAP, 1),
+    Case(RECORDER, "silent from now on", usb("silent"), APART, State.TAP, 1, from_notice=True),
+    Case(RECORDER, "cable pulled and put back", usb("unplug"), APART, State.TAP, 1, from_notice=True),
+    Case(RECORDER, "another one plugged in", usb("swapped"), APART, State.TAP, 1, from_notice=True),
     Case(RECORDER, "another program uses it", take_the_recorder, AT_CONNECT, between=True),
     Case(PROGRAM, "disk full", fill_the_disk, APART, State.TAP, 1),
     Case(PROGRAM, "clock set back a day", set_the_clock_back, UNNOTICED),

@@ -26,8 +26,8 @@ rig:
   limits: {expected_contact_um: 12}
   parts:
     # replies that a busy machine makes late are no faults of the wire
-    load_cell: {driver: modbus-rtu, preset: seneca-ze-sg3, port: emulated, reply_timeout_s: 0.3}
-    stage: {driver: conex-cc, port: emulated, zero_mm: 0.2, resolution_um: 0.02, reply_timeout_s: 0.3}
+    load_cell: {driver: modbus-rtu, preset: seneca-ze-sg3, port: an amplifier, reply_timeout_s: 0.3}
+    stage: {driver: conex-cc, port: a stage, zero_mm: 0.2, resolution_um: 0.02, reply_timeout_s: 0.3}
     accelerometers: {driver: usb-1608fs-plus}
     impactor: {driver: solenoid, line: 3}
 sim_backend:

@@ -183,7 +183,7 @@ def _endings() -> tuple[signal.Signals, ...]:
 
 ENDING_SIGNALS = (
     *("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1", "SIGUSR2", "SIGXCPU", "SIGALRM", "SIGVTALRM"),
-    *("SIGPROF", "SIGPWR", "SIGIO", "SIGABRT", "SIGSYS", "SIGSTKFLT"),
+    *("SIGPROF", "SIGPWR", "SIGIO", "SIGSTKFLT"),
 )
 SUSPENDING_SIGNALS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 """Ctrl-Z, or a terminal that is somebody else's: a program that stands still watches no load, so they do nothing."""

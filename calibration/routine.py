@@ -16,8 +16,10 @@ from daq.records import CalibrationPoints
 from rig.errors import RigError, StaleReading
 from rig.interface import Rig
 from rig.readings import LoadReading
+from rig.settling import let_settle
 
 _ATTEMPTS = 3  # readings of a gauge that seems frozen before it is believed
+_SETTLING_READING_S = 0.1  # readings while the amplifier's filter follows the weight
 _NO_SCATTER = 1e-9  # scatter below this share of the voltage range is none: the readings are copies of each other
 
 
@@ -118,6 +120,7 @@ def _sequence(settings: CalibrationSettings) -> Iterator[float]:
 
 
 def _living_reading(rig: Rig, load_mn: float, duration_s: float) -> LoadReading:
+    let_settle(rig.clock, rig.load_cell.settling_s, lambda: rig.load_cell.read(_SETTLING_READING_S))
     for _ in range(_ATTEMPTS):
         reading = rig.load_cell.read(duration_s)
         frozen = reading.samples > 1 and reading.spread_mv == 0.0 and not reading.quantum_mv

@@ -74,10 +74,14 @@ class LoadCell(Waiting, ABC):
         What it is called in errors; a driver adds where it is connected.
     round_trip_s
         Longest time from a question to its reply seen so far, s; 0 where no wire is in between.
+    settling_s
+        In which it has followed a step of the load but for a third, by its amplifier's filter, s; 0 where that is
+        shorter than any reading.
     """
 
     name: str = "strain gauge"
     round_trip_s: float = 0.0
+    settling_s: float = 0.0
 
     @abstractmethod
     def read(self, duration_s: float = 0.1) -> LoadReading:

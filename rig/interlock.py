@@ -17,23 +17,22 @@ from rig.errors import InterlockRefusal, RigError, StaleReading
 from rig.interface import Rig
 from rig.load_loop import LoadLoop
 from rig.readings import GaugeScale, LoadReading
-from rig.settable import largest_mn_per_um, whole_steps
+from rig.settable import whole_steps
 from rig.settings import Limits
+from rig.settling import MOST_TURNS, let_settle
+from rig.travel import TravelWitness
 from rig.witness import LoadWitness
 
 Progress = Callable[[str], None]
 
-SOFTEST_RESPONSE = 0.55  # of the springs' stiffness: below this, at load, the gauge does not follow the stage
-STIFFEST_RESPONSE = 1.35
-RESPONSE_FROM_THRESHOLDS = 5.0  # contact thresholds of load from which the response is judged
-RESPONSE_TRAVEL_UM = 0.4  # travel over which it is judged
 RETRACTIONS = 3
 LEFT_THRESHOLDS = 3.0  # load, in contact thresholds, that a gauge may show with the surfaces apart
+READING_S = 0.1
 CAREFUL_READING_S = 0.2
 STEP_READING_S = 0.05  # after a step: its noise is far below what a step makes
 CONFIRMING_READING_S = 0.1  # what a tap adds to one reading has died away, or averages out, in a longer one
 STANDING_DRIFT_UM = 1.0  # by which the encoder of a standing stage may be off: many steps of any actuator
-STANDING_CHANGE_THRESHOLDS = 4.0  # load change, in contact thresholds, that cannot happen while the stage stands
+SETTLED_THRESHOLDS = 0.1  # change within a settling time, in contact thresholds, that is no lag but a creep
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,15 +75,9 @@ class Interlock:
         self._rig = rig
         self._limits = limits
         self._witness = LoadWitness(rig, limits, scale)
-        self._mn_per_um = largest_mn_per_um(spring_stiffness)
+        self._travel = TravelWitness(limits, spring_stiffness)
         self._stands: tuple[float, bool] | None = None  # where the stage was left, and whether clamped
         rig.stage.permit = self._permit
-        self._contact: tuple[float, float] | None = None  # position and load where contact was felt
-        self._felt_before: tuple[float, float] | None = (
-            None  # the same of the last one that carried a load, also when apart
-        )
-        self._judged_from: tuple[float, float] | None = None  # position and load where the response began
-        self._turned_at: float | None = None  # where the stage last turned back, until its play is used up
 
     @property
     def scale(self) -> GaugeScale:
@@ -98,11 +91,11 @@ class Interlock:
     @property
     def contact(self) -> tuple[float, float] | None:
         """Position (um) and load (mN) at which contact was felt; None while the surfaces are apart."""
-        return self._contact
+        return self._travel.contact
 
     @contact.setter
     def contact(self, felt: tuple[float, float] | None) -> None:
-        self._contact = felt
+        self._travel.contact = felt
 
     def forget_readings(self) -> None:
         """Forget what the gauge read, which a rig that was put back to where it was reads once more."""
@@ -110,17 +103,35 @@ class Interlock:
 
     def expect_contact(self, felt: tuple[float, float] | None) -> None:
         """Be told where (um, mN) the surfaces met before: they are not looked for far beyond."""
-        self._felt_before = felt
+        self._travel.felt_before = felt
 
     # --- the gauge ------------------------------------------------------------------------------------------
 
-    def load_mn(self, duration_s: float = 0.1) -> float:
+    def load_mn(self, duration_s: float = READING_S) -> float:
         """Load now; `StaleReading` if the gauge is late, frozen, silent or senseless."""
         return self.scale.load_mn(self.read_gauge(duration_s).voltage_mv)
 
-    def read_gauge(self, duration_s: float = 0.1) -> LoadReading:
+    def read_gauge(self, duration_s: float = READING_S) -> LoadReading:
         """One believable reading of the gauge."""
-        return self._witness.read(duration_s, self._must_have_risen_mn())
+        return self._witness.read(duration_s, self._travel.must_have_risen_mn(self._witness.travelled_um))
+
+    def _let_settle(self, watched: bool = True) -> None:
+        """Wait until the gauge shows what the stage did; ``watched``: a load over the limit is not waited out."""
+        settling_s = self._rig.load_cell.settling_s
+        within_mv = SETTLED_THRESHOLDS * self._limits.contact_threshold_mn * abs(self.scale.sensitivity_mv_per_mn)
+
+        def read() -> LoadReading:
+            reading = self._witness.read(STEP_READING_S, 0.0)  # what lags may stand still for a while
+            if watched:
+                self._check_limit(self.scale.load_mn(reading.voltage_mv))
+                self.look_at_stage()
+            return reading
+
+        if not let_settle(self._rig.clock, settling_s, read, within_mv) and watched:
+            raise self._witness.doubt(
+                f"it does not come to rest within {MOST_TURNS * settling_s:g} s while the stage stands; look what "
+                "touches the masses, or give a longer settling_s in rig.parts.load_cell"
+            )
 
     # --- moves ----------------------------------------------------------------------------------------------
 
@@ -137,7 +148,7 @@ class Interlock:
         """
         self._stands = None
         self._rig.stage.unlock()
-        self._contact = self._judged_from = None
+        self._travel.contact = None
         self._witness.believe_again()
         resting = sum(self.load_mn() for _ in range(3)) / 3
         threshold = self._limits.contact_threshold_mn
@@ -147,10 +158,11 @@ class Interlock:
                 "calibrate it again, or look whether they touch"
             )
         position = self._rig.stage.read().position_um
-        reach = self._reach_um()
+        reach = self._travel.reach_um()
         travel = reach - position if math.isfinite(position) else reach + self._limits.clearance_um
 
         def felt() -> bool:
+            self._let_settle()
             load = self.load_mn()
             if progress is not None:
                 progress(f"approaching, load {load:.0f} mN")
@@ -162,7 +174,7 @@ class Interlock:
                 )
             return load - resting > threshold
 
-        step = min(self._limits.largest_approach_step_um, self._limits.load_mn / self._mn_per_um)
+        step = min(self._limits.largest_approach_step_um, self._limits.load_mn / self._travel.mn_per_um)
         step = whole_steps(step, self._rig.stage.step_um)
         reading = self._rig.stage.advance(travel, step, felt, "until the load just begins to rise")
         load = self.load_mn()
@@ -172,21 +184,8 @@ class Interlock:
                 f"expected ({reach - self._limits.search_beyond_um:g} um); check that the gauge answers a touch of the "
                 "finger, then correct rig.limits.expected_contact_um"
             )
-        self._contact = (reading.position_um, load)
-        self._judged_from = None
+        self._travel.met(reading.position_um, load)
         return load
-
-    def _reach_um(self) -> float:
-        """Position up to which contact is looked for.
-
-        Once the surfaces have met, they meet there again, give or take the play: a gauge that has died since then
-        cannot have the stage go on to where the configuration would have allowed it to look.
-        """
-        reach = self._limits.expected_contact_um + self._limits.search_beyond_um
-        if self._felt_before is None or not math.isfinite(self._felt_before[0]):
-            return reach
-        again = self._felt_before[0] + self._limits.largest_backlash_um + self._limits.search_beyond_um
-        return min(reach, again)
 
     def set_load(self, target_mn: float, tolerance_mn: float, progress: Progress | None = None) -> float:
         """Close the loop on the gauge until the load is within ``tolerance_mn`` of the target; returns the load.
@@ -206,9 +205,9 @@ class Interlock:
             )
         self._stands = None
         self._rig.stage.unlock()
-        loop = LoadLoop(self._mn_per_um, self._rig.stage.step_um, self._limits.largest_approach_step_um)
+        loop = LoadLoop(self._travel.mn_per_um, self._rig.stage.step_um, self._limits.largest_approach_step_um)
         load = loop.close(target_mn, tolerance_mn, self.load_mn(), self.move_by, progress)
-        self._felt_before = self._contact or self._felt_before  # what carries a load is a contact, and no jump
+        self._travel.carried()
         return load
 
     def move_by(self, step_um: float, aim: str = "", load_mn: float | None = None) -> float:
@@ -216,27 +215,27 @@ class Interlock:
         before = self.load_mn() if load_mn is None else load_mn
         if step_um > 0:
             step_um = min(step_um, self._limits.largest_approach_step_um)
-            room = (self._limits.load_mn - before) / self._mn_per_um
+            room = (self._limits.load_mn - before) / self._travel.mn_per_um
             if room <= 0:
                 raise InterlockRefusal(
                     f"step: the load, {before:.0f} mN, is at the limit of {self._limits.load_mn:g} mN; "
                     "the stage only retracts"
                 )
             step_um = whole_steps(min(step_um, room), self._rig.stage.step_um)  # a stage rounds up as well
-            self._check_travel(step_um)
-        else:
-            self._judged_from = None
+            self._travel.check_step(self._rig.stage.read().position_um, step_um)
         self._check_standing(before, self.load_mn(0.0))
         self._stands = None
-        position = self._rig.stage.move_by(step_um, aim).position_um
+        with self._travel.step(step_um, before):
+            position = self._rig.stage.move_by(step_um, aim).position_um
         self._stands = (position, False)
+        if step_um < 0:
+            self._travel.turned_back(position)
         self._witness.travelled_um += max(step_um, 0.0)
-        if step_um < 0 and math.isfinite(position):
-            self._turned_at = position
+        self._let_settle()
         after = self.load_mn(STEP_READING_S)
         self._check_limit(after)
         if step_um > 0:
-            self._check_response(position, after)
+            self._believe(self._travel.against_response(position, after))
         return after
 
     def retract(self, progress: Progress | None = None) -> str:
@@ -259,11 +258,12 @@ class Interlock:
             self._rig.stage.retract(self._limits.clearance_um, "taking the surfaces apart")
             doubted = "cannot be believed" if self._witness.doubted else ""
             try:
+                self._let_settle(watched=False)
                 load = self.load_mn()
             except StaleReading:
                 load, doubted = math.nan, "is silent"
             if not load > LEFT_THRESHOLDS * self._limits.contact_threshold_mn:
-                self._contact = self._judged_from = self._turned_at = None
+                self._travel.parted()
                 return doubted
         raise InterlockRefusal(
             f"retract: the gauge still shows {load:.0f} mN after {RETRACTIONS} times {self._limits.clearance_um:g} um; "
@@ -287,6 +287,7 @@ class Interlock:
         if load > self._limits.load_mn and taps:
             load = self.load_mn(CONFIRMING_READING_S)
         self._check_limit(load)
+        self._believe(self._travel.against_step(load))
 
     def look_at_stage(self) -> None:
         """See that the stage answers, and stands as it was left.
@@ -335,14 +336,7 @@ class Interlock:
         self._check_limit(load)
         return load, voltage
 
-    # --- witnesses ------------------------------------------------------------------------------------------
-
-    def _must_have_risen_mn(self) -> float:
-        """Least rise of the load by what the stage went since the gauge last changed; 0 while apart."""
-        if self._contact is None:
-            return 0.0
-        play = 0.0 if self._turned_at is None else self._limits.largest_backlash_um
-        return SOFTEST_RESPONSE * self._mn_per_um * (self._witness.travelled_um - play)
+    # --- what is held against the gauge --------------------------------------------------------------------
 
     def _check_limit(self, load: float) -> None:
         if load > self._limits.load_mn:
@@ -350,57 +344,14 @@ class Interlock:
                 f"load: {load:.0f} mN is over the limit of {self._limits.load_mn:g} mN; the surfaces are taken apart"
             )
 
-    def _check_travel(self, step_um: float) -> None:
-        """Refuse a step after which the springs alone could carry more than the limit and one step."""
-        position = self._rig.stage.read().position_um
-        if self._contact is None or not math.isfinite(position) or not math.isfinite(self._contact[0]):
-            return
-        largest = self._contact[1] + (position + step_um - self._contact[0]) * self._mn_per_um
-        allowed = self._limits.load_mn + self._limits.largest_approach_step_um * self._mn_per_um
-        if largest > allowed:
-            raise InterlockRefusal(
-                f"step: {position + step_um - self._contact[0]:.2f} um past contact the load can be {largest:.0f} mN, "
-                "whatever the gauge says; check the gauge's sensitivity"
-            )
-
-    def _check_response(self, position: float, load: float) -> None:
-        """Hold the rise of the load against what the springs make of the travel."""
-        if not math.isfinite(position) or load < RESPONSE_FROM_THRESHOLDS * self._limits.contact_threshold_mn:
-            # a gauge that does not rise at all is caught here, a soft first contact is not
-            if self._contact is not None and math.isfinite(position) and math.isfinite(self._contact[0]):
-                travelled = (position - self._contact[0]) * self._mn_per_um
-                if travelled > self._limits.load_mn * 0.75 + self._contact[1]:
-                    raise self._witness.doubt(
-                        f"{position - self._contact[0]:.1f} um past contact it shows only {load:.0f} "
-                        "mN; it does not follow the stage: look whether it answers a touch of the finger"
-                    )
-            return
-        if self._judged_from is None:
-            self._judged_from = (position, load)
-            return
-        travel = position - self._judged_from[0]
-        if travel < RESPONSE_TRAVEL_UM:
-            return
-        response = (load - self._judged_from[1]) / (travel * self._mn_per_um)
-        self._judged_from = (position, load)
-        if self._turned_at is not None:
-            # a stage that was turned back has play: a step that begins before that is used up may do nothing
-            if response < SOFTEST_RESPONSE and position - travel - self._turned_at < self._limits.largest_backlash_um:
-                return
-            self._turned_at = None
-        if not SOFTEST_RESPONSE < response < STIFFEST_RESPONSE:
-            raise self._witness.doubt(
-                f"{travel:.2f} um of travel changed it by {response:.0%} of what the springs allow; "
-                "gauge and stage disagree: check the gauge's wiring and what else touches the masses"
-            )
-
     def _check_standing(self, before: float, now: float) -> None:
         """Refuse a change of the load that cannot happen while the stage stands."""
-        if abs(now - before) > STANDING_CHANGE_THRESHOLDS * self._limits.contact_threshold_mn:
-            raise self._witness.doubt(
-                f"the load changed from {before:.0f} to {now:.0f} mN while the stage stood still; check its cable and "
-                "what touches the masses, then resume"
-            )
+        self._believe(self._travel.against_standing(before, now))
+
+    def _believe(self, against: str) -> None:
+        """Give the gauge up if something speaks against it."""
+        if against:
+            raise self._witness.doubt(against)
 
     # --- leaving --------------------------------------------------------------------------------------------
 

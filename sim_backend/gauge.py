@@ -122,7 +122,15 @@ class SimulatedLoadCell(LoadCell):
 class SimulatedWeights(DeadWeights):
     """A set of weights, each a little off its nominal value, and by the same amount every time it is used."""
 
-    def __init__(self, settings: SimulatedGauge, clock: VirtualClock, contact_load_mn: Callable[[], float], seed: int):
+    def __init__(
+        self,
+        settings: SimulatedGauge,
+        clock: VirtualClock,
+        contact_load_mn: Callable[[], float],
+        placed: Callable[[], None],
+        seed: int,
+    ) -> None:
+        self._placed = placed
         self._error_mn = settings.weight_error_mn
         self._settling_s = settings.weight_settling_s
         self._clock = clock
@@ -148,6 +156,7 @@ class SimulatedWeights(DeadWeights):
                 "move the stage back until they are apart."
             )
         self._nominal_mn = load_mn
+        self._placed()
         self._clock.sleep(self._settling_s)
 
     def checkpoint(self) -> dict[str, Any]:

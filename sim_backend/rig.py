@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import Any, Protocol
 
 from rig import Rig, RigError, Stage
+from rig.interface import nothing
 from rig.settings import RigSettings
 from sim_backend.accelerometers import SimulatedAccelerometers
 from sim_backend.analog import AnalogSignal
@@ -62,6 +63,8 @@ class SimulatedRig(Rig):
         The seed in force.
     micrometer
         The motor micrometer, also where `stage` is in somebody's hand.
+    load_changed
+        Called when the load on the gauge has changed: what converts at a rate of its own takes it in then.
     """
 
     clock: VirtualClock
@@ -90,10 +93,11 @@ class SimulatedRig(Rig):
         )
         wiring, analog = rig_settings.wiring, analog_filter(rig_settings.filter)
         self.clock = VirtualClock(realtime) if clock is None else clock
+        self.load_changed: Callable[[], None] = nothing
         # the physics keeps to its own micrometer, also when `stage` is put into somebody's hand
         self.micrometer = SimulatedStage(settings.stage, self.clock, self._note_load)
         self.stage = self.micrometer
-        self.weights = SimulatedWeights(settings.gauge, self.clock, self.true_load_mn, seed)
+        self.weights = SimulatedWeights(settings.gauge, self.clock, self.true_load_mn, self._note_load, seed)
         self.load_cell = SimulatedLoadCell(
             settings.gauge,
             self._truth.parameters.sensitivity_mv_per_mn,
@@ -185,3 +189,4 @@ class SimulatedRig(Rig):
 
     def _note_load(self) -> None:
         self.peak_true_load_mn = max(self.peak_true_load_mn, self.true_load_mn())
+        self.load_changed()

@@ -53,6 +53,7 @@ class ModbusLoadCell(LoadCell, Driver):
         self._settings = settings
         self._clock = clock
         self._map: RegisterMap = settings.map()
+        self.settling_s = settings.filter_settling_s()
         self._wire = ModbusDevice(transport, framing, settings.address, clock, settings.reply_timeout_s, settings.tries)
         self._bridge = Bridge(settings.cell_ratio_mv_per_v or math.nan, settings.cell_full_scale or math.nan)
         self._block = self._map.reading_block()

@@ -207,23 +207,24 @@ class MotorStage(Stage, Driver):
         again_s, moved_s = begun + lasts_s + PATIENCE_S, begun
         self._begin_retraction(target)
         while self._clock.now() < moved_s + SWITCHING_S:
-            status = self._axis.status()
-            here, now = self._position_um(), self._clock.now()
+            status = self._axis.glance()
             trouble = status.trouble() or trouble
             if status.state is AxisState.NOT_REFERENCED:
                 self._home()
                 return self.read()
+            under_way = status.state in (AxisState.MOVING, AxisState.HOMING)
+            if not under_way and status.state is not AxisState.READY:
+                self._begin_retraction(target)  # before it is asked where it is: the load is still on
+            here, now = self._position_um(), self._clock.now()
             if here < furthest - self._settings.resolution_um:
                 furthest, moved_s = here, now
-            if status.state in (AxisState.MOVING, AxisState.HOMING):
-                if now >= again_s or here > start + slack:  # too slow, or the wrong way: a damaged command
-                    again_s = now + lasts_s + PATIENCE_S
-                    self._begin_retraction(target)
-            else:
-                if status.state is AxisState.READY:
-                    if abs(here - target) <= slack:
-                        return self.read()
-                    begun, turn = now, 0
+            if under_way and (now >= again_s or here > start + slack):  # too slow, or the wrong way: a damaged command
+                again_s = now + lasts_s + PATIENCE_S
+                self._begin_retraction(target)
+            elif status.state is AxisState.READY:
+                if abs(here - target) <= slack:
+                    return self.read()
+                begun, turn = now, 0
                 self._begin_retraction(target)
             turn += 1
             self._clock.sleep(begun + turn * self._settings.poll_s - self._clock.now())

@@ -92,12 +92,16 @@ class NewportAxis:
         A reply has no check bytes, so errors count once two answers in a row name them; or, as controllers forget them
         once they have told them, once the state to which an error leads was told twice.
         """
-        first = self._ask("TS", self._status)
+        first = self.glance()
         if not first.errors:
             return first
-        second = self._ask("TS", self._status)
+        second = self.glance()
         fits = first.state is second.state and first.state in (AxisState.DISABLED, AxisState.NOT_REFERENCED)
         return AxisStatus(first.errors if fits else first.errors & second.errors, second.state, second.code)
+
+    def glance(self) -> AxisStatus:
+        """Errors and state by one answer, for whoever has no time to ask twice."""
+        return self._ask("TS", self._status)
 
     def position_mm(self) -> float:
         """Position of the encoder, mm."""

@@ -24,6 +24,8 @@ WORDS: dict[str, int] = {"uint16": 1, "int16": 1, "int32": 2, "uint32": 2, "floa
 FORMATS = {"int32": ">i", "uint32": ">I", "float32": ">f"}
 LARGEST_BLOCK = 120  # registers that one request may ask for (Modbus allows 125)
 
+LONGEST_SETTLING_S = 5.0  # a load that nobody sees for longer is no load under watch
+
 RATIOS_MV_PER_V = (0.05, 50.0)  # sensitivities that bridges have
 FULL_SCALES = (1e-6, 1e7)  # of any load cell in any unit
 SMALLEST_SIGNAL_MV = 1e-9  # but for zero: below it is a float32 whose words are the wrong way round
@@ -61,6 +63,7 @@ class RegisterMap(Section):
     scale); such a signal may stand still while the gauge lives. ``troubles`` are the status bits that make a reading
     worthless, with a sentence each; ``negative_bit`` is the one that holds the sign of an unsigned signal. The rates
     are given by their code, or as a list from code 0 on. ``marks`` tell the model from others of its maker.
+    ``settling_s`` is the time in which its filter, as delivered, has followed a step but for a third.
     """
 
     table: Literal["holding", "input"] = "holding"
@@ -81,6 +84,7 @@ class RegisterMap(Section):
     full_scale: Register | None = None
     adc_rate: Offset | None = None
     adc_rates_hz: dict[int, float] = Field(default_factory=dict)
+    settling_s: Annotated[float, Field(ge=0, le=LONGEST_SETTLING_S)] = 0.0
 
     @field_validator("adc_rates_hz", mode="before")
     @classmethod
@@ -167,6 +171,7 @@ LAUMAS = RegisterMap(
     signal=Register(offset=7, kind="uint32"),
     signal_is="counts",
     quantum=1.0,
+    settling_s=0.85,  # 12.5 conversions a second, filtered: not confirmed by a page
     status=6,
     troubles={
         0: "it reports a load-cell error",

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from rig.drivers.actuators import ACTUATORS, UNKNOWN_STEP_UM, ActuatorName
-from rig.drivers.registers import PRESETS, RegisterMap
+from rig.drivers.registers import LONGEST_SETTLING_S, PRESETS, RegisterMap
 from rig.section import Finite, Positive, Section
 
 Name = Annotated[str, Field(min_length=1)]
@@ -25,6 +25,7 @@ class Amplifier(Section):
     cell_ratio_mv_per_v: Positive | None = None
     cell_full_scale: Positive | None = None
     division: Positive = 1.0
+    settling_s: Annotated[float, Field(ge=0, le=LONGEST_SETTLING_S)] | None = None  # None: as delivered
     readings_per_s: Annotated[float, Field(gt=0, le=1000)] = 100.0
     reply_timeout_s: Annotated[float, Field(gt=0, le=10)] | None = None  # None: from the replies' own time at connect
     tries: Annotated[int, Field(ge=1, le=10)] = 3
@@ -43,6 +44,10 @@ class Amplifier(Section):
         if given and (self.map().signal_is != "load" or self.map().ratio is not None):
             raise ValueError("cell_ratio_mv_per_v and cell_full_scale are of no use: its map does without them")
         return self
+
+    def filter_settling_s(self) -> float:
+        """Return in which time its filter follows the load: the one given, or as the preset is delivered."""
+        return self.map().settling_s if self.settling_s is None else self.settling_s
 
     def map(self) -> RegisterMap:
         """Return the register map, the preset's or the one given."""

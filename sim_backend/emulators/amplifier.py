@@ -111,6 +111,12 @@ class EmulatedAmplifier:
             self._put(words, item, self._value(item))
         return [words.get(i, 0) for i in range(offset, offset + count)]
 
+    def load_changed(self) -> None:
+        """Convert, as the load has just changed: a converter with a rate of its own does not wait to be asked."""
+        if self.conversions_per_s and self.fault != "frozen":
+            self._convert()
+            self._held = self._gauge.sample_code()
+
     def checkpoint(self) -> dict[str, Any]:
         """Return its state as JSON types."""
         converted_s = None if math.isinf(self._converted_s) else self._converted_s
@@ -132,14 +138,17 @@ class EmulatedAmplifier:
             self._held = self._gauge.sample_code()
             self._filtered_mv = self._held * STEP_MV
             return
-        # what was converted between two requests is not drawn: the filter goes on as if it had been this one all along
+        # what was converted between two requests is not drawn: until the load changed, it was as the one before
         tick_s = math.floor(self._clock.now() * rate + ON_TIME) / rate
         if tick_s <= self._converted_s:
             return
+        missed_s, before = max(tick_s - 1 / rate - self._converted_s, 0.0), self._held
         self._held = self._gauge.sample_code()
-        response_s = self._table.response_s
-        kept = math.exp((self._converted_s - tick_s) / response_s) if response_s else 0.0
-        self._filtered_mv = kept * self._filtered_mv + (1 - kept) * self._held * STEP_MV
+        if math.isinf(missed_s):
+            before = self._held  # switched on long ago
+        for seconds, held in ((missed_s, before), (1 / rate, self._held)):
+            kept = math.exp(-seconds / self._table.response_s) if self._table.response_s else 0.0
+            self._filtered_mv = kept * self._filtered_mv + (1 - kept) * held * STEP_MV
         self._converted_s = tick_s
 
     # --- what the registers say ------------------------------------------------------------------------------

@@ -151,6 +151,7 @@ class EmulatedRig(AssembledRig):
         self.amplifier = EmulatedAmplifier(
             self.physics.load_cell, amplifier_of(settings, realistic), self.physics.clock
         )
+        self.physics.load_changed = self.amplifier.load_changed
         server = ModbusServer(self.amplifier, settings.address, framing)
         wire: Transport
         if not self._wires:

@@ -347,7 +347,7 @@ def test_where_contact_was_is_known_after_a_resume(tmp_path):
         runner = runner_in(folder, config, simulated_rig(config))
         assert runner.progress.felt_before is not None
         runner._interlock.expect_contact(runner.progress.felt_before)
-        assert runner._interlock._reach_um() < 161.0
+        assert runner._interlock._travel.reach_um() < 161.0
 
 
 class Guarding(Guardian):

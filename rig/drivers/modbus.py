@@ -78,12 +78,17 @@ class _Client(ModbusBaseSyncClient):
 
     def send(self, request: bytes, addr: Any = None) -> int:
         """Send a frame, after what is left of an earlier reply was discarded."""
-        if unasked := self._transport.discard():
-            repeated(LOG, self._transport.device, "bytes that nobody asked for were discarded", unasked[:64].hex(" "))
+        self.discard()
         self.received = 0
         self._deadline_s = self._clock.now() + self._reply_time.limit_s
         self._transport.write(request)
         return len(request)
+
+    def discard(self) -> bytes:
+        """Read away what came after it was given up, or unasked."""
+        if unasked := self._transport.discard():
+            repeated(LOG, self._transport.device, "bytes that nobody asked for were discarded", unasked[:64].hex(" "))
+        return unasked
 
     def recv(self, size: int | None) -> bytes:
         """Return what came; nothing once it is too late, however much still comes."""
@@ -124,6 +129,7 @@ class ModbusDevice:
         self._client = _Client(transport, framer, clock, self.reply_time)
         self._address = address
         self._tries = tries
+        self._gave_up = False  # on a reply, the last time that something was asked
         self.repeated = 0
         """How many questions had to be asked again so far."""
 
@@ -143,7 +149,11 @@ class ModbusDevice:
                 if attempt:
                     self.repeated += 1
                     repeated(LOG, self._transport.device, "a question was asked again", f"{answered}, {table} {offset}")
-                    settle(self._transport, self._clock, QUIET_S)
+                    if settle(self._transport, self._clock, QUIET_S) and not self._client.received:
+                        self.reply_time.came_late()
+                elif self._client.discard() and self._gave_up:
+                    self.reply_time.came_late()
+                self._gave_up = attempt > 0
                 ask = self._client.read_input_registers if table == "input" else self._client.read_holding_registers
                 begun = self._clock.now()
                 try:

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from rig.drivers.driver import Driver
 from rig.drivers.newport import HERE_IS_HOME, NewportAxis
 from rig.drivers.newport_codes import AxisState, AxisStatus
+from rig.drivers.retraction import LONGER, PATIENCE_S, UNDER_WAY, Retraction
 from rig.drivers.settings import NewportStage
 from rig.drivers.transport import Transport
 from rig.errors import DeviceError, RigError
@@ -26,8 +27,6 @@ from rig.readings import StageReading
 LOG = logging.getLogger("mesotap.rig.stage")
 DEVICE = "micrometer stage"
 DIGITS = 6  # of a position in um: the picometre that arithmetic in mm would blur
-LONGER = 2.0  # times the time that a motion should take, after which it counts as stuck
-PATIENCE_S = 1.0  # added to it
 SWITCHING_S = 2.0  # in which the motor is on or off
 SWITCHING_ON_S = 0.15  # which that mostly takes
 HOMING_S = 120.0
@@ -201,30 +200,21 @@ class MotorStage(Stage, Driver):
         """
         start = self._last_um if math.isfinite(self._last_um) else self._position_um()
         target = self._on_grid(max(start - travel_um, self._range_um[0]))
-        slack, lasts_s = self._settings.in_position_um, LONGER * travel_um / self._settings.speed_um_per_s
-        furthest, trouble = start, None
-        begun, turn = self._clock.now(), 0
-        again_s, moved_s = begun + lasts_s + PATIENCE_S, begun
+        trouble, begun, turn = None, self._clock.now(), 0
         self._begin_retraction(target)
-        while self._clock.now() < moved_s + SWITCHING_S:
+        course = Retraction(self._settings, self._clock, start, target, self._axis.reply_time.round_trip_s)
+        while not course.stuck():
             status = self._axis.glance()
             trouble = status.trouble() or trouble
             if status.state is AxisState.NOT_REFERENCED:
                 self._home()
                 return self.read()
-            under_way = status.state in (AxisState.MOVING, AxisState.HOMING)
-            if not under_way and status.state is not AxisState.READY:
+            if status.state is not AxisState.READY and status.state not in UNDER_WAY:
                 self._begin_retraction(target)  # before it is asked where it is: the load is still on
-            here, now = self._position_um(), self._clock.now()
-            if here < furthest - self._settings.resolution_um:
-                furthest, moved_s = here, now
-            if under_way and (now >= again_s or here > start + slack):  # too slow, or the wrong way: a damaged command
-                again_s = now + lasts_s + PATIENCE_S
-                self._begin_retraction(target)
-            elif status.state is AxisState.READY:
-                if abs(here - target) <= slack:
-                    return self.read()
-                begun, turn = now, 0
+            here = self._position_um()
+            if course.arrived(status.state, here):
+                return self.read()
+            if course.again(status.state, here):
                 self._begin_retraction(target)
             turn += 1
             self._clock.sleep(begun + turn * self._settings.poll_s - self._clock.now())

@@ -79,6 +79,7 @@ class NewportAxis:
         self._tries = tries
         self._status = partial(parse_status, controller=controller)
         self._error = partial(parse_error, controller=controller)
+        self._gave_up = False  # on a reply, the last time that something was asked
         self.repeated = 0
         """How many questions had to be asked again so far."""
         self.power_came_back = False
@@ -214,9 +215,13 @@ class NewportAxis:
                 if attempt:
                     self.repeated += 1
                     self._note("a question was asked again", command)
-                    self._watch_for_nul(settle(self._transport, self._clock, QUIET_S))
+                    if self._watch_for_nul(settle(self._transport, self._clock, QUIET_S)) and not heard:
+                        self.reply_time.came_late()
                 elif unasked := self._watch_for_nul(self._transport.discard()):
+                    if self._gave_up:
+                        self.reply_time.came_late()
                     self._note("bytes that nobody asked for were discarded", repr(unasked[:LONGEST_LINE]))
+                self._gave_up = attempt > 0
                 begun = self._clock.now()
                 self._transport.write(self._line(command, suffix))
                 deadline = begun + self.reply_time.limit_s

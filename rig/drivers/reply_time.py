@@ -7,6 +7,10 @@ ROUND_TRIPS = 5  # replies from which that is found out
 SHORTEST_WAIT_S, WAIT_SHARE, WAIT_MARGIN_S = 0.06, 1.2, 0.02
 """A reply counts as lost after 1.2 times what the slowest took, and 20 ms for a busy machine; never before 60 ms."""
 
+LATE_REPLIES, LONGEST_WAIT_S = 2, 0.15
+"""Replies that came after they were given up, after which it is waited longer, and how long at most: a wire whose times
+vary was learnt at its quickest, but one late reply may be a busy machine's."""
+
 
 class ReplyTime:
     """What one wire takes.
@@ -29,6 +33,7 @@ class ReplyTime:
         self.round_trip_s = 0.0
         self._given = given_s is not None
         self._times: list[float] = []
+        self._late = 0
 
     def learn(self, took_s: float) -> None:
         """Take in how long a reply took, until it is known how long to wait for one."""
@@ -36,6 +41,12 @@ class ReplyTime:
             self._times.append(took_s)
             if len(self._times) == ROUND_TRIPS:
                 self.expect(sorted(self._times)[-2])  # the longest but for one, which may have been late
+
+    def came_late(self) -> None:
+        """Take in that a reply came after it was given up."""
+        self._late += 1
+        if self._late % LATE_REPLIES == 0 and not self._given and self.limit_s < LONGEST_WAIT_S:
+            self.expect(self.limit_s)
 
     def expect(self, round_trip_s: float) -> None:
         """Be told how long a reply takes."""

@@ -29,7 +29,7 @@ LOAD = (
     "rig.parts.load_cell={driver: modbus-rtu, port: p, excitation_v: 3.3, registers: {signal: {offset: 65, "
     "kind: float32}, signal_is: load, ratio: {offset: 13, kind: float32}, full_scale: {offset: 15, kind: float32}}}"
 )
-LAUMAS = "rig.parts.load_cell={driver: modbus-rtu, port: p, preset: laumas-tlb}"
+LAUMAS = "rig.parts.load_cell={driver: modbus-rtu, port: p, preset: laumas-tlb, settling_s: 0}"
 FLOAT32 = 2.0**-23  # relative step of a float32
 LARGEST_MV = 64.0
 

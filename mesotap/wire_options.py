@@ -50,6 +50,7 @@ class WireOptions:
             "created": datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z"),
             "command": command,
             "parts": config.rig.parts.model_dump(mode="json"),
+            "wiring": config.rig.wiring.model_dump(mode="json"),
         }
         file = WireFile(self.record, header, self.all_samples)
         try:

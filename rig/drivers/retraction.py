@@ -9,8 +9,8 @@ from rig.interface import Clock
 STUCK_S = 2.0  # without a step back, after which it counts as stuck
 LONGER, PATIENCE_S = 2.0, 1.0  # times the time that a motion should take, and more, after which it counts as too slow
 JUDGED_AFTER_S, SLOWEST = 0.1, 0.25
-"""When the speed is looked at first, besides two round trips, and the share of the one ordered below which the order for
-it got lost: an actuator of 1.6 mm/s2 is at 0.2 mm/s after 0.13 s."""
+"""When the speed is looked at first, besides two round trips, and the share of the one ordered below which the order
+for it got lost: an actuator of 1.6 mm/s2 is at 0.2 mm/s after 0.13 s."""
 UNDER_WAY = (AxisState.MOVING, AxisState.HOMING)
 
 

@@ -12,7 +12,7 @@ wait_s of ``read``: how long it was waited for the first byte
 setup  of control transfers: request type, request, value and index; of bulk transfers the endpoint
 hex    the bytes; empty where nothing came
 length number of bytes, and ``sha256`` of them, in place of ``hex`` beyond the first samples of a recorder
-error  what the port raised instead
+error  what the port raised instead, and of USB the ``errno`` of it
 ====== ===================================================================================================
 
 A read that waits for nothing and gets nothing is left out. Each line is handed to the system whole, so that a kill
@@ -193,6 +193,11 @@ class RecordingTransport(Transport):
         self._file.note(self.device, self.port, act, data)
 
 
+def told(error: Exception) -> dict[str, Any]:
+    """Return what is kept of what a bus raised."""
+    return {"error": str(error), "errno": getattr(error, "errno", None)}
+
+
 class RecordingUsb:
     """A backend of pyusb that records the transfers through another one; all else goes straight to that.
 
@@ -224,7 +229,7 @@ class RecordingUsb:
         try:
             count = int(self._inner.ctrl_transfer(handle, request_type, request, value, index, data, timeout))
         except Exception as error:
-            self._file.note(self._device, "usb", act, b"" if inward else sent, setup=setup, error=str(error))
+            self._file.note(self._device, "usb", act, b"" if inward else sent, setup=setup, **told(error))
             raise
         self._file.note(self._device, "usb", act, bytes(data)[:count] if inward else sent, setup=setup)
         return count
@@ -234,7 +239,7 @@ class RecordingUsb:
         try:
             count = int(self._inner.bulk_read(handle, endpoint, interface, buffer, timeout))
         except Exception as error:
-            self._file.note(self._device, "usb", "bulk_in", setup=[endpoint], error=str(error))
+            self._file.note(self._device, "usb", "bulk_in", setup=[endpoint], **told(error))
             raise
         self._file.note(self._device, "usb", "bulk_in", bytes(memoryview(buffer).cast("B")[:count]), setup=[endpoint])
         return count

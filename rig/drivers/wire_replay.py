@@ -18,6 +18,7 @@ from rig.errors import DeviceError, RigError
 from rig.interface import Clock
 
 SERIAL_ACTS = ("open", "close", "write", "read")
+USB_ACTS = ("control_out", "control_in", "bulk_in", "clear_halt")
 
 
 class WireMismatch(RigError):
@@ -52,6 +53,12 @@ class Act:
         Of a read: how long it could have waited.
     error
         What was raised instead; empty if nothing was.
+    setup
+        Of USB: request type, request, value and index of a control transfer, the endpoint of a bulk transfer.
+    errno
+        Of what was raised; None if it had none.
+    length
+        Number of bytes, also of those that were not kept.
     """
 
     line: int
@@ -62,9 +69,12 @@ class Act:
     data: bytes
     wait_s: float
     error: str
+    setup: tuple[int, ...] = ()
+    errno: int | None = None
+    length: int = 0
 
     def __str__(self) -> str:
-        shown = f" {self.data!r}" if self.act == "write" else ""
+        shown = f" {self.data!r}" if self.act == "write" else f" {list(self.setup)}" if self.setup else ""
         return f"{self.act}{shown}"
 
 
@@ -79,12 +89,15 @@ class WireRecording:
     header
         Its first line.
     acts
-        All others, but for transfers of USB, which are not played back.
+        Those on lines.
+    transfers
+        Those on the USB.
     """
 
     path: Path
     header: dict[str, Any]
     acts: tuple[Act, ...]
+    transfers: tuple[Act, ...] = ()
 
     def devices(self) -> list[str]:
         """Return the devices in it, in the order in which they were first spoken to."""
@@ -119,20 +132,25 @@ def read_recording(path: Path) -> WireRecording:
             f"{path}: is of version {entries[0][1].get('format_version')!r}, this program reads {WIRE_VERSION}"
         )
     acts = [_act(path, number, e) for number, e in entries[1:] if e.get("act") in SERIAL_ACTS]
-    return WireRecording(path, entries[0][1], tuple(acts))
+    transfers = [_act(path, number, e) for number, e in entries[1:] if e.get("act") in USB_ACTS]
+    return WireRecording(path, entries[0][1], tuple(acts), tuple(transfers))
 
 
 def _act(path: Path, line: int, entry: dict[str, Any]) -> Act:
     try:
+        data = bytes.fromhex(entry.get("hex", ""))
         return Act(
             line=line,
             time_s=float(entry["t"]),
             device=str(entry["device"]),
             port=str(entry["port"]),
             act=str(entry["act"]),
-            data=bytes.fromhex(entry.get("hex", "")),
+            data=data,
             wait_s=float(entry.get("wait_s", 0.0)),
             error=str(entry.get("error", "")),
+            setup=tuple(int(number) for number in entry.get("setup", ())),
+            errno=None if entry.get("errno") is None else int(entry["errno"]),
+            length=int(entry.get("length", len(data))),
         )
     except (LookupError, ValueError, TypeError) as error:
         raise RigError(f"{path}: line {line} is damaged ({type(error).__name__}: {error})") from error
@@ -184,6 +202,12 @@ class ReplayTransport(Transport):
     def left(self) -> tuple[Act, ...]:
         """Return what was not played yet."""
         return tuple(self._left)
+
+    def skip(self) -> bytes:
+        """Pass over the next act, whatever it is; returns its bytes."""
+        act = self._left.popleft()
+        self._clock.play(act.time_s)
+        return act.data
 
     def open(self) -> None:
         """Open the port, as it was opened then; harmless when it is open."""

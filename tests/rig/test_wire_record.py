@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -19,11 +20,16 @@ from mesotap.wire_options import WireOptions
 from rig.drivers import wire_record
 from rig.drivers.amplifier import DEVICE as AMPLIFIER
 from rig.drivers.motor_stage import DEVICE as STAGE
+from rig.drivers.settings import AmplifierTcp
 from rig.drivers.wire_record import WireFile
-from rig.drivers.wire_replay import RecordedFault, ReplayTransport, WireMismatch, read_recording
+from rig.drivers.wire_replay import RecordedFault, WireMismatch, read_recording
 from rig.errors import RigError
-from sim_backend.emulators.disturbance import DisturbedWire, foreign_line
+from sim_backend.emulators.disturbance import DisturbedWire, WireFault, foreign_line, foreign_rtu, foreign_tcp
+from tests.mesotap.benches import new_runner, small_config
+from tests.wires.exchanges import exchanges
 from tests.wires.replaying import Replayed
+
+TCP = "rig.parts.load_cell={driver: modbus-tcp, preset: seneca-ze-sg3, host: 192.168.1.5}"
 
 ROOT = Path(__file__).parents[2]
 WIRES = sorted((ROOT / "tests" / "wires").glob("*.jsonl"))
@@ -174,6 +180,7 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path, monkeyp
 WORKER = """
 import sys
 from pathlib import Path
+from rig.drivers.settings import AmplifierTcp
 from rig.drivers.wire_record import WireFile
 file = WireFile(Path(sys.argv[1]), {})
 n = 0
@@ -250,14 +257,112 @@ def test_what_a_port_raised_is_raised_again(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("path", WIRES, ids=[path.stem for path in WIRES])
 def test_the_drivers_do_again_what_was_recorded(path: Path) -> None:
-    """Connect to each recorded device; then read an amplifier for as long as the recording has readings."""
-    rig = Replayed(path)
-    said = rig.connect()
+    """Connect to each recorded device; what else was asked is asked again below."""
+    said = Replayed(path).connect()
     assert said == read_recording(path).header.get("connected", said)
-    if rig.load_cell is None:
-        return
-    wire = rig.wires[AMPLIFIER]
-    assert isinstance(wire, ReplayTransport)
-    while wire.left() and wire.left()[0].act != "close":
-        rig.load_cell.read()
-    assert not wire.left() or wire.left()[0].act == "close"
+
+
+# --- from the midst of a session --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("part", ["", TCP], ids=["RTU", "TCP"])
+def test_every_exchange_of_a_session_is_read_again_as_it_was(tmp_path: Path, part: str) -> None:
+    """A whole session, on wires that lose, damage and delay: each question is repeated where it was, and read alike."""
+    wires = [DisturbedWire(foreign_line, 1), DisturbedWire(foreign_tcp if part else foreign_rtu, 2)]
+    config = small_config(*([part] if part else []))
+    with WireOptions(tmp_path / "wire.jsonl").begun(config, "run") as file:
+        rig = emulated_rig(config, seed=4, wire_file=file, stage_wire=wires[0], amplifier_wire=wires[1])
+        asked = count_questions(rig, wires)
+        folder, runner = new_runner(tmp_path / "session", config, rig)
+        with folder:
+            runner.run()
+    read = list(exchanges(tmp_path / "wire.jsonl"))
+    loads = [e for e in read if e.device == AMPLIFIER and isinstance(e.answer, list)]
+    places = [e for e in read if e.device == STAGE and isinstance(e.answer, float) and e.question == "TP"]
+    assert len(loads) == len(asked["words"])
+    assert [e.answer for e in loads] == asked["words"]
+    assert [e.answer for e in places] == asked["places"]
+    assert sum(asked["injected"]) > 20
+
+
+def count_questions(rig, wires) -> dict[str, list]:
+    """Note what the drivers got, and have something happen to every fortieth message."""
+    asked: dict[str, list] = {"words": [], "places": [], "injected": []}
+    device, axis = rig.load_cell._wire, rig.stage._axis
+    read, position = device.read, axis.position_mm
+    # TCP has check bytes of its own, below what a driver sees
+    flipped = [] if isinstance(rig.load_cell._settings, AmplifierTcp) else [WireFault.FLIPPED_REPLY]
+    faults = [*flipped, WireFault.LOST, WireFault.TRUNCATED, WireFault.LATE, WireFault.DUPLICATED]
+
+    def noted(keep: str, ask):
+        def noting(*question):
+            number = len(asked["words"]) + len(asked["places"])
+            if number % 40 == 39:
+                wires[keep == "words"].inject(faults[number // 40 % len(faults)])
+                asked["injected"].append(1)
+            answer = ask(*question)
+            asked[keep].append(answer)
+            return answer
+
+        return noting
+
+    device.read, axis.position_mm = noted("words", read), noted("places", position)
+    return asked
+
+
+@pytest.mark.parametrize("path", WIRES, ids=[path.stem for path in WIRES])
+def test_every_exchange_of_a_recording_can_be_asked_again(path: Path) -> None:
+    assert list(exchanges(path))
+
+
+def test_a_driver_that_would_ask_otherwise_is_named_with_the_line(tmp_path: Path) -> None:
+    started(tmp_path / "wire.jsonl")
+    lines = (tmp_path / "wire.jsonl").read_text().splitlines()
+    at = next(i for i, line in enumerate(lines) if json.loads(line).get("act") == "read" and i > 40)
+    entry = {**json.loads(lines[at]), "hex": "00"}
+    (tmp_path / "wire.jsonl").write_text("\n".join([*lines[:at], json.dumps(entry), *lines[at + 1 :]]) + "\n")
+    with pytest.raises(WireMismatch, match="line "):
+        list(exchanges(tmp_path / "wire.jsonl"))
+
+
+# --- the recorder -------------------------------------------------------------------------------------------------
+
+
+def test_the_recorder_is_played_back_transfer_by_transfer(tmp_path: Path) -> None:
+    config = parse_config("")
+    with WireOptions(tmp_path / "wire.jsonl").begun(config, "devices") as file:
+        rig = emulated_rig(config, seed=4, wire_file=file)
+        said = rig.open()[2]
+        rig.accelerometers.start()
+        blocks = [rig.accelerometers.read_block().acceleration for _ in range(20)]
+        rig.accelerometers.stop()
+    again = Replayed(tmp_path / "wire.jsonl")
+    assert again.recorder is not None
+    assert again.recorder.connect() == said
+    again.recorder.start()
+    for block in blocks:
+        assert np.array_equal(again.recorder.read_block().acceleration, block)
+    again.recorder.stop()
+    assert not again.usb.left
+
+
+@pytest.mark.parametrize(("fault", "sentence"), [("stall", "it refused"), ("unplug", "gone"), ("timeout", "did not")])
+def test_what_the_bus_raised_is_raised_again(tmp_path: Path, fault: str, sentence: str) -> None:
+    with WireOptions(tmp_path / "wire.jsonl").begun(parse_config(""), "devices") as file:
+        rig = emulated_rig(parse_config(""), seed=4, wire_file=file)
+        rig.recorder.inject(fault)
+        try:
+            rig.open()
+            told = ""
+        except RigError as error:
+            told = str(error)
+    again = Replayed(tmp_path / "wire.jsonl")
+    assert again.recorder is not None
+    try:
+        again.recorder.connect()
+        told_again = ""
+    except RigError as error:
+        told_again = str(error)
+    assert told_again == told
+    if told:
+        assert sentence in told

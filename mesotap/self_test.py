@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,10 @@ from daq.trigger import NoTap, record_shot
 from mesotap.config import Config
 from mesotap.session.shots import judged_shot
 from rig import GaugeScale, Rig, RigError, SessionAborted
+from rig.attention import Attention, Hold
+from rig.interface import Waiting, nothing
 from rig.interlock import Interlock
+from rig.watch import LoadWatch
 
 NOISE_S = 0.5  # of quiet recording
 ZERO_S = 1.0  # of the gauge's reading
@@ -44,7 +48,14 @@ class Verdict:
     says: str
 
 
-def self_test(rig: Rig, config: Config, touch: bool = True) -> Iterator[Verdict]:
+def self_test(
+    rig: Rig,
+    config: Config,
+    touch: bool = True,
+    beat: Callable[[], None] = nothing,
+    heed: Callable[[Hold], None] = lambda hold: None,
+    operator: Waiting | None = None,
+) -> Iterator[Verdict]:
     """Test an opened rig part by part, and yield a verdict on each.
 
     Parameters
@@ -55,6 +66,10 @@ def self_test(rig: Rig, config: Config, touch: bool = True) -> Iterator[Verdict]
         Limits and what is expected.
     touch
         Whether the surfaces may be brought together for a tap at the smallest load of the plan.
+    beat, heed
+        See `rig.attention.Attention`.
+    operator
+        Who may be waited for.
     """
     yield _mechanical_stop(config)
     yield _tried("noise floor", lambda: _noise_floor(rig, config))
@@ -73,15 +88,31 @@ def self_test(rig: Rig, config: Config, touch: bool = True) -> Iterator[Verdict]
         return
     scale = GaugeScale(config.rig.gauge_sensitivity_mv_per_mn, zero)
     interlock = Interlock(rig, config.rig.limits, scale, config.rig.spring_stiffness())
-    with interlock:
-        verdict = _tried("stage step", lambda: _stage_step(rig, interlock, config))
-        yield verdict
-        if not touch:
-            yield Verdict("tap", None, "left out, as asked")
-        elif not verdict.passed:
-            yield Verdict("tap", None, "left out: nothing is touched with a stage in doubt")
-        else:
-            yield _tried("tap", lambda: _tap(rig, interlock, config))
+    watch = LoadWatch(rig, interlock, config.rig.limits.stale_reading_s)
+    attention = Attention(rig, watch, beat, heed)
+    attention.attend(*(() if operator is None else (operator,)))
+    attention.watch_moves()
+    found: list[Verdict] = []
+    try:
+        with interlock, _leaving(attention):
+            found.append(_tried("stage step", lambda: _stage_step(rig, interlock, config)))
+            if not touch:
+                found.append(Verdict("tap", None, "left out, as asked"))
+            elif not found[0].passed:
+                found.append(Verdict("tap", None, "left out: nothing is touched with a stage in doubt"))
+            else:
+                found.append(_tried("tap", lambda: _tap(rig, interlock, attention, config)))
+    finally:
+        yield from found  # told once the surfaces are apart: nobody who reads it is waited for under load
+
+
+@contextmanager
+def _leaving(attention: Attention) -> Iterator[None]:
+    """From the end on nothing interrupts."""
+    try:
+        yield
+    finally:
+        attention.leaving = True
 
 
 def _tried(name: str, test: Callable[[], tuple[bool, str]]) -> Verdict:
@@ -169,7 +200,7 @@ def _stage_step(rig: Rig, interlock: Interlock, config: Config) -> tuple[bool, s
     return True, said
 
 
-def _tap(rig: Rig, interlock: Interlock, config: Config) -> tuple[bool, str]:
+def _tap(rig: Rig, interlock: Interlock, attention: Attention, config: Config) -> tuple[bool, str]:
     target = min(config.mesotap.load_plan_mn)
     interlock.approach()
     interlock.set_load(target, config.mesotap.load_tolerance_mn)
@@ -177,11 +208,17 @@ def _tap(rig: Rig, interlock: Interlock, config: Config) -> tuple[bool, str]:
     reason = ""
     for number in range(TAPS):
         before = interlock.read_load()
+        attention.watch.taps = True
         try:
-            record = record_shot(rig.accelerometers, rig.impactor, rig.clock, config.daq.trigger, before[0], reason)
+            trigger = config.daq.trigger
+            record = record_shot(
+                rig.accelerometers, rig.impactor, rig.clock, trigger, before[0], reason, attention.idle
+            )
         except NoTap as missed:
             reason = str(missed)
             continue
+        finally:
+            attention.watch.taps = False
         place = (number, 0, target)
         shot = judged_shot(record, before, interlock.read_load(), place, config, rig.accelerometers)
         if shot.accepted:

@@ -77,6 +77,7 @@ class Interlock:
         self._witness = LoadWitness(rig, limits, scale)
         self._travel = TravelWitness(limits, spring_stiffness)
         self._stands: tuple[float, bool] | None = None  # where the stage was left, and whether clamped
+        self._left_mn = self._looked_mn = math.nan  # load at which it was left, and at the last look since
         rig.stage.permit = self._permit
 
     @property
@@ -228,6 +229,7 @@ class Interlock:
         with self._travel.step(step_um, before):
             position = self._rig.stage.move_by(step_um, aim).position_um
         self._stands = (position, False)
+        self._left_mn = self._looked_mn = math.nan
         if step_um < 0:
             self._travel.turned_back(position)
         self._witness.travelled_um += max(step_um, 0.0)
@@ -236,6 +238,7 @@ class Interlock:
         self._check_limit(after)
         if step_um > 0:
             self._believe(self._travel.against_response(position, after))
+        self._left_mn = after
         return after
 
     def retract(self, progress: Progress | None = None) -> str:
@@ -244,7 +247,8 @@ class Interlock:
         Returns
         -------
         str
-            Empty if the gauge saw them apart; else why it is no witness, so that the travel is the only one.
+            Empty if the gauge saw them apart; else why it is no witness, so that the travel is the only one: it "is
+            silent", "cannot be believed", shows a pull.
 
         Raises
         ------
@@ -262,7 +266,10 @@ class Interlock:
                 load = self.load_mn()
             except StaleReading:
                 load, doubted = math.nan, "is silent"
-            if not load > LEFT_THRESHOLDS * self._limits.contact_threshold_mn:
+            left = LEFT_THRESHOLDS * self._limits.contact_threshold_mn
+            if load < -left:
+                doubted = doubted or f"shows {load:.0f} mN"
+            if not load > left:
                 self._travel.parted()
                 return doubted
         raise InterlockRefusal(
@@ -273,6 +280,7 @@ class Interlock:
     def lock(self) -> None:
         """Clamp the stage at its load."""
         self._rig.stage.lock()
+        self._looked_mn = math.nan
         self._stands = (self._rig.stage.read().position_um, True)
 
     # --- watching -------------------------------------------------------------------------------------------
@@ -280,14 +288,18 @@ class Interlock:
     def look_at_gauge(self, taps: bool) -> None:
         """See that the load is known and within the limit.
 
-        Where there may be ``taps``, a single reading may hold what one makes the gauge swing; over the limit counts
-        what a longer one confirms.
+        Where there may be ``taps``, a single reading may hold what one makes the gauge swing, and what counts is what a
+        longer one confirms.
         """
+        left, before = (math.nan, math.nan) if self._stands is None else (self._left_mn, self._looked_mn)
         load = self.load_mn(0.0)
-        if load > self._limits.load_mn and taps:
-            load = self.load_mn(CONFIRMING_READING_S)
+        if taps:
+            before = math.nan
+            if load > self._limits.load_mn or self._travel.against_waiting(left, before, load):
+                load = self.load_mn(CONFIRMING_READING_S)
+        self._looked_mn = math.nan if taps else load
         self._check_limit(load)
-        self._believe(self._travel.against_step(load))
+        self._believe(self._travel.against_step(load) or self._travel.against_waiting(left, before, load))
 
     def look_at_stage(self) -> None:
         """See that the stage answers, and stands as it was left.

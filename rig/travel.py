@@ -14,6 +14,7 @@ SOFTEST_RESPONSE = 0.55  # of the springs' stiffness: below this, at load, the g
 STIFFEST_RESPONSE = 1.35
 RESPONSE_FROM_THRESHOLDS = 5.0  # contact thresholds of load from which the response is judged
 RESPONSE_TRAVEL_UM = 0.4  # travel over which it is judged
+LOST_SHARE = 0.5  # of the load at which the stage was left: what a tap or creep never takes away
 STANDING_CHANGE_THRESHOLDS = 4.0  # load change, in contact thresholds, that cannot happen while the stage stands
 
 
@@ -115,6 +116,16 @@ class TravelWitness:
             f"the load changed from {before_mn:.0f} to {now_mn:.0f} mN while the stage stood still; check its cable "
             "and what touches the masses, then resume; a filter slower than its settling_s does the same"
         )
+
+    def against_waiting(self, left_mn: float, before_mn: float, now_mn: float) -> str:
+        """Say why the load of a stage that stands cannot be lost, or jump; empty if it is as it may be.
+
+        ``left_mn`` is the load at which the stage was left, ``before_mn`` the one seen just before, NaN for none.
+        """
+        room = STANDING_CHANGE_THRESHOLDS * self._limits.contact_threshold_mn
+        if left_mn - now_mn > max(room, LOST_SHARE * left_mn):
+            return self.against_standing(left_mn, now_mn)
+        return self.against_standing(before_mn, now_mn) if math.isfinite(before_mn) else ""
 
     def against_step(self, now_mn: float) -> str:
         """Say why the load cannot be what it is in the midst of a step; empty if it can, or nothing is under way."""

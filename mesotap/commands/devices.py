@@ -71,20 +71,13 @@ def check(
     with wire.begun(config, "check") as file, KeyControl(console, operator.keyboard).listening() as control:
         rig = build_rig(config, simulate, operator, seed, emulated=emulate, wire_file=file)
         guardian = guardian_for(rig, config)
-
-        def idle() -> None:
-            guardian.beat()
-            control.check()
-
-        for part in (operator, rig.stage, rig.load_cell, rig.accelerometers, rig.weights):
-            part.idle = idle
         try:
             for line in rig.open():
                 _show(Verdict("connection", True, line), verdicts, console)
             if touch:
                 guardian.start()
                 guardian.arm(True)
-            for verdict in self_test(rig, config, touch):
+            for verdict in self_test(rig, config, touch, guardian.beat, control.check, operator):
                 _show(verdict, verdicts, console)
         except RigError as error:
             troubles = "; ".join([str(error), *getattr(error, "__notes__", ())])

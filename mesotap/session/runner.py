@@ -23,17 +23,15 @@ from mesotap.session.progress import NO_TAP, NOTES, SAFE, SHOT, STARTED, Progres
 from mesotap.session.shots import judged_shot, shot_entry
 from mesotap.session.states import Event, State
 from rig import GaugeScale, Operator, Rig, RigError
+from rig.attention import Attention
 from rig.interlock import Interlock, SafeState
 from rig.watch import LoadWatch
 
 MISSES_IN_A_ROW = 5  # waits in vain after which the sensors are suspected
 MOST_SETTINGS = 10  # times a load is set, since the last start, before it counts as creeping
-DWELL_SLICE_S, WAITING_SLICE_S = 1.0, 0.1
+DWELL_SLICE_S, WAITING_SLICE_S = 1.0, 0.05
 NOTHING_MOVED = "nothing was moved"
 GOES_ON = "'mesotap resume' goes on"
-SLOW_WIRE_S = 0.005  # round trip to the stage from which a step lasts longer than a look at the gauge
-LOOK_S = 0.03  # which that takes, the wire apart
-LONGEST_LOOK_S = 0.3  # with which load and recorder can be attended to in turn: its memory holds 0.4 s
 
 
 class Control(Protocol):
@@ -92,7 +90,6 @@ class SessionRunner:
         self._bench = bench
         self._rig = bench.rig
         self._connected = False
-        self._leaving = False
         self._reconcile()
         self.progress: Progress = progress_of(folder.events())
         self._interlock = Interlock(
@@ -102,10 +99,8 @@ class SessionRunner:
             config.rig.spring_stiffness(),
         )
         self._watch = LoadWatch(self._rig, self._interlock, config.rig.limits.stale_reading_s)
-        for part in (bench.operator, self._rig.accelerometers, self._rig.weights):
-            part.idle = self._idle
-        # a move is watched by the readings before and after it, and a reading is no time to read
-        self._rig.stage.idle = self._rig.load_cell.idle = self._heed
+        self._attention = Attention(self._rig, self._watch, bench.guardian.beat, bench.control.check)
+        self._attention.attend(bench.operator)
         self._handlers: dict[State, Callable[[], None]] = {
             State.CONNECT: self._connect,
             State.PRE_CALIBRATION: lambda: self._calibrate("before"),
@@ -136,7 +131,7 @@ class SessionRunner:
             try:
                 self._carry_on()
             finally:
-                self._leaving = True  # from here on nothing interrupts
+                self._attention.leaving = True  # from here on nothing interrupts
                 self._bench.guardian.leave()
         except BaseException as caught:
             # SessionAborted and KeyboardInterrupt too: whatever the exit, the surfaces are taken apart
@@ -153,7 +148,7 @@ class SessionRunner:
             self._use_scale(self.progress.pre)
         self._open()
         while self.progress.state in self._handlers:
-            self._bench.control.check(self._watching)
+            self._bench.control.check(self._attention.hold)
             self._handlers[self.progress.state]()
 
     def _let_go(self, error: BaseException | None) -> None:
@@ -180,7 +175,7 @@ class SessionRunner:
         for line in self._rig.open():
             self._tell(State.CONNECT, line)
         self._connected = True
-        self._watch_moves()
+        self._attention.watch_moves()
         self._bench.guardian.start()
         self._rig.stage.read()  # a stage that does not know where it is says so before anything is begun
         self._take_up()  # connecting must not have changed anything
@@ -307,7 +302,7 @@ class SessionRunner:
                 self._config.daq.trigger,
                 before[0],
                 hint,
-                self._idle,
+                self._attention.idle,
             )
         except NoTap as error:
             self._note(NO_TAP, reason=str(error))
@@ -416,36 +411,6 @@ class SessionRunner:
         self._interlock.scale = fit_line(points, self._config.calibration.weight_uncertainty_mn).scale
         self._bench.guardian.scale(self._interlock.scale)
 
-    def _idle(self) -> None:
-        """What is done whenever somebody waits: watch the load, heed a wish to interrupt, be seen to be alive."""
-        self._bench.guardian.beat()
-        if not self._leaving:
-            self._watch.look()
-            self._bench.control.check(self._watching)
-
-    def _watch_moves(self) -> None:
-        """Have the load looked at in the midst of a move too where a slow wire makes it last."""
-        stage, gauge = self._rig.stage, self._rig.load_cell
-        look_s = LOOK_S + 2 * (gauge.round_trip_s + stage.round_trip_s)
-        if look_s > LONGEST_LOOK_S:
-            raise RigError(
-                f"wires: a look at gauge and stage takes {look_s:.2f} s (replies of {gauge.round_trip_s * 1e3:.0f} and "
-                f"{stage.round_trip_s * 1e3:.0f} ms), too long to watch the load by; set a higher baud rate, the USB "
-                "adapter's latency to 1 ms, or connect them without a network in between"
-            )
-        if stage.round_trip_s > SLOW_WIRE_S:
-            stage.idle, stage.idle_takes_s = self._idle, LOOK_S + 2 * gauge.round_trip_s
-
-    def _heed(self) -> None:
-        """Heed a wish to interrupt, without looking at the load."""
-        self._bench.guardian.beat()
-        if not self._leaving:
-            self._bench.control.check(self._watching)
-
-    def _watching(self) -> None:
-        self._bench.guardian.beat()
-        self._watch.look()
-
     def _wait(self, seconds: float) -> None:
         """Let time pass, a little at a time."""
         clock = self._rig.clock
@@ -453,13 +418,13 @@ class SessionRunner:
         while clock.now() < begun + seconds:
             turn += 1
             clock.sleep(min(turn * WAITING_SLICE_S, seconds) + begun - clock.now())
-            self._idle()
+            self._attention.idle()
 
     def _tell(self, state: State, text: str) -> None:
         """Show what goes on, and heed a wish to interrupt."""
         self._bench.observer.progress(state, text)
         if state is not State.CONNECT:
-            self._bench.control.check(self._watching)
+            self._bench.control.check(self._attention.hold)
         self._bench.guardian.beat()
 
     def _leave_safely(self, error: BaseException) -> None:

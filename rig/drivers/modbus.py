@@ -23,7 +23,7 @@ from rig.interface import Clock
 
 LOG = logging.getLogger("mesotap.rig.amplifier")
 FUNCTIONS = {"holding": 3, "input": 4}
-QUIET_S = 0.02  # without a byte, after which a late reply is taken to be over
+QUIET_S = 0.015  # without a byte, after which a late reply is taken to be over
 
 # what pymodbus logs is said here in sentences, so it does not go to the terminal by itself
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from rig.drivers.driver import Driver
 from rig.drivers.newport import HERE_IS_HOME, NewportAxis
 from rig.drivers.newport_codes import AxisState, AxisStatus
-from rig.drivers.retraction import LONGER, PATIENCE_S, UNDER_WAY, Retraction
+from rig.drivers.retraction import LONGER, PATIENCE_S, Retraction
 from rig.drivers.settings import NewportStage
 from rig.drivers.transport import Transport
 from rig.errors import DeviceError, RigError
@@ -142,11 +142,11 @@ class MotorStage(Stage, Driver):
 
     def read(self) -> StageReading:
         """Position of the encoder, and whether the motor is off."""
-        status = self._axis.status()
+        status, place = self._axis.look()
         if status.state is AxisState.NOT_REFERENCED:
             raise self._lost_reference(status)
         self._motor_off = status.state is AxisState.DISABLED
-        return StageReading(self._clock.now(), self._position_um(), self._motor_off)
+        return StageReading(self._clock.now(), self._where(place), self._motor_off)
 
     def move_by(self, step_um: float, aim: str = "") -> StageReading:
         """Move and come to rest.
@@ -161,12 +161,12 @@ class MotorStage(Stage, Driver):
         """
         if not math.isfinite(step_um):
             raise self._error(f"cannot move by {step_um} um", "report this as a fault of the program")
-        status = self._axis.status()
+        status, place = self._axis.look()
         if status.state is AxisState.NOT_REFERENCED and step_um < 0:
             self._home()
             return self.read()
         self._require(status, (AxisState.READY,))
-        target = self._position_um() + step_um
+        target = self._where(place) + step_um
         if step_um < 0:
             target = max(target, self._range_um[0])  # apart as far as it goes
         self._go_to(target)
@@ -204,14 +204,12 @@ class MotorStage(Stage, Driver):
         self._begin_retraction(target)
         course = Retraction(self._settings, self._clock, start, target, self._axis.reply_time.round_trip_s)
         while not course.stuck():
-            status = self._axis.glance()
+            status, place = self._axis.look(confirmed=False)
             trouble = status.trouble() or trouble
             if status.state is AxisState.NOT_REFERENCED:
                 self._home()
                 return self.read()
-            if status.state is not AxisState.READY and status.state not in UNDER_WAY:
-                self._begin_retraction(target)  # before it is asked where it is: the load is still on
-            here = self._position_um()
+            here = self._where(place)
             if course.arrived(status.state, here):
                 return self.read()
             if course.again(status.state, here):
@@ -272,10 +270,10 @@ class MotorStage(Stage, Driver):
             while True:
                 turn += 1
                 self._clock.sleep(begun + turn * self._settings.poll_s - self._clock.now())
-                status = self._axis.status()
+                status, place = self._axis.look()
                 if status.state is not AxisState.MOVING:
                     break
-                if not lowest <= self._position_um() <= highest:
+                if not lowest <= self._where(place) <= highest:
                     # by a damaged command, or as a damaged reply says: stop first, then look
                     self._axis.stop()
                     return self._at_rest()
@@ -410,6 +408,13 @@ class MotorStage(Stage, Driver):
             "check its power supply; it finds its reference when the surfaces are taken apart or, with "
             "rig.parts.stage.home_at_connect, when it is connected",
         )
+
+    def _where(self, told_mm: float | None) -> float:
+        """Position, um, as it was told with the state, or asked for now."""
+        if told_mm is None:
+            return self._position_um()
+        self._last_um = self._to_um(told_mm)
+        return self._last_um
 
     def _position_um(self) -> float:
         self._last_um = self._to_um(self._axis.position_mm())

@@ -31,7 +31,8 @@ from rig.hardware_log import repeated
 from rig.interface import Clock
 
 LOG = logging.getLogger("mesotap.rig.stage")
-QUIET_S = 0.02
+QUIET_S = 0.015
+SLOW_S = 0.005  # round trip from which two questions are sent together
 END = b"\n"
 VELOCITY_TOLERANCE = 0.01  # digits that a controller prints
 LONGEST_LINE = 200  # bytes; more without an end of line is noise
@@ -103,6 +104,36 @@ class NewportAxis:
     def glance(self) -> AxisStatus:
         """Errors and state by one answer, for whoever has no time to ask twice."""
         return self._ask("TS", self._status)
+
+    def look(self, confirmed: bool = True) -> tuple[AxisStatus, float | None]:
+        """State, and where each reply takes its time also the position, mm, which is asked for together with it.
+
+        ``confirmed``: errors count once two answers name them, see `status`.
+        """
+        told = self._both() if self.reply_time.round_trip_s > SLOW_S else None
+        if told is None:
+            return self.status() if confirmed else self.glance(), None
+        status, position = told
+        return self.status() if status.errors and confirmed else status, position
+
+    def _both(self) -> tuple[AxisStatus, float] | None:
+        """The replies to two questions that were sent together; None if they did not come as they should."""
+        with self._transport.lock:
+            self._watch_for_nul(self._transport.discard())
+            begun = self._clock.now()
+            for command in ("TS", "TP"):
+                self._transport.write(self._line(command, ""))
+            first = self._next_line(b"", begun + self.reply_time.limit_s)
+            second = None if first is None else self._next_line(first[1], begun + self.reply_time.limit_s)
+            try:
+                if first is not None and second is not None:
+                    status = self._status(parse_reply(first[0], self._address, "TS"))
+                    return status, parse_number(parse_reply(second[0], self._address, "TP"))
+            except ReplyError:
+                pass
+            self._note("two questions were asked again one by one")
+            self._watch_for_nul(settle(self._transport, self._clock, QUIET_S))
+        return None
 
     def position_mm(self) -> float:
         """Position of the encoder, mm."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 PATIENT_S = 0.5  # for which a reply is waited while nobody knows yet how long one takes
 ROUND_TRIPS = 5  # replies from which that is found out
-SHORTEST_WAIT_S, WAIT_SHARE, WAIT_MARGIN_S = 0.06, 1.2, 0.02
-"""A reply counts as lost after 1.2 times what the slowest took, and 20 ms for a busy machine; never before 60 ms."""
+SHORTEST_WAIT_S, WAIT_SHARE, WAIT_MARGIN_S = 0.06, 1.1, 0.01
+"""A reply counts as lost after 1.1 times what the slowest took, and 10 ms for a busy machine; never before 60 ms."""
 
 LATE_REPLIES, LONGEST_WAIT_S = 2, 0.15
 """Replies that came after they were given up, after which it is waited longer, and how long at most: a wire whose times
@@ -34,6 +34,10 @@ class ReplyTime:
         self._given = given_s is not None
         self._times: list[float] = []
         self._late = 0
+
+    def learnt(self) -> bool:
+        """Whether it is known how long a reply takes."""
+        return len(self._times) == ROUND_TRIPS
 
     def learn(self, took_s: float) -> None:
         """Take in how long a reply took, until it is known how long to wait for one."""

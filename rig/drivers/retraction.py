@@ -57,7 +57,7 @@ class Retraction:
         if here_um < self._furthest_um - self._settings.resolution_um:
             self._furthest_um, self._moved_s = here_um, now
         if state not in UNDER_WAY:
-            return state is AxisState.READY
+            return True
         late = now >= self._again_s
         if late:
             self._again_s = now + self._lasts_s

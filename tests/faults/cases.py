@@ -8,8 +8,11 @@ from __future__ import annotations
 import errno
 import os
 import signal
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+
+import numpy as np
 
 from mesotap.session.states import State
 from rig.drivers.newport_codes import PositionerError
@@ -32,6 +35,7 @@ NAMES = {
 LEANING_UM = 3.3  # makes about 880 mN on these springs: over the limit from the first load on
 PAUSED_S = 20.0
 LONG_DWELL = ("mesotap.dwell_s=60",)
+MOMENTS, SPREAD_S = 5, 0.5
 WAITED_S = 5.013  # for a tap, of the 30 that it is waited for
 
 
@@ -55,6 +59,10 @@ class Case:
         Whether it happens between an end by the operator and the next start.
     later_s
         How long after that look it happens, in the midst of whatever goes on then.
+    moments
+        At how many moments of the half second from then on it is tried on each wire, drawn at random.
+    paused
+        Whether the operator pauses then.
     from_notice
         Whether the time until the surfaces are apart counts from when it was noticed: what shows in the next move of
         the stage does no harm before, nor does a recorder that is started again and again.
@@ -70,20 +78,30 @@ class Case:
     between: bool = False
     later_s: float = 0.0
     from_notice: bool = False
+    moments: int = 1
+    paused: bool = False
 
-    def begin(self, bench: FaultyBench) -> None:
+    def delays_s(self, round_trip_s: float) -> list[float]:
+        """How long after that look it is made to happen on a wire: as given, and at moments drawn at random."""
+        rng = np.random.default_rng([zlib.crc32(self.name.encode()), round(round_trip_s * 1e3)])
+        return [self.later_s, *(self.later_s + rng.uniform(0, SPREAD_S, self.moments - 1))]
+
+    def begin(self, bench: FaultyBench, later_s: float) -> None:
         """Make it happen, now or later."""
-        if not self.later_s:
-            self.make(bench)
-            return
-        if self.state is State.TAP:
-            nobody_taps(bench)
 
         def happen() -> None:
             bench.happens(bench.rig.clock.now())
             self.make(bench)
 
-        bench.after(self.later_s, happen)
+        if self.paused:
+            bench.after(PAUSED_S + later_s, happen)
+            bench.pause(2 * PAUSED_S)
+        elif later_s:
+            if self.state is State.TAP:
+                nobody_taps(bench)
+            bench.after(later_s, happen)
+        else:
+            self.make(bench)
 
 
 def wire(device: str, fault: WireFault, times: int = 1) -> Callable[[FaultyBench], None]:
@@ -178,20 +196,6 @@ def nobody_taps(bench: FaultyBench) -> None:
     bench.mends.append(lambda: vars(impactor).pop("strike"))
 
 
-def paused(make: Callable[[FaultyBench], None]) -> Callable[[FaultyBench], None]:
-    """The same while the operator pauses."""
-
-    def pause(bench: FaultyBench) -> None:
-        def happen() -> None:
-            bench.happens(bench.rig.clock.now())
-            make(bench)
-
-        bench.after(PAUSED_S, happen)
-        bench.pause(2 * PAUSED_S)
-
-    return pause
-
-
 def terminate(bench: FaultyBench) -> None:
     bench.after(0.004, lambda: os.kill(os.getpid(), signal.SIGTERM))
 
@@ -226,7 +230,7 @@ CASES = [
     Case(AMPLIFIER, "gauge jumps", gauge(("offset", -10.0)), APART, from_notice=True),
     Case(AMPLIFIER, "gauge saturated", gauge(("offset", 1e3)), APART),
     *(
-        Case(AMPLIFIER, f"{name} {when}", make, APART, state, nth, changes, later_s=later)
+        Case(AMPLIFIER, f"{name} {when}", make, APART, state, nth, changes, later_s=later, moments=MOMENTS)
         for name, make in (
             ("silent", wire(AMPLIFIER, WireFault.SILENT)),
             ("frozen", setting("amplifier", "fault", "frozen")),
@@ -237,22 +241,22 @@ CASES = [
         )
     ),
     *(
-        Case(LOAD, f"880 mN more {when}", lean, APART, state, nth, changes, later_s=later)
+        Case(LOAD, f"880 mN more {when}", lean, APART, state, nth, changes, later_s=later, moments=MOMENTS)
         for when, state, nth, changes, later in (
             ("in a dwell of 60 s", State.LOCK, 50, LONG_DWELL, 0.03),
             ("while a tap is waited for", State.TAP, 1, (), WAITED_S),
             ("between two steps", State.SET_LOAD, 2, (), 0.005),
         )
     ),
-    Case(LOAD, "880 mN more while paused", paused(lean), APART, State.TAP, 1),
+    Case(LOAD, "880 mN more while paused", lean, APART, State.TAP, 1, moments=MOMENTS, paused=True),
     *(
-        Case(STAGE, f"power lost {when}", unplug_power, STANDS, state, nth, changes, later_s=later)
+        Case(STAGE, f"power lost {when}", unplug_power, STANDS, state, nth, changes, later_s=later, moments=MOMENTS)
         for when, state, nth, changes, later in (
             ("in a dwell of 60 s", State.LOCK, 50, LONG_DWELL, 0.03),
             ("while a tap is waited for", State.TAP, 1, (), WAITED_S),
         )
     ),
-    Case(STAGE, "power lost while paused", paused(unplug_power), STANDS, State.TAP, 1),
+    Case(STAGE, "power lost while paused", unplug_power, STANDS, State.TAP, 1, moments=MOMENTS, paused=True),
     Case(AMPLIFIER, "another one plugged in", setting("amplifier", "identity", 15), AT_CONNECT, between=True),
     *(
         Case(ON_TCP, name, wire(ON_TCP, fault), UNNOTICED, changes=TCP)

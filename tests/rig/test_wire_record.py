@@ -265,13 +265,15 @@ def test_the_drivers_do_again_what_was_recorded(path: Path) -> None:
 # --- from the midst of a session --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("part", ["", TCP], ids=["RTU", "TCP"])
-def test_every_exchange_of_a_session_is_read_again_as_it_was(tmp_path: Path, part: str) -> None:
+@pytest.mark.parametrize(("part", "round_trip_s"), [("", 0.0), (TCP, 0.0), ("", 0.03)], ids=["RTU", "TCP", "slow"])
+def test_every_exchange_of_a_session_is_read_again_as_it_was(tmp_path: Path, part: str, round_trip_s: float) -> None:
     """A whole session, on wires that lose, damage and delay: each question is repeated where it was, and read alike."""
     wires = [DisturbedWire(foreign_line, 1), DisturbedWire(foreign_tcp if part else foreign_rtu, 2)]
     config = small_config(*([part] if part else []))
     with WireOptions(tmp_path / "wire.jsonl").begun(config, "run") as file:
-        rig = emulated_rig(config, seed=4, wire_file=file, stage_wire=wires[0], amplifier_wire=wires[1])
+        rig = emulated_rig(
+            config, seed=4, wire_file=file, stage_wire=wires[0], amplifier_wire=wires[1], round_trip_s=round_trip_s
+        )
         asked = count_questions(rig, wires)
         folder, runner = new_runner(tmp_path / "session", config, rig)
         with folder:

@@ -96,6 +96,8 @@ def _ask_stage(rig: Replayed, wire: ReplayTransport) -> tuple[str, Any]:
     assert rig.stage is not None
     axis, line = rig.stage._axis, wire.left()[0].data
     text = line.decode("ascii").strip().lstrip("0123456789")
+    if text == "TS" and [(act.act, act.data[-4:]) for act in wire.left()[1:2]] == [("write", b"TP\r\n")]:
+        return "TS and TP", _answered(axis._both)
     command, suffix = text[:2], text[2:]
     if suffix != "?" and command not in QUESTIONS:
         return text, _answered(lambda: wire.write(line))

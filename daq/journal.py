@@ -34,7 +34,7 @@ from daq.durable import (
     write_error,
     write_whole,
 )
-from daq.errors import RecordingError
+from daq.errors import RecordingError, UnwrittenError
 from daq.hdf5 import CHECKSUMMED, open_hdf5, reading
 from daq.impact_group import check_shot, digest_of, read_impact, scalar_text, to_json, write_impact
 from daq.journal_file import JOURNAL, LARGEST_TEXT, append_after_death, mend, open_journal, write_all
@@ -131,6 +131,8 @@ class SessionFolder:
         """
         if "event" not in event:
             raise RecordingError(f"{self.path / JOURNAL}: an entry without the key 'event' was to be written")
+        if os.fstat(self._journal).st_nlink == 0:
+            raise UnwrittenError(self.path, "it was deleted while the session ran")
         content = to_json(event)
         line = content.encode() + b"\n"
         try:

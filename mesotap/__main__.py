@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 
@@ -14,7 +15,7 @@ def main() -> None:
     # the matrices here are small: a second BLAS thread only gets in the way of the first
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from mesotap.cli import app
-    from mesotap.terminal import complain, survive_any_text
+    from mesotap.terminal import complain, let_go_of_the_dead, survive_any_text
 
     survive_any_text()
     try:
@@ -22,12 +23,10 @@ def main() -> None:
         if isinstance(ended, int) and ended:
             sys.exit(ended)
     except KeyboardInterrupt:
-        sys.stderr.write("mesotap: interrupted\n")
+        complain("mesotap: interrupted")
         sys.exit(INTERRUPTED)
     except BrokenPipeError:
-        # whoever read the output has gone; nothing more can be told
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
+        sys.exit(0)  # whoever read the output has gone; nothing more can be told
     except Exception as error:
         if type(error).__name__ == "NoArgsIsHelpError":
             error.show()  # type: ignore[attr-defined]
@@ -38,6 +37,8 @@ def main() -> None:
         whole = "; ".join([sentence, *getattr(error, "__notes__", ())])
         complain(f"mesotap: {whole}")
         sys.exit(INTERRUPTED if type(error).__name__ == "SessionAborted" else REFUSED)
+    finally:
+        let_go_of_the_dead()
 
 
 def _sentence(error: Exception) -> str | None:
@@ -53,6 +54,8 @@ def _sentence(error: Exception) -> str | None:
         return one_line(str(usage()))
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename!s}: {error.strerror}"
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EIO, errno.EDQUOT):
+        return f"the output cannot be written ({error.strerror})"
     return None
 
 

@@ -7,8 +7,10 @@ is, `say` and `complain` for plain lines.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterable
+from contextlib import suppress
 
 from rich import markup
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -29,7 +31,11 @@ def plain_lines(text: str) -> str:
 
 
 class SafeConsole(Console):
-    """A console that prints no control characters but its own."""
+    """A console that prints no control characters but its own, and leaves it to `main` that nobody reads any more."""
+
+    def on_broken_pipe(self) -> None:
+        """Have whoever runs the command line know."""
+        raise BrokenPipeError
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Render as `Console` does, texts made plain."""
@@ -46,8 +52,20 @@ def say(text: str) -> None:
 
 
 def complain(text: str) -> None:
-    """Print lines to standard error."""
-    sys.stderr.write(plain_lines(text) + "\n")
+    """Print lines to standard error, if that is still there."""
+    with suppress(OSError):
+        sys.stderr.write(plain_lines(text) + "\n")
+        sys.stderr.flush()
+
+
+def let_go_of_the_dead() -> None:
+    """Have what is left for an output that is gone go nowhere, instead of failing when the program ends."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            with suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def survive_any_text() -> None:

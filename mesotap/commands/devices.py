@@ -12,6 +12,7 @@ from mesotap.bench import build_rig
 from mesotap.commands.outputs import write_json
 from mesotap.config import Config, load_config
 from mesotap.console import KeyControl, TerminalOperator
+from mesotap.outlet import unhurried
 from mesotap.self_test import Verdict, self_test
 from mesotap.session.guardian_link import guardian_for
 from mesotap.terminal import escape
@@ -68,7 +69,8 @@ def check(
     operator = TerminalOperator(console)
     verdicts: list[Verdict] = []
     troubles = ""
-    with wire.begun(config, "check") as file, KeyControl(console, operator.keyboard).listening() as control:
+    keys = KeyControl(console, operator.keyboard)
+    with wire.begun(config, "check") as file, unhurried(console), keys.listening() as control:
         rig = build_rig(config, simulate, operator, seed, emulated=emulate, wire_file=file)
         guardian = guardian_for(rig, config)
         try:

@@ -29,6 +29,7 @@ from mesotap.commands.recordings import SESSION_FILE
 from mesotap.config import Config, effective_text, load_config
 from mesotap.console import KeyControl, SessionDisplay, TerminalOperator
 from mesotap.emulated_devices import SeparateRig
+from mesotap.outlet import unhurried
 from mesotap.results_files import results_json
 from mesotap.session.entries import progress_in
 from mesotap.session.guardian_link import guardian_for
@@ -128,6 +129,7 @@ def _carry_out(
     control = KeyControl(console, operator.keyboard)
     with (
         session_log(folder.path, log_wire) as hardware,
+        unhurried(console),
         control.listening(),
         SessionDisplay(wanted, good, console) as display,
     ):

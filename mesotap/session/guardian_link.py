@@ -108,7 +108,12 @@ class GuardianProcess(Guardian):
     def beat(self) -> None:
         """Show that this program is alive; one that has died is started again."""
         now = time.monotonic()
-        if self._socket is None or now - self._beat_s < BEAT_S:
+        if self._socket is None:
+            return
+        if self._process is not None and self._process.poll() is not None and not self._leaving:
+            self._replace()  # it has died: until the next one listens nobody would take over
+            return
+        if now - self._beat_s < BEAT_S:
             return
         self._beat_s = now
         self._send({"state": BEAT})

@@ -13,6 +13,7 @@ import select
 import signal
 import socket
 import sys
+import termios
 import threading
 import time
 from datetime import UTC, datetime
@@ -40,6 +41,7 @@ SILENCE_S = 10.0
 """After which a session under load that shows no sign of life is stopped for good. The longest pause that a sound one
 was seen to make is 1.5 s (a disk that is slow to sync); a machine that hangs for so long is no watch over a load."""
 
+TELLING_S = 2.0  # for a terminal that takes what is said
 TRIES, TRY_AGAIN_S = 10, 0.5  # to reach a stage by its port where the inherited one is gone
 GOES_ON = "'mesotap resume' goes on"
 NOT_HEEDED = (
@@ -138,11 +140,15 @@ class Successor:
         lines.join()
         at = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
         event = {"event": "safe", "at": at, "reason": self._why, "troubles": list(safe.troubles), "by": "guardian"}
-        if self._folder is not None:
-            append_after_death(self._folder, event)
-        with contextlib.suppress(OSError):
-            sys.stderr.write(f"\nmesotap guardian: {self._why}; {safe.sentence()}; {GOES_ON}\n")
-            sys.stderr.flush()
+        noted = self._folder is not None and append_after_death(self._folder, event)
+        for descriptor in self._descriptors.values():  # the folder's lock too: whoever resumes need not wait for us
+            with contextlib.suppress(OSError):
+                os.close(descriptor)
+        goes_on = f"; {GOES_ON}" if noted or self._folder is None else ""
+        said = f"\nmesotap guardian: {self._why}; {safe.sentence()}{goes_on}\n"
+        telling = threading.Thread(target=_tell, args=(said,), daemon=True)  # a terminal may be halted
+        telling.start()
+        telling.join(TELLING_S)
 
     def _retract(self) -> SafeState:
         part = self._settings.parts.stage
@@ -193,17 +199,27 @@ class Successor:
         solenoid, part = self._settings.parts.impactor, self._settings.parts.accelerometers
         if not isinstance(solenoid, SolenoidSettings):
             return
-        bus = None
-        if self._setup["bus"] is not None:
-            from sim_backend.emulators.bench_process import remote_bus
-
-            bus = remote_bus(Path(self._setup["bus"]))
         wanted = part if isinstance(part, Usb1608Settings) else Usb1608Settings()
-        recorder = Usb1608(self._settings.wiring, wanted, self._clock, bus)
-        with contextlib.suppress(RigError):
+        with contextlib.suppress(RigError, OSError):
+            bus = None
+            if self._setup["bus"] is not None:
+                from sim_backend.emulators.bench_process import remote_bus
+
+                bus = remote_bus(Path(self._setup["bus"]))
+            recorder = Usb1608(self._settings.wiring, wanted, self._clock, bus)
             recorder.connect()
             recorder.set_line(solenoid.line, False)
             recorder.close()
+
+
+def _tell(text: str) -> None:
+    """Say something where the session's terminal was, which a session that was killed left without echo."""
+    with contextlib.suppress(OSError, termios.error):
+        if os.isatty(sys.stderr.fileno()):
+            attributes = termios.tcgetattr(sys.stderr)
+            attributes[3] |= termios.ECHO | termios.ICANON | termios.ISIG
+            termios.tcsetattr(sys.stderr, termios.TCSANOW, attributes)
+        os.write(sys.stderr.fileno(), text.encode())
 
 
 class _LateGauge(LoadCell):

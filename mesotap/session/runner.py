@@ -233,6 +233,7 @@ class SessionRunner:
             self._use_scale(points)
 
     def _approach(self) -> None:
+        self._attention.watch_moves()  # by now it is known how long a reply takes, whatever was asked when connecting
         self._bench.guardian.arm(True)
         load = self._interlock.approach(lambda text: self._tell(State.APPROACH, text))
         contact = self._interlock.contact
@@ -434,8 +435,9 @@ class SessionRunner:
         else:
             # also where not every device was connected: the load goes first, complaints come after it
             safe = self._interlock.make_safe()
-        for said in (safe.sentence().replace(f": {error}", ""), GOES_ON):  # what was said need not be said again
-            error.add_note(said)
+        error.add_note(safe.sentence().replace(f": {error}", ""))  # what was said need not be said again
+        if self._folder.path.is_dir():
+            error.add_note(GOES_ON)
         if not safe.troubles:
             self._bench.guardian.arm(False)
         try:

@@ -68,9 +68,7 @@ class ModbusLoadCell(LoadCell, Driver):
         """
         self._transport.open()
         known = [self._identity(), self._model(), self._unit(), self._ratio_and_full_scale(), self._rate()]
-        while not self._wire.reply_time.learnt():  # a map that asks for little tells little of the wire
-            self._wire.read(self._map.table, *self._block)
-        self.round_trip_s = self._wire.reply_time.round_trip_s
+        self.round_trip_s = self._wire.reply_time.round_trip_s  # not known yet by a map that asks for little
         said = ", ".join(text for text in known if text)
         return f"{DEVICE} on {self._transport.port}: answers at address {self._settings.address}" + (
             f"; {said}" if said else ""
@@ -96,6 +94,7 @@ class ModbusLoadCell(LoadCell, Driver):
         """
         rate = self._settings.readings_per_s
         start = self._clock.now()
+        self.round_trip_s = self._wire.reply_time.round_trip_s
         if duration_s == 0.0 and self.round_trip_s > 1 / rate:
             self.idle()
             return LoadReading(start, self._sample(), 0.0, 1, self._quantum_mv())

@@ -35,10 +35,6 @@ class ReplyTime:
         self._times: list[float] = []
         self._late = 0
 
-    def learnt(self) -> bool:
-        """Whether it is known how long a reply takes."""
-        return len(self._times) == ROUND_TRIPS
-
     def learn(self, took_s: float) -> None:
         """Take in how long a reply took, until it is known how long to wait for one."""
         if len(self._times) < ROUND_TRIPS:

@@ -35,7 +35,7 @@ NAMES = {
 LEANING_UM = 3.3  # makes about 880 mN on these springs: over the limit from the first load on
 PAUSED_S = 20.0
 LONG_DWELL = ("mesotap.dwell_s=60",)
-MOMENTS, SPREAD_S = 5, 0.5
+MOMENTS, SPREAD_S = 4, 0.5
 WAITED_S = 5.013  # for a tap, of the 30 that it is waited for
 
 

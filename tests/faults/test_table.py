@@ -152,7 +152,9 @@ def rig(case: Case, outcome, load_mn: float, repeated: int, waited_s: float) -> 
         assert outcome.further_um == 0.0
         return f"stands at {load_mn:.0f} mN until the guardian takes over"
     assert outcome.error is not None, "nobody noticed"
-    assert outcome.further_um == 0.0, "it went on towards contact"
+    # at a moment drawn at random a step may be under way: it is stopped
+    within_um = quick_config().rig.limits.largest_approach_step_um if case.moments > 1 else 0.0
+    assert outcome.further_um <= within_um, "it went on towards contact"
     if case.expected == AT_CONNECT:
         assert load_mn == 0.0
         return "is not moved"
@@ -222,7 +224,7 @@ reached), every accepted tap kept to the last bit, the load limit never passed b
 itself is the fault), and the session carried to its end after the fault is mended. `make faults` does the same with
 2,000 random schedules of one to five faults at random moments of all states, on wires of the same four delays. The load
 is watched in every state by one watch: the gauge every 0.1 s (0.06 s where replies take their time), the stage every
-0.15 s. What it has to see is made to happen at five moments on each wire, four of them drawn at random; the longest
+0.15 s. What it has to see is made to happen at four moments on each wire, three of them drawn at random; the longest
 time stands here.
 
 What is asked again without a word costs at most 0.4 s. "The surfaces are apart" stands only where the gauge saw it. A

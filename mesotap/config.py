@@ -15,7 +15,7 @@ from daq.errors import RecordingError, one_line
 from daq.regular import read_regular
 from daq.settings import DaqSettings
 from mesotap.settings import SessionSettings
-from mesotap.yaml_text import LARGEST_TEXT, NOT_YAML, NotTaken, line_of, not_yaml, parsed, sentence, shown
+from mesotap.yaml_text import LARGEST_TEXT, NOT_YAML, TAGS, NotTaken, line_of, not_yaml, parsed, sentence, shown
 from rig.drivers.settings import NewportStage
 from rig.errors import MesotapError
 from rig.settable import too_fine, what_can_be_set
@@ -120,8 +120,7 @@ def parse_config(text: str, name: str = "config.yaml", changes: Sequence[str] = 
         content = {}
     if not isinstance(content, dict):
         raise ConfigError(f"{name}: is no configuration: sections such as 'rig:' are expected at the top")
-    for change in changes:
-        _apply(content, change)
+    changed = [_apply(content, change) for change in changes]
     try:
         return Config.model_validate(content)
     except ValidationError as error:
@@ -129,6 +128,9 @@ def parse_config(text: str, name: str = "config.yaml", changes: Sequence[str] = 
         for fault in error.errors():
             line = line_of(node, fault["loc"])
             where = f"{name}, line {line}" if line else name
+            keys = tuple(part for part in fault["loc"] if part not in TAGS)
+            if any(keys[: len(path)] == path for path in changed):
+                where = "--set"
             lines.append(f"{where}: {sentence(fault, Config)}")
         raise ConfigError("\n".join(lines)) from error
 
@@ -143,8 +145,8 @@ def effective_text(config: Config) -> str:
     return yaml.safe_dump(content, sort_keys=False, allow_unicode=False, default_flow_style=None)
 
 
-def _apply(content: dict[str, Any], change: str) -> None:
-    """Set ``section.key=value`` in the parsed file."""
+def _apply(content: dict[str, Any], change: str) -> tuple[str, ...]:
+    """Set ``section.key=value`` in the parsed file; returns the path of the key."""
     key, equals, value = change.partition("=")
     path = [part for part in key.strip().split(".") if part]
     if not equals or not path:
@@ -163,3 +165,4 @@ def _apply(content: dict[str, Any], change: str) -> None:
             raise ConfigError(f"--set {shown(change)}: {shown(part)} holds no further keys")
         place = inner
     place[path[-1]] = setting
+    return tuple(path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import reprlib
 from collections.abc import Iterator
 from typing import Any
@@ -12,6 +13,7 @@ from pydantic import BaseModel
 
 from daq.errors import one_line
 from rig.settings import Section
+from rig.written import EXPLAINED, NUMBER, how_to_write
 
 DRIVERS = ("conex-cc", "smc100", "modbus-rtu", "modbus-tcp", "usb-1608fs-plus", "ni-9234", "solenoid")
 TAGS = ("sphere", "flat", "literal", "name", *DRIVERS)
@@ -26,6 +28,12 @@ LARGEST_TEXT = 100_000
 
 MOST_ENTRIES = 20_000
 """Keys and values of a text with its aliases written out."""
+
+HIDDEN_LINE_END = re.compile("[\x85\u2028\u2029]")
+SHOWN_LINE_END = re.compile("\r\n?|\n")
+PLAIN_FLOAT = r"(?:[-+]?(?:0|[1-9][0-9]*)\.[0-9]*|\.[0-9]+)(?:[eE][-+][0-9]+)?"
+NO_NUMBER = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
+
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxother = 3, LONGEST_SHOWN  # aliases in YAML can stand for more than memory holds
 
@@ -55,7 +63,8 @@ def parsed(text: str) -> tuple[Any, Any]:
     """
     if len(text) > LARGEST_TEXT:
         raise NotTaken(f"it is longer than {LARGEST_TEXT // 1000} kB")
-    loader = yaml.SafeLoader(text)
+    _refuse_hidden_line_ends(text)
+    loader = _Loader(text)
     try:
         node = loader.get_single_node()
         if node is None:
@@ -64,6 +73,51 @@ def parsed(text: str) -> tuple[Any, Any]:
         return node, loader.construct_document(node)
     finally:
         loader.dispose()
+
+
+def _refuse_hidden_line_ends(text: str) -> None:
+    """Refuse line ends that editors do not show: what follows one in a comment would be a setting."""
+    found = HIDDEN_LINE_END.search(text)
+    if found is not None:
+        line = len(SHOWN_LINE_END.findall(text, 0, found.start())) + 1
+        raise NotTaken(
+            f"line {line}: holds the character U+{ord(found[0]):04X}, which ends a line in YAML and not on the screen; "
+            "take it out, or write it as an escape within double quotes"
+        )
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML 1.1 without what turns into another value than people mean: octal, binary, hexadecimal and sexagesimal
+    numbers, digits with underscores, dates, and yes, no, on, off. All of these are text here."""
+
+    def _number(self, node: yaml.ScalarNode) -> int | float:
+        text = self.construct_scalar(node)
+        if not (NUMBER.fullmatch(text) or NO_NUMBER.fullmatch(text)):
+            raise NotTaken(f"line {node.start_mark.line + 1}: {how_to_write(shown(text))}")
+        if node.tag.endswith(":int"):
+            return int(text)
+        return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
+
+    def _boolean(self, node: yaml.ScalarNode) -> bool:
+        text = self.construct_scalar(node).lower()
+        if text not in ("true", "false"):
+            raise NotTaken(f"line {node.start_mark.line + 1}: {shown(text)} is neither true nor false")
+        return text == "true"
+
+
+_Loader.yaml_implicit_resolvers = {}
+for _tag, _pattern, _first in (
+    ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
+    ("int", r"[-+]?(?:0|[1-9][0-9]*)", "-+0123456789"),
+    # what it leaves out, such as 1.5e5, is a number where one belongs, and otherwise text: as PyYAML writes it
+    ("float", rf"{PLAIN_FLOAT}|{NO_NUMBER.pattern}", "-+0123456789."),
+    ("merge", r"<<", "<"),
+    ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
+):
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"^(?:{_pattern})$"), list(_first))
+for _tag in ("int", "float"):
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_tag}", _Loader._number)
+_Loader.add_constructor("tag:yaml.org,2002:bool", _Loader._boolean)
 
 
 def _written_out(node: yaml.Node, counted: dict[int, int], above: set[int]) -> int:
@@ -122,11 +176,15 @@ def sentence(fault: Any, whole: type[BaseModel]) -> str:
         close = difflib.get_close_matches(str(fault["loc"][-1]), allowed, 1)
         meant = f"did you mean {close[0]}? " if close else ""
         return f"{key} is no known key; {meant}allowed here: {', '.join(sorted(allowed))}"
+    if fault["type"] == EXPLAINED:
+        return f"{key}: {message}"
     if fault["type"] == "missing":
         return f"{key} is missing"
     if fault["type"] == "value_error":
         text = message.removeprefix("Value error, ")
         return f"{key}: {text}" if fault["loc"] else text
+    if fault["type"] == "string_type" and isinstance(fault["input"], int | float):
+        message += ", so write it in quotes"
     return f"{key} is {_value(fault['input'])}: {message[0].lower()}{message[1:]}"
 
 

@@ -136,7 +136,7 @@ def kept_config(text: str, name: str) -> KeptConfig:
             for path in unknown:
                 left_out.append(one_line(".".join(_take_out(content, path))))
         if left_out:
-            text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+            text = yaml.safe_dump(content, sort_keys=False)
     config = parse_config(text, name)
     known = _keys(config.model_dump(mode="json"))
     given = _keys(content) if isinstance(content, dict) else set()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -213,3 +214,93 @@ def test_two_devices_on_one_port_are_refused():
 def test_a_contact_beyond_the_travel_is_refused():
     with pytest.raises(ConfigError, match=r"is looked for up to 22\.003 mm of the stage"):
         parse_config("", changes=[STAGE, "rig.limits.expected_contact_um=20000"])
+
+
+@pytest.mark.parametrize(
+    ("written", "said"),
+    [
+        ("0600", "0600 is not written like a number: write 600"),
+        ("00.5", "00.5 is not written like a number: write 0.5"),
+        ("1:30", "1:30 is not written like a number"),
+        ("0b11", "0b11 is not written like a number: write 3"),
+        ("0x10", "0x10 is not written like a number: write 16"),
+        ("1_000", "1_000 is not written like a number: write 1000"),
+        ("'1_000'", "1_000 is not written like a number: write 1000"),
+        ("2024-01-01", "2024-01-01 is not written like a number"),
+        ("inf", "inf is not written like a number"),
+        ("!!int 0600", "0600 is not written like a number: write 600"),
+        ("!!float 1:30", "1:30 is not written like a number"),
+        ("true", "true is not a number"),
+        ("yes", "dwell_s is 'yes'"),
+    ],
+)
+def test_what_could_be_mistaken_for_another_number_is_refused(written, said):
+    with pytest.raises(ConfigError) as error:
+        parse_config(f"mesotap:\n  dwell_s: {written}\n")
+    assert "line 2" in str(error.value)
+    assert said in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(("written", "value"), [("600", 600), ("6e2", 600), (".5", 0.5), ("+1.5e+2", 150), ("0", 0)])
+def test_numbers_are_what_they_look_like(written, value):
+    assert parse_config(f"mesotap: {{dwell_s: {written}}}").mesotap.dwell_s == value
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("mesotap: {load_plan_mn: [0100]}", "mesotap.load_plan_mn.0: 0100 is not written like a number: write 100"),
+        ("mesotap: {load_plan_mn: [true, 100]}", "mesotap.load_plan_mn.0: true is not a number"),
+        ("rig: {filter: {highpass_order: true}}", "rig.filter.highpass_order: true is not a number"),
+        ("rig: {wiring: {accelerometer_a: {input: 0, polarity: true}}}", "polarity: true is not a number"),
+        ("mesotap: {diagnose: 1}", "mesotap.diagnose: 1 is neither true nor false"),
+        ("mesotap: {diagnose: yes}", "mesotap.diagnose: 'yes' is neither true nor false"),
+        ("mesotap: {diagnose: on}", "mesotap.diagnose: 'on' is neither true nor false"),
+        ("mesotap: {diagnose: 'true'}", "mesotap.diagnose: 'true' is text: write true without quotes"),
+        ("mesotap: {diagnose: !!bool yes}", "yes is neither true nor false"),
+        ("mesotap: {title: 12}", "mesotap.title is 12: input should be a valid string, so write it in quotes"),
+    ],
+)
+def test_numbers_truth_values_and_text_do_not_stand_for_each_other(text, said):
+    with pytest.raises(ConfigError) as error:
+        parse_config(text)
+    assert said in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "text", ["0600", "yes", "no", "1:30", "0x10", "1_000", "1e5", "1.5e5", "-.5", "2024-01-01", "01D2E3F4"]
+)
+def test_text_is_kept_as_it_is_written(text):
+    config = parse_config(
+        f"mesotap: {{title: {text}, load_tolerance_mn: 30}}\n"
+        f"rig: {{parts: {{stage: {{driver: conex-cc, port: {text}, expected_identity: {text}}}}}}}"
+    )
+    assert config.mesotap.title == text
+    assert config.rig.parts.stage.port == config.rig.parts.stage.expected_identity == text
+    assert parse_config(effective_text(config)) == config
+
+
+@pytest.mark.parametrize("serial", ["01D2E3F4", "00000600", "0600", "1E234567"])
+def test_a_serial_number_is_text(serial):
+    config = parse_config(f"rig: {{parts: {{accelerometers: {{driver: usb-1608fs-plus, serial_number: {serial}}}}}}}")
+    assert config.rig.parts.accelerometers.serial_number == serial
+
+
+def test_changes_on_the_command_line_are_read_alike():
+    for change, said in (
+        ("mesotap.dwell_s=0600", "--set: mesotap.dwell_s: 0600 is not written like a number: write 600"),
+        ("mesotap.load_plan_mn=[0100]", "--set: mesotap.load_plan_mn.0: 0100 is not written like a number"),
+        ("mesotap.diagnose=yes", "--set: mesotap.diagnose: 'yes' is neither true nor false"),
+    ):
+        with pytest.raises(ConfigError, match=re.escape(said)):
+            parse_config("mesotap:\n  dwell_s: 5\n", "config.yaml", [change])
+
+
+@pytest.mark.parametrize("end", ["\x85", "\u2028", "\u2029"])
+def test_line_ends_that_no_editor_shows_are_refused(end):
+    with pytest.raises(ConfigError, match=rf"line 2: holds the character U\+{ord(end):04X}"):
+        parse_config(f"mesotap:\n  # dwell_s:{end}  dwell_s: 7\n")
+    config = parse_config(f'mesotap: {{title: "a\\u{ord(end):04x}b"}}')
+    assert config.mesotap.title == f"a{end}b"
+    assert parse_config(effective_text(config)) == config

@@ -6,30 +6,49 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, field_validator, model_validator
 
 from analysis.mismatch.rigs.described import DescribedRig, Drive, Hold, Seen, Stretch, SweepColumns
 from daq.errors import one_line
 from mesotap.config import ConfigError, text_of
 from mesotap.yaml_text import NOT_YAML, line_of, not_yaml, parsed, sentence
-from rig.settings import Section
+from rig.section import Section, of_a_size
+from rig.written import EXPLAINED
 from sim_backend.arrangement import Arrangement, Element, Parameter, Role, Row, Sensor
 
 GROUND = "ground"
+SMALLEST, LARGEST = 1e-20, 1e20
+"""Magnitudes between which numbers of a rig have to lie, in whatever unit: fits square and multiply several of them."""
+Finite = Annotated[float, Field(allow_inf_nan=False), of_a_size(SMALLEST, LARGEST)]
+Positive = Annotated[Finite, Field(gt=0)]
+NonNegative = Annotated[Finite, Field(ge=0)]
 Component = Literal[
     "contact", "upper mass", "lower mass", "tube springs", "frame", "impactor", "sensor chain", "load cell"
 ]
-Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Known(Section):
     """A constant known to within a standard error."""
 
-    value: Number
-    uncertainty: float = Field(gt=0, allow_inf_nan=False)
+    value: Finite
+    uncertainty: Positive
 
 
-Constant = Number | Known | Literal["unknown"]
+Constant = Finite | Known | Literal["unknown"]
+
+
+def _value(said: Constant) -> float:
+    """Return the value of a constant, NaN for one that nobody knows."""
+    return math.nan if said == "unknown" else said.value if isinstance(said, Known) else float(said)
+
+
+def _not_zero(gain: Constant) -> Constant:
+    if _value(gain) == 0:
+        raise ValueError("with a gain of 0 a channel shows nothing; leave it out, or say 'unknown'")
+    return gain
+
+
+Gain = Annotated[Constant, AfterValidator(_not_zero)]
 Channel = Annotated[int, Field(ge=0)] | Annotated[str, Field(min_length=1)]
 Quantity = Literal["displacement", "velocity", "acceleration"]
 
@@ -43,6 +62,20 @@ class Between(Section):
     damping: Constant | None = None
     component: Component | None = None
 
+    @field_validator("stiffness")
+    @classmethod
+    def _pulls_back(cls, said: Constant | None) -> Constant | None:
+        if said is not None and _value(said) <= 0:
+            raise ValueError(f"{_value(said):g} holds nothing: a stiffness must be above 0, or 'unknown'")
+        return said
+
+    @field_validator("damping")
+    @classmethod
+    def _takes_away(cls, said: Constant | None) -> Constant | None:
+        if said is not None and _value(said) < 0:
+            raise ValueError(f"{_value(said):g} would drive the rig: a damping must not be below 0")
+        return said
+
 
 class Input(Section):
     """A measured input: a force on a body, or the acceleration of the base that all stand on."""
@@ -50,7 +83,7 @@ class Input(Section):
     channel: Channel
     force_on: str | None = None
     base_acceleration: bool = False
-    gain: Constant = 1.0
+    gain: Gain = 1.0
     offset: Constant = "unknown"
 
     @model_validator(mode="after")
@@ -64,28 +97,41 @@ class Sees(Section):
     """A sensor on a body, or on a sum of bodies (``of: {a: 1, b: -1}`` is their distance)."""
 
     channel: Channel
-    of: str | dict[str, Number]
+    of: str | dict[str, Finite]
     shows: Quantity
-    gain: Constant = 1.0
+    gain: Gain = 1.0
     offset: Constant = "unknown"
     unit: str = ""
+
+    @field_validator("of")
+    @classmethod
+    def _moves(cls, of: str | dict[str, float]) -> str | dict[str, float]:
+        if not isinstance(of, str) and not any(of.values()):
+            raise ValueError("no body has a share in what it shows; give at least one that is not 0")
+        return of
 
 
 class Span(Section):
     """A stretch of a recording."""
 
     name: str
-    from_s: Number
+    from_s: Finite
     to_s: float = math.inf
+
+    @model_validator(mode="after")
+    def _forward(self) -> Span:
+        if not self.to_s > self.from_s:
+            raise ValueError(f"to_s ({self.to_s:g}) must lie after from_s ({self.from_s:g})")
+        return self
 
 
 class Taken(Section):
     """What is to be known of the recordings, and which part of them is meant."""
 
-    rate_hz: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    from_s: float | None = Field(default=None, ge=0, allow_inf_nan=False)
-    to_s: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    band_hz: tuple[float, float] | None = None
+    rate_hz: Positive | None = None
+    from_s: NonNegative | None = None
+    to_s: Positive | None = None
+    band_hz: tuple[NonNegative, NonNegative] | None = None
     hold: Hold = "band-limited"
     held_out: tuple[Span, ...] = ()
 
@@ -93,6 +139,8 @@ class Taken(Section):
     def _band_is_a_range(self) -> Taken:
         if self.band_hz is not None and not 0 < self.band_hz[0] < self.band_hz[1] < math.inf:
             raise ValueError("band_hz needs two rising frequencies above 0")
+        if self.from_s is not None and self.to_s is not None and self.from_s >= self.to_s:
+            raise ValueError(f"to_s ({self.to_s:g}) must lie after from_s ({self.from_s:g})")
         return self
 
 
@@ -156,7 +204,7 @@ class RigFile(Section):
         if all(m == "unknown" for m in self.bodies.values()):
             raise ValueError("at least one body's mass has to be given: recordings tell only ratios (1 will do)")
         for body, m in self.bodies.items():
-            if m != "unknown" and not (m.value if isinstance(m, Known) else m) > 0:
+            if m != "unknown" and not _value(m) > 0:
                 raise ValueError(f"bodies.{body}: a mass must be above 0")
         if self.inputs and self.recording.band_hz is not None:
             raise ValueError("recording.band_hz is for recordings without a measured input")
@@ -219,26 +267,30 @@ def _deepest(error: ValidationError) -> list[dict[str, Any]]:
         loc = list(fault["loc"])
         for i, part in enumerate(loc):
             if isinstance(part, str) and (part in BRANCHES or part.startswith(("constrained", "function", "dict["))):
-                if isinstance(fault["input"], dict) and part == "Known":
-                    loc = loc[:i] + loc[i + 1 :]
-                    found.setdefault(("best", *loc[:i]), {**fault, "loc": tuple(loc)})
+                within = isinstance(fault["input"], dict) and part == "Known"
+                if within or (fault["type"] in TELLING and loc[i - 1] not in COLUMNS):
+                    found.setdefault(("best", *loc[:i]), {**fault, "loc": (*loc[:i], *loc[i + 1 :])})
                 loc = loc[:i]
                 break
         if len(loc) < len(fault["loc"]):
             said = "is no number, no {value, uncertainty}, nor 'unknown'"
-            if loc and loc[-1] in ("channel", "frequency", "force", "amplitude", "phase"):
+            if loc and loc[-1] in COLUMNS:
                 said = "names a column, or its number from 0"
             elif loc and loc[-1] == "of":
                 said = "names a body, or gives bodies with their shares"
             fault = {**fault, "loc": tuple(loc), "type": "branch", "msg": said}
         found.setdefault(tuple(loc), fault)
     emptied = {f["loc"] for f in found.values() if f["type"] == "too_short"}  # a list whose entries are at fault
-    deeper = {loc for loc in emptied if any(key[: len(loc)] == loc and len(key) > len(loc) for key in found)}
+    deeper = {loc for loc in emptied if any(f["loc"][: len(loc)] == loc != f["loc"] for f in found.values())}
     return [f for key, f in found.items() if ("best", *key) not in found and f["loc"] not in deeper]
 
 
 BRANCHES = ("float", "int", "str", "Known", "literal['unknown']")
 """What validation adds to the path of a key where a value may be of several kinds."""
+
+COLUMNS = ("channel", "frequency", "force", "amplitude", "phase")
+TELLING = (EXPLAINED, "value_error", "finite_number", "greater_than", "extra_forbidden")
+"""Faults with one kind of value that say more than that it is of none of the kinds."""
 
 
 def described(file: RigFile) -> DescribedRig:
@@ -308,5 +360,4 @@ def described(file: RigFile) -> DescribedRig:
 
 
 def _above(said: Constant) -> bool:
-    value = said.value if isinstance(said, Known) else said
-    return isinstance(value, float) and value > 0
+    return _value(said) > 0

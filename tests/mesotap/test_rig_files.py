@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+from analysis.mismatch.rigs.diagnosis import diagnose_rig
+from analysis.session import AnalysisError
+from daq.exchange import Recording
 from mesotap.cli import app
 from mesotap.config import ConfigError
 from mesotap.rig_files import load_rig, parse_rig
@@ -104,6 +108,66 @@ def test_any_value_of_a_section_is_accepted_or_refused(section, value):
         parse_rig(yaml.safe_dump(whole, allow_unicode=True))
     except ConfigError as error:
         assert str(error)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("bodies: {m: 010}", "line 1: bodies.m: 010 is not written like a number: write 10"),
+        ("bodies: {m: 1:30}", "line 1: bodies.m: 1:30 is not written like a number"),
+        ("bodies: {m: true}", "line 1: bodies.m: true is not a number"),
+        ("bodies: {m: {value: 010, uncertainty: 1}}", "bodies.m.value: 010 is not written like a number: write 10"),
+        ("bodies: {m: 1.0e+300}", "bodies.m: 1e+300 is larger than 1e+20"),
+        ("bodies: {m: 1.0e-300}", "bodies.m: 1e-300 is smaller than 1e-20"),
+        ("springs: [{between: [m, ground], stiffness: 0}]", "springs.0.stiffness: 0 holds nothing"),
+        ("springs: [{between: [m, ground], stiffness: -5.0}]", "springs.0.stiffness: -5 holds nothing"),
+        ("springs: [{between: [m, ground], stiffness: {value: -5, uncertainty: 1}}]", "stiffness: -5 holds nothing"),
+        ("springs: [{between: [m, ground], stiffness: 1.0e+300}]", "springs.0.stiffness: 1e+300 is larger than"),
+        ("springs: [{between: [m, ground], damping: -1}]", "springs.0.damping: -1 would drive the rig"),
+        ("sensors: [{channel: 0, of: m, shows: velocity, gain: 0.0}]", "sensors.0.gain: with a gain of 0"),
+        ("sensors: [{channel: 0, of: m, shows: velocity, gain: -1.0e+200}]", "sensors.0.gain: -1e+200 is larger than"),
+        ("sensors: [{channel: 0, of: {m: 0}, shows: velocity}]", "sensors.0.of: no body has a share"),
+        ("sensors: [{channel: 0, of: {}, shows: velocity}]", "sensors.0.of: no body has a share"),
+        ("sensors: [{channel: 0, of: {m: 01}, shows: velocity}]", "sensors.0.of.m: 01 is not written like a number"),
+        ("sensors: [{channel: true, of: m, shows: velocity}]", "sensors.0.channel is True: names a column"),
+        ("recording: {held_out: [{name: x, from_s: 2, to_s: .nan}]}", "held_out.0: to_s (nan) must lie after from_s"),
+        ("recording: {held_out: [{name: x, from_s: 2, to_s: 1}]}", "held_out.0: to_s (1) must lie after from_s (2)"),
+        ("recording: {from_s: 2, to_s: 1}", "recording: to_s (1) must lie after from_s (2)"),
+        ("recording: {band_hz: [1.0e-300, 2]}", "recording.band_hz.0: 1e-300 is smaller than"),
+    ],
+)
+def test_a_constant_that_no_rig_has_is_refused_with_its_key_and_line(line, said):
+    key = line.partition(":")[0]
+    text = {"bodies": "bodies: {m: 1}\n", "springs": SPRING, "sensors": SENSOR} | {key: line + "\n"}
+    with pytest.raises(ConfigError, match="line ") as error:
+        parse_rig("".join(text.values()))
+    assert said in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_a_column_may_have_a_number_for_its_name():
+    for written, channel in (("010", "010"), ("1", 1), ("'1'", "1"), ("yes", "yes")):
+        assert parse_rig("bodies: {m: 1}\n" + SPRING + SENSOR.replace("0", written)).seen[0].channel == channel
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "springs: [{between: [m, ground], stiffness: 1.0e+20}]",
+        "dampers: [{between: [m, ground], damping: 0}]",
+        "recording: {band_hz: [1.0e-9, 2.0e-9]}",
+    ],
+)
+def test_constants_far_from_the_recording_are_an_error_in_a_sentence(line):
+    key = line.partition(":")[0]
+    text = {"bodies": "bodies: {m: 1}\n", "springs": SPRING, "sensors": SENSOR} | {key: line + "\n"}
+    if key == "dampers":
+        del text["springs"]
+    t = np.arange(2000) / 1000
+    recording = Recording(np.array([np.exp(-t) * np.sin(2 * math.pi * 20 * t)]), 1000.0, ("a",), "", "ring.csv")
+    with pytest.raises(AnalysisError, match=r"ring\.csv: ") as error:
+        diagnose_rig(parse_rig("".join(text.values())), [recording], [])
+    assert len(str(error.value).splitlines()) == 1
 
 
 def test_the_command_refuses_in_one_sentence_with_exit_code_2(tmp_path, monkeypatch):

@@ -22,6 +22,8 @@ from analysis.mismatch.rigs.estimate import Fitted, residuals
 from analysis.mismatch.rigs.recorded import Recorded, level, prepare
 from analysis.mismatch.rigs.screening import innovation
 from analysis.mismatch.rigs.steady import Sweep
+from analysis.session import AnalysisError
+from daq.errors import one_line
 from daq.exchange import Recording
 from sim_backend.mechanisms.mechanism import Mechanism
 
@@ -107,10 +109,17 @@ def diagnose_rig(
         The recordings cannot carry a diagnosis of this rig.
     """
     # the matrices are small: further threads of the linear algebra would only get in each other's way
+    source = ", ".join(r.source for r in recordings)
     with threadpool_limits(limits=1, user_api="blas"):
-        outcome = run(rig, [prepare(r, rig) for r in recordings], known, progress, sweeps)
-        progress("comparing with what was held out")
-        return _answer(", ".join(r.source for r in recordings), outcome)
+        try:
+            outcome = run(rig, [prepare(r, rig) for r in recordings], known, progress, sweeps)
+            progress("comparing with what was held out")
+            return _answer(source, outcome)
+        except (np.linalg.LinAlgError, ArithmeticError) as error:
+            raise AnalysisError(
+                f"{source}: cannot be computed with {rig.name} as described: its constants or its times are far from "
+                f"what was recorded; check their units ({one_line(str(error))})"
+            ) from error
 
 
 def _answer(source: str, outcome: Outcome) -> RigDiagnosis:

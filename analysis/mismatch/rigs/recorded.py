@@ -95,6 +95,11 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
             f"{source}: only {max(last - first, 0)} of its {n} samples are between the times that {rig.name} names; "
             f"a diagnosis needs {FEWEST}"
         )
+    if rig.band_hz is not None and 2 * EDGE_PERIODS / (rig.band_hz[1] - rig.band_hz[0]) >= (last - first) / rate:
+        raise AnalysisError(
+            f"{source}: the band of {rig.name}, {rig.band_hz[0]:g} to {rig.band_hz[1]:g} Hz, is too narrow for "
+            f"{(last - first) / rate:.3g} s: its filter takes longer; give recording.band_hz in Hz, and wider"
+        )
     band, edge = None, 0
     if rig.drives:
         outputs, inputs = outputs[:, first:last], inputs[:, first:last]

@@ -25,7 +25,13 @@ SEED: Final = 7
 
 
 def start_values(rig: DescribedRig, recordings: list[Recorded]) -> tuple[dict[str, float], float]:
-    """Return a value for every constant of the rig, and the highest frequency of it, Hz."""
+    """Return a value for every constant of the rig, and the highest frequency of it, Hz.
+
+    Raises
+    ------
+    AnalysisError
+        The rig as described neither swings nor comes to rest.
+    """
     known = {p.name: p.value for p in rig.arrangement.parameters}
     unknown = [p for p in rig.arrangement.parameters if not math.isfinite(p.value)]
     if recordings[0].free:
@@ -35,6 +41,10 @@ def start_values(rig: DescribedRig, recordings: list[Recorded]) -> tuple[dict[st
     mass, damping, stiffness = rig.arrangement.matrices(values)
     poles = _poles(mass, damping, stiffness)
     highest = float(np.abs(poles).max()) / (2 * math.pi)
+    if not 0 < highest < math.inf:
+        raise AnalysisError(
+            f"{recordings[0].source}: {rig.name} as described neither swings nor comes to rest; check its constants"
+        )
     return values, min(highest, 0.5 * recordings[0].rate_hz)
 
 

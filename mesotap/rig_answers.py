@@ -18,6 +18,15 @@ VERDICTS = {
     "unexplained": "The rig as described does not explain these recordings, and nothing listed does.",
     "missing_physics": "The rig as described leaves something out of these recordings.",
 }
+FAR_OFF = (
+    "The rig as described misses most of the motion, and nothing listed explains that: check its stiffness and mass, "
+    "their units and the channels, or say 'unknown'."
+)
+
+
+def verdict_of(d: RigDiagnosis) -> str:
+    """Return the verdict as a sentence."""
+    return FAR_OFF if d.far_off else VERDICTS[d.verdict]
 
 
 def rig_answer(d: RigDiagnosis, seconds: float) -> dict[str, Any]:
@@ -36,6 +45,7 @@ def rig_answer(d: RigDiagnosis, seconds: float) -> dict[str, Any]:
             "heldout_rms_after_m_s2": d.rms_after,
             "heldout_impacts": d.held_out,
             "unit": d.unit,
+            "far_off": d.far_off,
             "stretches": {k: {"before": b, "after": a} for k, (b, a) in d.stretches.items()},
             "steady_relative_error_before": d.steady_before,
             "steady_relative_error_after": d.steady_after,
@@ -70,7 +80,9 @@ def candidates(d: RigDiagnosis) -> list[dict[str, Any]]:
 
 def print_rig_diagnosis(d: RigDiagnosis, console: Console) -> None:
     """Say the answer to a person."""
-    console.print(f"[bold]{VERDICTS[d.verdict]}[/bold] (p = {d.p_value:.2g})")
+    # what is far off looks like coloured noise to the test, whose p would only mislead
+    p = "" if d.far_off else f" (p = {d.p_value:.2g})"
+    console.print(f"[bold]{verdict_of(d)}[/bold]{p}")
     print_mechanisms(d.mechanisms, console)
     if d.location is not None:
         console.print(f"  where: {escape(d.location.component)}; {escape(d.location.why)}")

@@ -11,7 +11,7 @@ from analysis.mismatch.rigs.diagnosis import RigDiagnosis
 from mesotap import figures
 from mesotap.report import Plate, environment, written
 from mesotap.results_files import json_text
-from mesotap.rig_answers import VERDICTS, candidates
+from mesotap.rig_answers import candidates, verdict_of
 
 LABEL = "Errors before and after against time and frequency, and the law that was left out"
 
@@ -27,6 +27,6 @@ def write_rig_report(d: RigDiagnosis, answer: dict[str, Any], folder: Path) -> P
     page = (
         environment()
         .get_template("rig.html")
-        .render(d=d, plate=plate, verdict=VERDICTS[d.verdict], steps=candidates(d), name=d.outcome.rig.name)
+        .render(d=d, plate=plate, verdict=verdict_of(d), steps=candidates(d), name=d.outcome.rig.name)
     )
     return written(folder / "report.html", page)

@@ -194,6 +194,37 @@ def test_held_out_samples_take_no_part(u):
     np.testing.assert_allclose(fits[0].x[:2], fits[1].x[:2], rtol=2e-3)
 
 
+@pytest.mark.parametrize("stiffness", [1e-12, 5.0, 15.79, 157_910.0])
+def test_a_rig_described_far_from_the_one_recorded_is_not_consistent(stiffness):
+    t = np.arange(3000) / 1000
+    decay = np.exp(-1.5 * t) * np.sin(2 * np.pi * 20 * t)  # of 1 kg on 15,791 N/m
+    rig = parse_rig(SPRING.replace("damping: unknown", f"stiffness: {stiffness}") + sensor("displacement", 0))
+    found = diagnose_rig(rig, [recorded([decay], 1000.0, 3e-4)], KNOWN)
+    assert found.verdict == "unexplained"
+    assert found.far_off
+    assert found.location is not None
+    assert found.mechanisms == ()
+
+
+def test_wrong_constants_under_a_measured_force_are_not_consistent(u):
+    y = motion(lambda s, x, v: 100 * s - OMEGA**2 * x - 0.04 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, u)
+    rig = parse_rig(
+        SPRING.replace("damping", f"stiffness: {1e-3 * OMEGA**2}, damping") + INPUT + sensor("displacement")
+    )
+    found = diagnose_rig(rig, [recorded([u, y[0]], RATE, 1e-3)], KNOWN)
+    assert (found.verdict, found.far_off) == ("unexplained", True)
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.9, 0.99])
+def test_strong_noise_does_not_make_a_sound_rig_far_off(u, pole):
+    y = motion(lambda s, x, v: 100 * s - OMEGA**2 * x - 0.04 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, u)[0]
+    noise = lfilter([1], [1, -pole], np.random.default_rng(6).normal(size=SAMPLES))
+    rig = parse_rig(SPRING + INPUT + sensor("displacement"))
+    found = diagnose_rig(rig, [recorded([u, y + y.std() * noise / noise.std()], RATE, 0.0)], KNOWN)
+    assert found.verdict == "consistent"
+    assert not found.far_off
+
+
 def test_a_recording_that_shows_nothing_is_refused():
     rig = parse_rig(JOINT)
     recording = recorded([np.ones(1000)], 100.0, 0.0)

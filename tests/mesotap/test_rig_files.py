@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -168,6 +169,23 @@ def test_constants_far_from_the_recording_are_an_error_in_a_sentence(line):
     with pytest.raises(AnalysisError, match=r"ring\.csv: ") as error:
         diagnose_rig(parse_rig("".join(text.values())), [recording], [])
     assert len(str(error.value).splitlines()) == 1
+
+
+def test_a_rig_that_is_far_off_is_told_so_and_not_by_its_p_value(tmp_path):
+    t = np.arange(2000) / 1000
+    decay = np.exp(-1.5 * t) * np.sin(2 * math.pi * 20 * t) + 1e-4 * np.random.default_rng(0).normal(size=t.size)
+    recording, rig = tmp_path / "ring.csv", tmp_path / "rig.yaml"
+    recording.write_text("t,a\n" + "\n".join(f"{a},{b}" for a, b in zip(t, decay, strict=True)))
+    rig.write_text("bodies: {m: 1}\nsprings: [{between: [m, ground], stiffness: 15.79}]\n" + SENSOR)
+    answer = tmp_path / "answer.json"
+    result = CliRunner().invoke(app, ["diagnose", str(recording), "--rig", str(rig), "--json", str(answer)])
+    assert result.exit_code == 0
+    said = " ".join(result.output.split())
+    assert "misses most of the motion" in said
+    assert "check its stiffness and mass" in said
+    assert "p = " not in said
+    found = json.loads(answer.read_text())
+    assert (found["verdict"], found["fit"]["far_off"]) == ("unexplained", True)
 
 
 def test_the_command_refuses_in_one_sentence_with_exit_code_2(tmp_path, monkeypatch):

@@ -19,7 +19,7 @@ from analysis.mismatch.intervals import NORMAL_95, Interval
 from analysis.mismatch.rigs.contest import LEFT_OVER, LEVEL, TIE, Entry, Outcome, Round, confounded, held_out_rms, run
 from analysis.mismatch.rigs.described import DescribedRig
 from analysis.mismatch.rigs.estimate import Fitted, residuals
-from analysis.mismatch.rigs.recorded import Recorded, level, prepare
+from analysis.mismatch.rigs.recorded import HELD, UNUSED, Recorded, level, prepare
 from analysis.mismatch.rigs.screening import innovation
 from analysis.mismatch.rigs.steady import Sweep
 from analysis.session import AnalysisError
@@ -38,6 +38,10 @@ MOST_ENERGY: Final = 0.9  # of a residual, by which it is located
 AMPLITUDES: Final = 12  # at which frequency and damping of a decay are read
 FADED: Final = 0.02  # of the largest amplitude, below which they are not
 LEAST_PER_POINT: Final = 2.0  # periods
+FORETOLD: Final = 10.0  # error over what is unforeseeable of it: noise that wanders (a pole at 0.99) makes it 7 to 9.4
+MISSED: Final = (
+    0.5  # of a channel's rms; wrong constants that no score test sees miss 0.97 or more, sound rigs their noise
+)
 STRONGER: Final = 3.0  # tap over the one made, that parts amplitude from time
 
 
@@ -63,6 +67,8 @@ class RigDiagnosis:
         Error before and after on each declared held-out stretch.
     decay
         Of a decay of one body: frequency and damping against amplitude.
+    far_off
+        Whether the rig as described misses so much that its own constants must be wrong; see `_far_off`.
     steady_before, steady_after
         Relative force error on held-out sweeps; None without sweeps.
     """
@@ -83,6 +89,7 @@ class RigDiagnosis:
     steady_after: float | None
     next_experiment: NextExperiment | None
     outcome: Outcome
+    far_off: bool = False
 
 
 def diagnose_rig(
@@ -124,7 +131,8 @@ def diagnose_rig(
 
 def _answer(source: str, outcome: Outcome) -> RigDiagnosis:
     before, before_by, pieces = held_out_rms(outcome.baseline)
-    found = outcome.p_value < LEVEL
+    far_off = outcome.chosen is None and _far_off(outcome.best)
+    found = outcome.p_value < LEVEL or far_off
     verdict = "consistent" if not found else "unexplained" if outcome.chosen is None else "missing_physics"
     after: float | None = None
     after_by: dict[str, float] = {}
@@ -159,6 +167,7 @@ def _answer(source: str, outcome: Outcome) -> RigDiagnosis:
         after_steady,
         _next_experiment(outcome, named) if found else None,
         outcome,
+        far_off,
     )
 
 
@@ -284,6 +293,27 @@ def _noise(fitted: Fitted) -> float:
     """Return the rms of what an autoregression cannot foretell of the residual, in the first channel's unit."""
     off, _ = residuals(fitted.simulation, fitted.x, 0)
     return innovation(off[0]) * float(level(fitted.simulation.recordings[0])[0])
+
+
+def _far_off(fitted: Fitted) -> bool:
+    """Whether a channel's error is most of what it shows, and could have been foretold from the error itself.
+
+    A rig that is far from the one recorded hardly moves where the recording does. What it misses is then the motion,
+    which an autoregression takes away as it takes away coloured noise, and the score tests see nothing.
+    """
+    for number, recorded in enumerate(fitted.simulation.recordings):
+        off, at = residuals(fitted.simulation, fitted.x, number, whole=True)
+        part = recorded.part[at]
+        moved = recorded.outputs[:, at] / level(recorded)[:, None]
+        for row, shown in zip(off, moved, strict=True):
+            unforeseeable = innovation(row[recorded.fitted])
+            for kept in (part != UNUSED, part == HELD):
+                error = math.sqrt(float(np.mean(row[kept] ** 2))) if np.any(kept) else 0.0
+                # a decay has faded where it is held out: there it is held against the whole of the recording
+                all_of_it = max(float(np.std(shown[kept])), 1.0) if np.any(kept) else 1.0
+                if error > MISSED * all_of_it and error > FORETOLD * unforeseeable:
+                    return True
+    return False
 
 
 def _location(outcome: Outcome, named: Sequence[Named], decay: Sequence[AtAmplitude]) -> Location:

@@ -88,6 +88,12 @@ def test_an_unknown_key_within_a_driver_is_left_out() -> None:
     assert kept.config.rig.parts.stage.port == "/dev/ttyUSB1"  # type: ignore[union-attr]
 
 
+def test_text_with_any_line_end_outlives_a_key_that_is_left_out() -> None:
+    kept = kept_config('mesotap: {title: "a\\u2028b", of_old: 3}', "text")
+    assert kept.left_out == ("mesotap.of_old",)
+    assert kept.config.mesotap.title == "a\u2028b"
+
+
 def test_a_value_that_is_not_allowed_is_not_passed_over() -> None:
     with pytest.raises(ConfigError, match=r"rig\.masses\.m1_kg is -1"):
         kept_config("rig: {masses: {m1_kg: -1, of_old: 3}}", "text")

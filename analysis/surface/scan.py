@@ -92,6 +92,9 @@ def scan_in(path: Path, unit: str | None, spacing_um: float | None) -> Scan:
     return parse_scan(text, str(path), unit, spacing_um)
 
 
+DECLARATIONS = ("unit", "spacing_um")
+
+
 def parse_scan(text: str, source: str = "scan", unit: str | None = None, spacing_um: float | None = None) -> Scan:
     """Return the scan that a file's text holds; arguments as `read_scan`."""
     if unit is not None and unit.lower() not in UNITS:
@@ -124,8 +127,11 @@ def _declared(text: str, source: str) -> tuple[dict[str, str], list[tuple[int, s
         line = raw.strip()
         if line.startswith("#"):
             key, colon, value = line[1:].partition(":")
+            name = key.strip().lower()
+            if colon and name in DECLARATIONS and name in declared:
+                raise ScanError(f"{source}: line {number} declares {name!r} again; leave one of the two")
             if colon:
-                declared[key.strip().lower()] = value.strip()
+                declared[name] = value.strip()
         elif line:
             if "\0" in line:
                 raise ScanError(f"{source}: line {number} is no text; export the scan as CSV")
@@ -140,6 +146,8 @@ def _cells(line: str, separator: str | None) -> list[str]:
 def _number(cell: str, separator: str | None) -> float:
     if cell == "" or cell.lower() in ("nan", "bad", "n/a"):
         return np.nan
+    if "_" in cell:  # which Python takes for a separator of digits
+        raise ValueError
     value = float(cell.replace(",", ".") if separator == ";" else cell)
     if np.isinf(value):
         raise ValueError

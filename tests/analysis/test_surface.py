@@ -94,6 +94,8 @@ def test_missing_points_are_filled_in():
         ("x_um,x_um,z_nm\n1,2,3", "names x twice"),
         ("x_um,y_um,z_nm\n" + "\n".join(f"{i},{i},1" for i in range(40)), "no full grid"),
         ("x_um,z_nm\n1,inf", "line 2"),
+        ("x_um,z_nm\n1,1_000", "line 2"),
+        ("# unit: nm\n# spacing_um: 1\n# Unit: um\n1,2", "line 3 declares 'unit' again"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(text, said):

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from daq.errors import RecordingError
+from daq.errors import RecordingError, one_line
 from daq.regular import read_regular
 from mesotap.config import Config, ConfigError, effective_text
 
@@ -67,23 +68,36 @@ def read_diagnosis(path: Path) -> AdoptedModel:
     if not isinstance(content, dict) or (content.get("format"), content.get("version")) != (FORMAT, VERSION):
         raise RecordingError(f"{path}: is no {FORMAT} {VERSION}")
     try:
+        acting = [m for m in content["mechanisms"] if m.get("where") != LOAD_CELL]
         found = {
             str(m["id"]): {k: _number(v["value"]) for k, v in m["parameters"].items()}
             | {k: _number(v) for k, v in m.get("fixed", {}).items()}
-            for m in content["mechanisms"]
-            if m.get("where") != LOAD_CELL
+            for m in acting
         }
         augmented = content.get("adopted") or {"loads": [], "rig": {}}
         loads = [_load(entry) for entry in augmented["loads"]]
         rig = {name: _number(known["value"]) for name, known in augmented["rig"].items()}
     except (LookupError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise RecordingError(f"{path}: is no complete {FORMAT} {VERSION} ({type(error).__name__}: {error})") from error
+    if len(found) < len(acting):
+        twice = next(name for name, count in Counter(str(m["id"]) for m in acting).items() if count > 1)
+        raise RecordingError(f"{path}: names {one_line(twice)} twice; diagnose the session again")
+    _refuse_impossible(loads, path)
     if not found:
         raise RecordingError(
             f"{path}: names no mechanism that acts in a ring-down (verdict {content.get('verdict')!r}), so there is "
             "nothing to adopt"
         )
     return AdoptedModel(str(path), found, tuple(sorted(loads, key=lambda p: p.load_mn)), rig)
+
+
+def _refuse_impossible(loads: Sequence[AdoptedLoad], path: Path) -> None:
+    """Refuse loads of which no diagnosis tells: none at all or less, or one twice."""
+    for load, count in Counter(p.load_mn for p in loads).items():
+        if load <= 0:
+            raise RecordingError(f"{path}: tells of a load of {load:g} mN, and loads are above 0; diagnose again")
+        if count > 1:
+            raise RecordingError(f"{path}: tells of the load {load:g} mN twice; diagnose the session again")
 
 
 def _number(value: Any) -> float:

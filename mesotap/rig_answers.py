@@ -19,8 +19,8 @@ VERDICTS = {
     "missing_physics": "The rig as described leaves something out of these recordings.",
 }
 FAR_OFF = (
-    "The rig as described misses most of the motion, and nothing listed explains that: check its stiffness and mass, "
-    "their units and the channels, or say 'unknown'."
+    "The rig as described misses most of the motion: check its stiffness and mass, their units and the channels, or "
+    "say 'unknown' of what nobody knows."
 )
 
 

@@ -203,7 +203,16 @@ def test_a_rig_described_far_from_the_one_recorded_is_not_consistent(stiffness):
     assert found.verdict == "unexplained"
     assert found.far_off
     assert found.location is not None
+    assert "most of the motion" in found.location.why
     assert found.mechanisms == ()
+
+
+def test_a_gain_of_many_decades_overflows_nothing():
+    t = np.arange(3000) / 1000
+    decay = np.exp(-1.5 * t) * np.sin(2 * np.pi * 20 * t)
+    rig = parse_rig(SPRING.replace(", damping: unknown", "") + sensor("displacement, gain: 1.0e+20", 0))
+    found = diagnose_rig(rig, [recorded([decay], 1000.0, 3e-4)], list(element_mechanisms().values()))
+    assert np.isfinite(found.rms_before)  # a warning of numpy's is an error in tests
 
 
 def test_wrong_constants_under_a_measured_force_are_not_consistent(u):

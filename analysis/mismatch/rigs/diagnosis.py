@@ -155,7 +155,7 @@ def _answer(source: str, outcome: Outcome) -> RigDiagnosis:
         verdict,
         outcome.p_value,
         named,
-        _location(outcome, named, decay) if found else None,
+        _location(outcome, named, decay, far_off) if found else None,
         outcome.rig.seen[0].unit,
         _noise(outcome.best),
         before,
@@ -316,7 +316,9 @@ def _far_off(fitted: Fitted) -> bool:
     return False
 
 
-def _location(outcome: Outcome, named: Sequence[Named], decay: Sequence[AtAmplitude]) -> Location:
+def _location(
+    outcome: Outcome, named: Sequence[Named], decay: Sequence[AtAmplitude], far_off: bool = False
+) -> Location:
     recorded = outcome.recordings[0]
     before, at = residuals(outcome.baseline.simulation, outcome.baseline.x, 0)
     after, _ = residuals(outcome.best.simulation, outcome.best.x, 0)
@@ -333,6 +335,8 @@ def _location(outcome: Outcome, named: Sequence[Named], decay: Sequence[AtAmplit
         place = int(next((s.term.place for s in outcome.screening.scores if s.term.mechanism.law is not None), 0))
         component = outcome.rig.components[outcome.rig.arrangement.elements[place].name]
         what = "nothing listed explains it"
+        if far_off:
+            what = "is most of the motion: check the stiffness and mass described, their units, and the channels"
     why = f"The residual of the linear rig lies from {frequency[0]:.4g} to {frequency[1]:.4g} Hz, and {what}."
     if decay:
         first, last = decay[0], decay[-1]

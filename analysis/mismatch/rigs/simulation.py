@@ -357,7 +357,8 @@ class Simulation:
                 moved = acceleration @ row
             else:
                 moved = (x if seen.sensor.quantity == "displacement" else v) @ row
-            shown[c] = constants[seen.gain] * moved + constants[seen.offset]
+            with np.errstate(over="ignore", invalid="ignore"):  # of a mechanism that runs away: it counts as lost
+                shown[c] = constants[seen.gain] * moved + constants[seen.offset]
         return shown
 
 

@@ -27,7 +27,7 @@ def test_text_comes_out_as_it_was_written():
         outlet.write(f"line {i} \N{GREEK SMALL LETTER MU}\n")
     outlet.end()
     os.close(writing)
-    with open(reading, encoding="utf-8") as file:
+    with os.fdopen(reading, encoding="utf-8") as file:
         assert file.read().splitlines() == [f"line {i} \N{GREEK SMALL LETTER MU}" for i in range(200)]
 
 

@@ -241,7 +241,7 @@ class KeyControl:
         finally:
             if attributes is not None:
                 with suppress(termios.error):  # the terminal was closed
-                    termios.tcsetattr(sys.stdin, termios.TCSADRAIN, attributes)
+                    termios.tcsetattr(sys.stdin, termios.TCSANOW, attributes)  # a halted terminal is never drained
             for number, handler in before.items():
                 signal.signal(number, handler)
 

@@ -13,6 +13,7 @@ cell or NaN is a point that was not measured.
 
 from __future__ import annotations
 
+import csv
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +33,7 @@ EVEN = 0.02  # steps may differ by this share of their mean
 LARGEST_FILE = 100_000_000  # bytes
 LONGEST_LINE = 10_000_000  # characters: a row of a map, or a profile, of a million points
 MOST_MISSING = 0.05  # share of the points that may be filled in
+_SPLIT_DECIMAL = re.compile(r", *0\d")
 
 
 class ScanError(MesotapError, ValueError):
@@ -108,6 +110,8 @@ def parse_scan(text: str, source: str = "scan", unit: str | None = None, spacing
     number, first = lines[0]
     names = [] if _numbers(first, separator) is not None else _cells(first, separator)
     rows = lines[1:] if names else lines
+    if separator == ",":
+        _refuse_split_decimals(rows, source)
     table = _table(rows, separator, source)
     if table.shape[1] > 1 and np.isnan(table[:, -1]).all() and (not names or names[-1] == ""):
         table, names = table[:, :-1], names[:-1]  # every line ends with a separator
@@ -139,7 +143,24 @@ def _declared(text: str, source: str) -> tuple[dict[str, str], list[tuple[int, s
     return declared, lines
 
 
+def _refuse_split_decimals(rows: list[tuple[int, str]], source: str) -> None:
+    """Refuse decimal commas that are taken for separators: digits after them begin with zeros, whole numbers do not."""
+    if any("." in line or '"' in line for _, line in rows):
+        return
+    number = next((number for number, line in rows if _SPLIT_DECIMAL.search(line)), None)
+    if number is not None:
+        raise ScanError(
+            f"{source}: line {number} holds a number that begins with a zero, as the digits after a decimal comma do: "
+            "write decimal points, or part the numbers by semicolons"
+        )
+
+
 def _cells(line: str, separator: str | None) -> list[str]:
+    if '"' in line and separator is not None:
+        try:
+            return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+        except csv.Error:  # a field longer than any number
+            return [line]
     return [cell.strip().strip('"') for cell in line.split(separator)]
 
 

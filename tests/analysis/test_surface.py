@@ -40,6 +40,18 @@ def test_decimal_commas():
     np.testing.assert_allclose(parse_scan(text).height, 1e-6 * Z, atol=1e-12)
 
 
+@pytest.mark.parametrize("cell", ["0,{:04d}", '"0,{:04d}"', '"5,{:03d}.0"'])
+def test_commas_within_numbers_are_not_taken_for_separators(cell):
+    rows = "\n".join(",".join(cell.format(37 * i * j % 900) for j in range(N)) for i in range(40))
+    with pytest.raises(ScanError, match=r"line [34] holds (something that is no number|a number that beg)"):
+        parse_scan("# unit: um\n# spacing_um: 0.5\n" + rows, "scan.csv")
+
+
+def test_quoted_decimal_commas_between_semicolons():
+    text = '"x_mm";"z_um"\n' + "\n".join(f'"{0.5 * i}";"{z:.6f}"'.replace(".", ",") for i, z in enumerate(Z))
+    np.testing.assert_allclose(parse_scan(text).height, 1e-6 * Z, atol=1e-12)
+
+
 def test_matrix_with_declared_units():
     scan = parse_scan(MATRIX)
     assert scan.height.shape == (40, N)

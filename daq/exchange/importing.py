@@ -9,6 +9,7 @@ from pathlib import Path
 
 from daq.errors import RecordingError
 from daq.exchange.recording import Columns, Recording, make_recording
+from daq.exchange.units import is_no_acceleration
 from daq.limited import read_limited
 from daq.records import RigDescription, Session, Shot
 from daq.regular import read_head, read_regular
@@ -135,16 +136,30 @@ def as_session(recording: Recording, channels: Sequence[str | int] | None = None
     Raises
     ------
     RecordingError
-        There are no two channels, or one of those asked for is not there.
+        There are no two channels, one of those asked for is not there or is no acceleration, or none were asked for
+        and something of the file was left out.
     """
     from daq.trigger import find_trigger  # brings all of scipy.signal, which a reader of files need not wait for
 
     names = recording.names
     if len(names) < 2:
-        raise RecordingError(f"{recording.source}: has only one channel ({names[0]}), two are needed")
+        more = f"; left out: {', '.join(recording.left_out[:5])}" if recording.left_out else ""
+        raise RecordingError(f"{recording.source}: has only one channel ({names[0]}), two are needed{more}")
     wanted = (0, 1) if channels is None else tuple(_place(recording, channel) for channel in channels)
     if len(wanted) != 2 or wanted[0] == wanted[1]:
         raise RecordingError(f"{recording.source}: two different channels are needed, of {', '.join(names)}")
+    if channels is None and recording.left_out:
+        left_out = ", ".join(recording.left_out[:5]) + (" and more" if len(recording.left_out) > 5 else "")
+        raise RecordingError(
+            f"{recording.source}: left out is what may be a channel, {left_out}: "
+            f"name A and B with --channel, of {_listed(names)}"
+        )
+    for i in wanted if recording.units else ():
+        if is_no_acceleration(recording.units[i]):
+            raise RecordingError(
+                f"{recording.source}: channel {names[i]} is in {recording.units[i]}, and a session's A and B are "
+                "accelerations: name others with --channel, or convert it to m/s2 or g"
+            )
     pair = recording.data[list(wanted)]
     try:
         pretrigger = find_trigger(pair, recording.rate_hz)
@@ -179,6 +194,10 @@ def as_session(recording: Recording, channels: Sequence[str | int] | None = None
         complete=True,
         source=recording.source,
     )
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:20]) + (f" and {len(names) - 20} more" if len(names) > 20 else "")
 
 
 def _place(recording: Recording, channel: str | int) -> int:

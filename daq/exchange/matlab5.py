@@ -161,7 +161,9 @@ def _take(found: NamedArrays, reader: _Reader, name: str, depth: int) -> None:
         values = reader.numbers()
         if values.size != count:
             raise _Damaged
-        if not word & COMPLEX_FLAG:
+        if word & COMPLEX_FLAG:
+            found.leave_out(name, "complex", count)
+        else:
             found.add(name, values.reshape(shape, order="F"))
     elif count > MOST_ELEMENTS:
         raise _Damaged

@@ -71,4 +71,18 @@ def _take_dataset(data: Node, found: NamedArrays, name: str) -> None:
         if data.item.size <= LONGEST_TEXT:
             found.texts[name] = "".join(chr(int(code)) for code in data.content().reshape(-1))
     elif data.item.dtype.kind in "fiu":
+        _refuse_packed(data)
+        unit = data.attribute("units")
+        if isinstance(unit, str):
+            found.units[name] = unit.strip("\0 ")
         found.add(name, data.content())
+    elif data.item.dtype.kind == "c" or set(data.item.dtype.names or ()) in ({"real", "imag"}, {"r", "i"}):
+        found.leave_out(name, "complex", data.item.size)
+
+
+def _refuse_packed(data: Node) -> None:
+    """Refuse numbers that are others before they are scaled, as netCDF does it."""
+    for attribute, nothing in (("scale_factor", 1.0), ("add_offset", 0.0)):
+        value = data.attribute(attribute)
+        if value is not None and value != nothing:
+            raise data.error(f" has the attribute {attribute}, which is not applied here: write the scaled numbers")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import RecordingError
+from daq.exchange.units import to_si
 from daq.limits import LARGEST_ARRAY
-from rig.settings import STANDARD_GRAVITY
 
 FEWEST_SAMPLES = 16
 """Samples below which a file is not taken for a recording."""
@@ -26,20 +25,6 @@ RATE_TOLERANCE = 0.005
 
 UNIFORMITY = 0.02
 """Departure from even spacing, in steps, that is put down to rounding in the program that wrote the times."""
-
-_METRES = {"m/s2", "m/s^2", "m/s²", "m/s**2", "m/s/s", "m/sec^2", "m/sec2", "m s-2", "m s^-2", "m*s^-2", "m·s⁻²"}
-_GRAVITY = {"g", "gn", "g_n", "g0"}
-_TIME_SCALE = {
-    "s": 1.0,
-    "sec": 1.0,
-    "second": 1.0,
-    "seconds": 1.0,
-    "ms": 1e-3,
-    "us": 1e-6,
-    "µs": 1e-6,
-    "μs": 1e-6,
-}
-_TIME_NAME = re.compile(r"(t|time|times|zeit|seconds|sec|timestamp|time_?(s|ms|us|sec))", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +43,10 @@ class Recording:
         Unit of all channels, ``"m/s2"`` if it was said to be that or g; empty where unknown or mixed.
     source
         The file it came from.
+    units
+        A unit a channel, as `unit`; empty where nothing is known of any.
+    left_out
+        What in the file looks like a channel but is none of this recording, each with the reason.
     """
 
     data: NDArray[np.float64]
@@ -65,6 +54,8 @@ class Recording:
     names: tuple[str, ...]
     unit: str
     source: str
+    units: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
 
 @dataclass(slots=True)
@@ -79,6 +70,10 @@ class Columns:
         (n,) times, s, or None; ``time_name`` is what the file calls them.
     rate_hz
         Sampling rate by the file itself, or None.
+    skipped
+        What looks like a channel and was left out, each with the reason.
+    gap
+        A line without numbers in the midst of numbers, 0 if there is none: only times say whether samples are missing.
     """
 
     names: list[str]
@@ -88,29 +83,7 @@ class Columns:
     time_name: str = "time"
     rate_hz: float | None = None
     skipped: list[str] = field(default_factory=list)
-
-
-def is_time_name(name: str) -> bool:
-    """Return whether a column of this name holds times."""
-    return _TIME_NAME.fullmatch(name.strip()) is not None
-
-
-def time_scale(name: str, unit: str) -> float:
-    """Return seconds per unit of a time column, by its unit or the ending of its name."""
-    if unit.strip() in _TIME_SCALE:
-        return _TIME_SCALE[unit.strip()]
-    ending = re.search(r"_?(ms|us)$", name.strip(), re.IGNORECASE)
-    return _TIME_SCALE[ending[1].lower()] if ending else 1.0
-
-
-def to_si(unit: str) -> tuple[str, float]:
-    """Return the unit as this program writes it, and the factor that takes samples there."""
-    text = unit.strip()
-    if text.lower() in _METRES:
-        return "m/s2", 1.0
-    if text in _GRAVITY:
-        return "m/s2", STANDARD_GRAVITY
-    return text, 1.0
+    gap: int = 0
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -159,6 +132,8 @@ def rate_of(path: Path, time: NDArray[np.float64], name: str) -> float:
     wrong = _first_uneven(time)
     if wrong is not None:
         step, usual = time[wrong] - time[wrong - 1], float(np.median(np.diff(time)))
+        if step < 0:
+            raise RecordingError(f"{path}: column {name} runs backwards: at sample {wrong} it steps by {step:g} s")
         raise RecordingError(
             f"{path}: column {name} is not evenly spaced: "
             f"at sample {wrong} it steps by {step:g} s instead of {usual:g} s"
@@ -202,23 +177,28 @@ def make_recording(
     twice = next((i for place, i in enumerate(chosen) if i in chosen[:place]), None)
     if twice is not None:
         raise RecordingError(f"{path}: channel {names[twice]} is asked for twice")
+    if columns.gap and columns.time is None:
+        raise RecordingError(
+            f"{path}: line {columns.gap} holds no numbers but stands among numbers: "
+            "take it out if no sample is missing there"
+        )
     rate = _settle_rate(path, columns, rate_hz)
-    rows, units = [], set()
-    for i in chosen:
+    data, units = np.empty((len(chosen), samples)), []
+    for row, i in zip(data, chosen, strict=True):
         finite = np.isfinite(columns.data[i])
         if not finite.all():
             sample = int(np.argmin(finite))
             what = "a NaN" if np.isnan(columns.data[i][sample]) else "an infinite value"
             raise RecordingError(f"{path}: channel {names[i]} holds {what} at sample {sample}")
         said, factor = to_si(columns.units[i] if unit is None else unit)
-        units.add(said)
+        units.append(said)
         with np.errstate(over="ignore"):
-            rows.append(columns.data[i] * factor)
-    data = np.ascontiguousarray(rows, dtype=np.float64)
+            np.multiply(columns.data[i], factor, out=row)
     if not np.isfinite(data).all():
         raise RecordingError(f"{path}: holds values too large to be accelerations")
-    common = units.pop() if len(units) == 1 else ""
-    return Recording(data, rate, tuple(names[i] for i in chosen), common, str(path))
+    common = units[0] if len(set(units)) == 1 else ""
+    taken = tuple(names[i] for i in chosen)
+    return Recording(data, rate, taken, common, str(path), tuple(units), tuple(columns.skipped))
 
 
 def _settle_rate(path: Path, columns: Columns, given: float | None) -> float:

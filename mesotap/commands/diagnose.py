@@ -126,6 +126,7 @@ def diagnose_described(
     from daq.exchange import import_recording
     from daq.exchange.tables import import_tables
     from mesotap.commands.outputs import write_json
+    from mesotap.commands.recordings import show_left_out
     from mesotap.rig_answers import print_rig_diagnosis, rig_answer
     from mesotap.rig_files import load_rig
 
@@ -146,6 +147,7 @@ def diagnose_described(
             except NoTable:
                 pass
         recordings.append(import_recording(file, rig.rate_hz))
+        show_left_out(recordings[-1], console)
     with console.status("reading") as status:
         found = diagnose_rig(
             rig,

@@ -22,6 +22,7 @@ from daq.records import Session
 from mesotap.commands.answers import analysed, show_session
 from mesotap.commands.outputs import write_json
 from mesotap.commands.recordings import opened as opened_file
+from mesotap.commands.recordings import show_left_out
 from mesotap.commands.session import partial
 from mesotap.config import Config, ConfigError, effective_text, load_config, parse_config
 from mesotap.results_files import modes_json, results_json
@@ -95,6 +96,7 @@ def _analyze_one(
     if model is not None:
         raise RecordingError(f"{file}: is no session of the tester, so no diagnosis of one corrects it")
     recording = _as_recording(opened) if isinstance(opened, Session) else opened
+    show_left_out(recording, console)
     config = load_config(config_path, changes)
     modes = modes_of(recording, config.analysis.method)
     _show_modes(modes, console)

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from daq.errors import RecordingError
 from daq.exchange import Recording, as_session, import_recording
-from daq.records import Session
+from daq.records import Session, Shot
 from daq.session_file import read_session, write_session
 from mesotap.commands.outputs import refuse_to_overwrite, write_json
 from mesotap.terminal import escape
@@ -57,7 +57,33 @@ def import_file(
         highlight=False,
         soft_wrap=True,
     )
+    unknown = [
+        f"{name} ({unit!r})" if unit else name for name, unit in _units_of_pair(recording, shot) if unit != "m/s2"
+    ]
+    if unknown:
+        console.print(
+            f"- {escape(file)}: no known unit of {escape(' and '.join(unknown))}: the numbers are taken as m/s2",
+            highlight=False,
+            soft_wrap=True,
+        )
+    show_left_out(recording, console)
     write_json(json_path, _recording_info(recording, target))
+
+
+def _units_of_pair(recording: Recording, shot: Shot) -> list[tuple[str, str]]:
+    units = dict(zip(recording.names, recording.units or (recording.unit,) * len(recording.names), strict=True))
+    return [(name, units[name]) for name in shot.extra["channels_as_a_and_b"]]
+
+
+def show_left_out(recording: Recording, console: Console) -> None:
+    """Say what in the file looks like a channel and is none of the recording."""
+    if recording.left_out:
+        more = f" and {len(recording.left_out) - 10} more" if len(recording.left_out) > 10 else ""
+        console.print(
+            f"- {escape(recording.source)}: left out: {escape(', '.join(recording.left_out[:10]))}{more}",
+            highlight=False,
+            soft_wrap=True,
+        )
 
 
 def _chosen(channels: Sequence[str]) -> tuple[str | int, str | int] | None:
@@ -114,6 +140,8 @@ def _recording_info(recording: Recording, file: Path) -> dict[str, Any]:
         "kind": "recording",
         "channels": list(recording.names),
         "unit": recording.unit,
+        **({"units": list(recording.units)} if len(set(recording.units)) > 1 else {}),
+        **({"left_out": list(recording.left_out)} if recording.left_out else {}),
         "samples": int(recording.data.shape[1]),
         "sample_rate_hz": recording.rate_hz,
         "duration_s": recording.data.shape[1] / recording.rate_hz,

@@ -202,6 +202,24 @@ def test_what_is_wrong_with_a_recording(tmp_path):
     assert "picture.mat" in refused("import", tmp_path / "picture.mat")
 
 
+def test_import_says_what_it_takes_for_granted(tmp_path):
+    said = mesotap("import", decay(tmp_path / "a.csv"), tmp_path / "a.h5").stdout
+    assert "no known unit of acc1 and acc2: the numbers are taken as m/s2" in said
+    file = decay(tmp_path / "b.csv")
+    file.write_text(file.read_text().replace("acc1,acc2", "acc1 [mg],acc2 [m/s2]"))
+    assert "unit" not in mesotap("import", file, tmp_path / "b.h5").stdout
+    file.write_text(file.read_text().replace("[m/s2]", "[V]"))
+    assert "channel acc2 is in V" in refused("import", file, tmp_path / "c.h5")
+
+
+def test_what_is_left_out_of_a_recording_is_told(tmp_path):
+    file, ones = tmp_path / "m.mat", np.ones(500)
+    scipy.io.savemat(file, {"fs": 1e3, "a": ones + 0j, "b": ones, "c": 2 * ones})
+    assert "left out: a (complex)" in mesotap("info", file).stdout
+    assert "name A and B with --channel" in refused("import", file)
+    assert "left out: a (complex)" in mesotap("import", file, "--channel", "b", "--channel", "c").stdout
+
+
 def test_what_is_wrong_with_a_session_file(session, tmp_path):
     def broken(name, change):
         path = tmp_path / f"{name}.h5"

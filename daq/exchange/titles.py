@@ -31,7 +31,7 @@ def titles(
     names, units = [""] * width, [""] * width
     full = [fields for _, fields in header if len(fields) == width]
     if header:
-        _refuse_mixed(path, header, width)
+        _refuse_mixed(path, header, width, delimiter)
         line, fields = header[-1]
         if len(fields) != width:
             other = _parted_otherwise(line.text, width)
@@ -85,20 +85,20 @@ def _names_columns(fields: list[str], delimiter: str) -> bool:
     return is_time_name(fields[0]) or any(field[:1] in "[(" for field in fields)
 
 
-def _refuse_mixed(path: Path, header: list[tuple[Line, list[str]]], width: int) -> None:
+def _refuse_mixed(path: Path, header: list[tuple[Line, list[str]]], width: int, delimiter: str) -> None:
     """Refuse lines right above the numbers that are lines of numbers themselves, but for a field that is none.
 
     A first line may hold whole numbers: channels are called so.
     """
     wrong: tuple[Line, list[str]] | None = None
     for i, (line, fields) in reversed(list(enumerate(header))):
-        numbers = [text for text in fields if is_number(text, True)]
+        numbers = [text for text in fields if is_number(text, delimiter != " ")]
         if len(fields) != width or not numbers or (i == 0 and all(text.isdigit() for text in numbers)):
             break
         wrong = line, fields
     if wrong is not None:
         line, fields = wrong
-        column = next(i for i, text in enumerate(fields) if not is_number(text, True))
+        column = next(i for i, text in enumerate(fields) if not is_number(text, delimiter != " "))
         raise RecordingError(f"{path}: line {line.number}, column {column + 1}: {fault_of(fields[column])}")
 
 

@@ -158,6 +158,11 @@ def test_no_line_is_dropped_from_among_the_numbers(tmp_path: Path, line: str, at
     assert refused(tmp_path, with_lines(line, at, 10), rate_hz=1000.0).startswith(message)
 
 
+def test_decimal_commas_between_blanks_are_no_numbers(tmp_path: Path) -> None:
+    text = "1,5 0.5\n" + rows("{a:.4f} {b:.4f}", a=A, b=B)
+    assert refused(tmp_path, text, rate_hz=1.0).startswith("line 1, column 1: '1,5' is no number")
+
+
 def test_lines_without_numbers_at_the_end_or_beside_times_are_no_gap(tmp_path: Path) -> None:
     text = with_lines(",", N, 3) + "# the end\n"
     np.testing.assert_array_equal(import_recording(written(tmp_path, text), rate_hz=1.0).data, [A, B])

@@ -12,6 +12,7 @@ from daq.errors import UnwrittenError
 PART = ".part"
 """Ending of a file that is not finished; nothing reads one."""
 
+_EXISTS = "there is a file of that name by now, which is left as it is; name another"
 _CAUSES = {
     errno.ENOSPC: "the disk is full; free some space and save again",
     errno.EDQUOT: "the disk quota is used up; free some space and save again",
@@ -37,6 +38,8 @@ def cause_of(error: OSError) -> str:
     """Return why, and what to do, in the operator's words where there are any."""
     if error.errno == errno.EFBIG and error.strerror == os.strerror(errno.EFBIG):
         return "it would grow beyond the largest file allowed here"
+    if error.errno == errno.EEXIST and error.strerror == _EXISTS:
+        return _EXISTS
     return _CAUSES.get(error.errno or 0) or error.strerror or str(error)
 
 
@@ -114,16 +117,23 @@ def remove_part(part: Path) -> None:
     part.unlink(missing_ok=True)
 
 
-def write_whole(path: Path, content: bytes | memoryview) -> None:
+def write_whole(path: Path, content: bytes | memoryview, new: bool = False) -> None:
     """Write ``content`` to ``path`` such that a kill at any instant leaves the old file, the new one or none.
+
+    Parameters
+    ----------
+    new
+        Whether no file of that name may be there: of several programs that begin it at once, one succeeds.
 
     Raises
     ------
     UnwrittenError
-        The disk is full, the place is not writable, there is no such folder, or a link stands where the unfinished
-        file is to be: nothing is ever written through one.
+        There is no name, or a file where there must be none, the disk is full, the place is not writable, there is no
+        such folder, or a link stands where the unfinished file is to be: nothing is ever written through one.
     """
-    part = path.with_name(path.name + PART)
+    if not path.name:
+        raise UnwrittenError(path, "it is a folder; name a file")
+    part = path.with_name(f"{path.name}.{os.getpid()}{PART}" if new else path.name + PART)
     try:
         remove_part(part)
         descriptor = open_plain(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
@@ -136,10 +146,35 @@ def write_whole(path: Path, content: bytes | memoryview) -> None:
                 file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
-            part.replace(path)
+            if new:
+                _rename_to_new(part, path)
+            else:
+                part.replace(path)
         except OSError:
             part.unlink(missing_ok=True)
             raise
         sync_folder(path.parent)
     except OSError as error:
         raise write_error(path, error) from error
+
+
+def _rename_to_new(part: Path, path: Path) -> None:
+    """Give a file a name that no other has.
+
+    Raises
+    ------
+    OSError
+        ``EEXIST`` where one has it.
+    """
+    try:
+        path.hardlink_to(part)
+    except FileExistsError as error:
+        raise FileExistsError(errno.EEXIST, _EXISTS) from error
+    except OSError:  # a file system without a second name for a file: the name is taken first, the content follows
+        try:
+            os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644))
+        except FileExistsError as error:
+            raise FileExistsError(errno.EEXIST, _EXISTS) from error
+        part.replace(path)
+    else:
+        part.unlink()

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import mmap
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,6 +24,7 @@ from daq.errors import RecordingError
 from daq.limited_child import no_more_files
 from daq.limits import LARGEST_ARRAY, data_room
 from daq.regular import open_regular
+from daq.texts import is_storable
 
 CHECKSUMMED = ("v108", "v110")
 """Bounds on the layout of files written here: readable since HDF5 1.8, and damage to their structure is noticed."""
@@ -71,8 +72,13 @@ class _Ledger:
 
 
 @contextmanager
-def open_hdf5(path: Path) -> Iterator[Node]:
+def open_hdf5(path: Path, room: Callable[[int], int] = data_room) -> Iterator[Node]:
     """Open an HDF5 file for reading; yields its root. Nothing else can be opened until it is closed.
+
+    Parameters
+    ----------
+    room
+        Bytes of arrays that a file of so many bytes may hold.
 
     Raises
     ------
@@ -92,7 +98,7 @@ def open_hdf5(path: Path) -> Iterator[Node]:
                 raise RecordingError(f"{path}: the file is {damaged}")
             file = h5py.File(same, "r")
         with reading(path, "", damaged), file, no_more_files():
-            yield Node(path, "", file, _Ledger(size, data_room(size)))
+            yield Node(path, "", file, _Ledger(size, room(size)))
     finally:
         os.close(descriptor)
 
@@ -380,14 +386,6 @@ def claims_too_much(node: Node) -> bool:
             return False
         descriptor = int(node.item.file.id.get_vfd_handle())
         return int.from_bytes(os.pread(descriptor, 4, place), "little") > node.ledger.size
-
-
-def is_storable(text: str) -> bool:
-    """Return whether HDF5 can keep a text: no zeros within, and all of it UTF-8."""
-    try:
-        return b"\0" not in text.encode()
-    except UnicodeEncodeError:
-        return False
 
 
 def channel_label(channel: int, channels: int) -> str:

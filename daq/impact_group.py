@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 from daq.errors import RecordingError
 from daq.hdf5 import Node, claims_too_much, refuse_non_finite
 from daq.records import Shot
-
-ATTRIBUTE_LIMIT = 60_000
-"""Bytes an attribute may take; HDF5 ends at 64 kB."""
+from daq.texts import LONGEST_TEXT
 
 DIGEST = "digest"
 _DIGEST_FORM = re.compile(r"sha256:[0-9a-f]{64}")
@@ -137,7 +135,7 @@ def write_impact(group: h5py.Group, shot: Shot, compress: bool) -> None:
 def write_json_item(group: h5py.Group, name: str, value: object) -> None:
     """Keep JSON types beside what the format asks for: as an attribute, or as a dataset where they are too long."""
     text = to_json(value)
-    if len(text) <= ATTRIBUTE_LIMIT:
+    if len(text) <= LONGEST_TEXT:
         group.attrs[name] = text
     else:
         group.create_dataset(name, data=text, dtype=h5py.string_dtype())

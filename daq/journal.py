@@ -39,9 +39,10 @@ from daq.hdf5 import CHECKSUMMED, open_hdf5, reading
 from daq.impact_group import check_shot, digest_of, read_impact, scalar_text, to_json, write_impact
 from daq.journal_file import JOURNAL, LARGEST_TEXT, append_after_death, mend, open_journal, write_all
 from daq.limited import read_limited
+from daq.limits import shot_room
 from daq.records import Shot
 
-__all__ = ["HEADER", "JOURNAL", "LOCK", "SHOTS", "SessionFolder", "append_after_death"]
+__all__ = ["HEADER", "JOURNAL", "LOCK", "SHOTS", "SessionFolder", "any_shot_in", "append_after_death"]
 
 HEADER, SHOTS, LOCK = "session.json", "shots", "lock"
 LOG = logging.getLogger("mesotap.journal")
@@ -241,7 +242,7 @@ class SessionFolder:
 
 def shot_in(path: Path, number: int) -> tuple[Shot, dict[str, Any]]:
     """Return a shot and its checkpoint from a file that this process opens itself; see `SessionFolder.read_shot`."""
-    with open_hdf5(path) as root:
+    with open_hdf5(path, shot_room) as root:
         if root.attribute("format") != SHOT_FORMAT or root.count("number") != number:
             raise RecordingError(f"{path}: is not the file of shot {number}")
         checkpoint = root.child("checkpoint")
@@ -252,6 +253,14 @@ def shot_in(path: Path, number: int) -> tuple[Shot, dict[str, Any]]:
         if not isinstance(state, dict):
             raise checkpoint.error(" is not a JSON object")
         return read_impact(root.need_group("shot"), number), state
+
+
+def any_shot_in(path: Path) -> Shot:
+    """Return the shot, of whatever number, in a file that this process opens itself, without its checkpoint."""
+    with open_hdf5(path, shot_room) as root:
+        if root.attribute("format") != SHOT_FORMAT:
+            raise RecordingError(f"{path}: it is no shot of a session")
+        return read_impact(root.need_group("shot"), root.count("number"))
 
 
 def shots_in(folder: Path, listed: Sequence[tuple[int, str]]) -> list[Shot]:

@@ -18,6 +18,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import TracebackType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -27,6 +28,7 @@ from daq.limited_reply import Array, NoReply, decoded, empty_arrays
 from daq.limits import LARGEST_ARRAY, data_room, longest_read_s
 
 T = TypeVar("T")
+_Answer = tuple[dict[str, Any] | None, list[Array], int]
 
 LARGEST_TEXTS = 64_000_000
 """Bytes of an answer besides its arrays."""
@@ -77,6 +79,75 @@ def read_limited(
     Exception
         One of ``errors``: what ``read`` raised, or the first of them where the child came to its limits or died.
     """
+    return _read(_asked, read, path, arguments, kinds, errors, size)
+
+
+class LimitedReader:
+    """One process with limits that reads file after file, started anew after a file that ended it.
+
+    To start a process takes longer than to read a shot. Use it in a ``with`` statement.
+    """
+
+    def __init__(self) -> None:
+        self._child: subprocess.Popen[bytes] | None = None
+
+    def read(self, read: Callable[..., T], path: Path, *arguments: Any, kinds: Sequence[type] = ()) -> T:
+        """Return ``read(path, *arguments)``; see `read_limited`."""
+        return _read(self.asked, read, path, arguments, kinds, (RecordingError,), None)
+
+    def asked(self, request: bytes, most_bytes: int, wall_s: float) -> _Answer:
+        """Return the answer to a request, its arrays, and how the child ended; no answer where it died."""
+        deadline = time.monotonic() + wall_s
+        child = self._child = self._child or _started()
+        whole = False
+        try:
+            if child.stdin is None or child.stdout is None:
+                raise OSError(0, "it has no pipes")
+            try:
+                with contextlib.suppress(BrokenPipeError):
+                    child.stdin.write(request + b"\n")
+                reply, arrays = _received(child.stdout.fileno(), most_bytes, deadline)
+                whole = True
+                return reply, arrays, 0
+            except _Ended:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    child.wait(max(deadline - time.monotonic(), 1.0))
+        finally:
+            if not whole:
+                self.close()
+        return None, [], child.returncode
+
+    def close(self) -> None:
+        """End the process; harmless when called twice."""
+        child, self._child = self._child, None
+        if child is None:
+            return
+        if child.poll() is None:
+            child.kill()
+        for pipe in (child.stdin, child.stdout):
+            if pipe is not None:
+                pipe.close()
+        child.wait()
+
+    def __enter__(self) -> LimitedReader:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _read(
+    asked: Callable[[bytes, int, float], _Answer],
+    read: Callable[..., T],
+    path: Path,
+    arguments: Sequence[Any],
+    kinds: Sequence[type],
+    errors: Sequence[type[Exception]],
+    size: int | None,
+) -> T:
+    """Return what a child that is ``asked`` answers; see `read_limited`."""
     if size is None:
         try:
             size = path.stat().st_size
@@ -92,7 +163,7 @@ def read_limited(
     }
     wall_s = longest_read_s(size)[1]
     try:
-        reply, arrays, status = _asked(json.dumps(request).encode(), data_room(size), wall_s)
+        reply, arrays, status = asked(json.dumps(request).encode(), data_room(size), wall_s)
     except OSError as error:
         raise errors[0](f"{path}: no process could be started to read it: {error.strerror}") from error
     except _TooLong:
@@ -110,9 +181,14 @@ def read_limited(
         raise errors[0](f"{path}: is damaged: {error}") from error
 
 
-def _asked(request: bytes, most_bytes: int, wall_s: float) -> tuple[dict[str, Any] | None, list[Array], int]:
-    """Return the answer, its arrays, and how the child ended; no answer where it died."""
-    child = subprocess.Popen(
+def _asked(request: bytes, most_bytes: int, wall_s: float) -> _Answer:
+    """Return the answer of a child of its own."""
+    with LimitedReader() as reader:
+        return reader.asked(request, most_bytes, wall_s)
+
+
+def _started() -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
         [sys.executable, "-P", "-c", _PROGRAM, json.dumps(sys.path)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
@@ -121,27 +197,6 @@ def _asked(request: bytes, most_bytes: int, wall_s: float) -> tuple[dict[str, An
         env={**os.environ, **_ENVIRONMENT},
         start_new_session=True,  # Ctrl-C at the terminal is the parent's
     )
-    deadline = time.monotonic() + wall_s
-    reply: dict[str, Any] | None = None
-    arrays: list[Array] = []
-    try:
-        with child:
-            to_child, from_child = child.stdin, child.stdout
-            if to_child is None or from_child is None:
-                raise OSError(0, "it has no pipes")
-            with contextlib.suppress(BrokenPipeError):
-                to_child.write(request)
-                to_child.close()
-            with contextlib.suppress(_Ended):
-                reply, arrays = _received(from_child.fileno(), most_bytes, deadline)
-            child.wait(max(deadline - time.monotonic(), 1.0))
-    except subprocess.TimeoutExpired:
-        pass
-    finally:
-        if child.poll() is None:
-            child.kill()
-            child.wait()
-    return reply, arrays, child.returncode
 
 
 def _received(pipe: int, most_bytes: int, deadline: float) -> tuple[dict[str, Any], list[Array]]:

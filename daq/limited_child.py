@@ -1,4 +1,4 @@
-"""The process that reads a foreign file: takes a request, limits itself, answers through a pipe. See `daq.limited`."""
+"""The process that reads foreign files: takes a request, limits itself, answers through a pipe. See `daq.limited`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import os
 import resource
 import signal
 import sys
+import time
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -24,12 +26,15 @@ _CODINGS = ("utf-8", "utf-8-sig", "latin-1", "ascii", *_WIDE)
 
 
 def main() -> None:
-    """Answer the request on standard input, on standard output."""
-    answer(json.load(sys.stdin.buffer), sys.stdout.buffer)
+    """Answer the requests on standard input, a line each, on standard output; end when there are no more."""
+    for line in sys.stdin.buffer:
+        answer(json.loads(line), sys.stdout.buffer)
+        signal.alarm(0)
+    os._exit(0)
 
 
 def answer(request: dict[str, Any], stream: BinaryIO) -> None:
-    """Limit this process, read what is asked for, answer, and end the process."""
+    """Limit this process, read what is asked for, and answer; where nobody listens, end the process."""
     read = getattr(importlib.import_module(request["module"]), request["function"])
     arguments = [Path(a["path"]) if "path" in a else a["value"] for a in request["arguments"]]
     path = Path(request["path"])
@@ -44,9 +49,12 @@ def answer(request: dict[str, Any], stream: BinaryIO) -> None:
 
 
 def limit_this_process(size: int) -> None:
-    """Let this process take no more memory and time than a file of ``size`` bytes may need, and write no file."""
+    """Let this process take no more memory and time than a file of ``size`` bytes may need, and write no file.
+
+    What it took for files before is not counted.
+    """
     cpu_s, wall_s = longest_read_s(size)
-    _lower(resource.RLIMIT_CPU, int(cpu_s) + 1)
+    _lower(resource.RLIMIT_CPU, int(time.process_time() + cpu_s) + 1)
     _lower(resource.RLIMIT_CORE, 0)
     _lower(resource.RLIMIT_FSIZE, 0)
     signal.alarm(int(wall_s) + 2)  # should whoever asked be gone
@@ -68,9 +76,15 @@ def no_more_files() -> Iterator[None]:
 
 
 def _lower(what: int, wanted: int) -> None:
-    soft, hard = resource.getrlimit(what)
+    soft, hard = _found(what)
     most = min((n for n in (soft, hard, wanted) if n != resource.RLIM_INFINITY), default=wanted)
     resource.setrlimit(what, (most, hard))
+
+
+@cache
+def _found(what: int) -> tuple[int, int]:
+    """Return a limit as it was when the process began."""
+    return resource.getrlimit(what)
 
 
 def _told(path: Path, error: Exception, known: list[str]) -> tuple[str, str]:
@@ -89,10 +103,11 @@ def _told(path: Path, error: Exception, known: list[str]) -> tuple[str, str]:
 
 
 def _send(stream: BinaryIO, text: bytes, arrays: list[Any]) -> None:
-    with contextlib.suppress(BrokenPipeError):
+    try:
         stream.write(len(text).to_bytes(8, "little"))
         stream.write(text)
         for array in arrays:
             stream.write(array.reshape(-1).view("u1").data)
         stream.flush()
-    os._exit(0)
+    except BrokenPipeError:
+        os._exit(0)

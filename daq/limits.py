@@ -26,6 +26,23 @@ def data_room(size: int) -> int:
     return min(max(EXPANSION * size, LEAST_ROOM), 8 * LARGEST_ARRAY)
 
 
+SHOT_EXPANSION = 4
+"""Times its size that a shot's file may unpack to: it is written unpacked, and noise packs to a third."""
+
+LEAST_SHOT_ROOM = 1_000_000
+"""Bytes that the smallest shot's file may unpack to."""
+
+
+def shot_room(size: int) -> int:
+    """Return how many bytes of arrays the file of a shot, of ``size`` bytes, may hold."""
+    return min(max(SHOT_EXPANSION * size, LEAST_SHOT_ROOM), 8 * LARGEST_ARRAY)
+
+
+def folder_room(size: int) -> int:
+    """Return how many bytes of arrays the shots of a folder, ``size`` bytes together, may hold."""
+    return min(max(SHOT_EXPANSION * size, LEAST_ROOM), 8 * LARGEST_ARRAY)
+
+
 def memory_room(size: int) -> int:
     """Return how many bytes a process may grow by to read a file of ``size`` bytes: data, one copy, the file's text."""
     return OWN_ROOM + data_room(size) + data_room(size) // 2 + min(size, 300_000_000)

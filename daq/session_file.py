@@ -11,9 +11,8 @@ import numpy as np
 
 from daq.durable import write_whole
 from daq.errors import RecordingError
-from daq.hdf5 import CHECKSUMMED, Node, is_storable, open_hdf5, refuse_non_finite
+from daq.hdf5 import CHECKSUMMED, Node, open_hdf5, refuse_non_finite
 from daq.impact_group import (
-    ATTRIBUTE_LIMIT,
     check_shot,
     check_time,
     read_impact,
@@ -23,7 +22,9 @@ from daq.impact_group import (
     write_json_item,
 )
 from daq.limited import read_limited
+from daq.limits import data_room
 from daq.records import CalibrationPoints, RigDescription, Session, Shot
+from daq.texts import LONGEST_TEXT, is_storable
 from rig.hardware_log import Repetition
 
 FORMAT = "mesotap-session"
@@ -39,8 +40,13 @@ RATE_TOLERANCE = 0.01
 _TEXTS = ("created", "operator", "specimen", "title", "software")
 
 
-def write_session(path: str | Path, session: Session) -> None:
+def write_session(path: str | Path, session: Session, new: bool = False) -> None:
     """Write a session file, whole or not at all: a kill at any instant leaves the file that was there before.
+
+    Parameters
+    ----------
+    new
+        Whether no file of that name may be there.
 
     Raises
     ------
@@ -50,10 +56,12 @@ def write_session(path: str | Path, session: Session) -> None:
     path = Path(path)
     _check_session(path, session)
     try:
-        image = _image(session)
+        image = _image(session, compress=True)
+        if _samples_size(session) > data_room(len(image)):  # the reader would not believe it
+            image = _image(session, compress=False)
     except (ValueError, TypeError, RuntimeError, OSError) as error:
         raise RecordingError(f"{path}: the session cannot be put into a file: {error}") from error
-    write_whole(path, image)
+    write_whole(path, image, new)
 
 
 def _check_session(path: Path, session: Session) -> None:
@@ -61,8 +69,8 @@ def _check_session(path: Path, session: Session) -> None:
         text = getattr(session, name)
         if not is_storable(text):
             raise RecordingError(f"{path}: {name} holds a character that cannot be stored")
-        if name != "config" and len(text.encode()) > ATTRIBUTE_LIMIT:
-            raise RecordingError(f"{path}: {name} is longer than {ATTRIBUTE_LIMIT} bytes")
+        if name != "config" and len(text.encode()) > LONGEST_TEXT:
+            raise RecordingError(f"{path}: {name} is longer than {LONGEST_TEXT} bytes")
     check_time(session.created, f"{path}: created")
     if session.rig.filter_family not in FAMILIES:
         raise RecordingError(
@@ -82,7 +90,14 @@ def _check_session(path: Path, session: Session) -> None:
         check_shot(shot, f"{path}: /impacts/{shot.name}")
 
 
-def _image(session: Session) -> bytes:
+def _samples_size(session: Session) -> int:
+    """Bytes of all arrays of a session."""
+    arrays = [a for s in session.shots for a in (s.acceleration, s.strain_mv, s.channels)]
+    arrays += [a for p in (session.pre, session.post) if p is not None for a in (p.load_mn, p.voltage_mv)]
+    return sum(8 * a.size for a in arrays if a is not None)
+
+
+def _image(session: Session, compress: bool) -> bytes:
     """Return the bytes of the session file. Built in memory, so that a full disk meets plain file writing only."""
     with h5py.File("session", "w", driver="core", backing_store=False, libver=CHECKSUMMED) as file:
         file.attrs["format"] = FORMAT
@@ -106,7 +121,7 @@ def _image(session: Session) -> bytes:
                 group.attrs["time"] = points.time
         impacts = file.create_group("impacts")
         for shot in session.shots:
-            write_impact(impacts.create_group(shot.name), shot, compress=True)
+            write_impact(impacts.create_group(shot.name), shot, compress)
         file.flush()
         return bytes(file.id.get_file_image())
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import stat
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -19,22 +20,29 @@ import numpy as np
 
 from daq.durable import PART, cause_of, read_plain
 from daq.errors import RecordingError, one_line
-from daq.hdf5 import open_hdf5
-from daq.impact_group import check_time, digest_of, read_impact
-from daq.journal import HEADER, JOURNAL, SHOT_FORMAT, SHOTS
+from daq.impact_group import check_time, digest_of
+from daq.journal import HEADER, JOURNAL, SHOTS, any_shot_in
 from daq.journal_file import LARGEST_TEXT
+from daq.limited import LimitedReader
+from daq.limits import folder_room
 from daq.records import CalibrationPoints, RigDescription, Session, Shot
 from daq.session_file import RATE_TOLERANCE, read_session
+from daq.texts import LONGEST_TEXT, is_storable
 from mesotap import __version__
 from mesotap.config import Config, ConfigError
 from mesotap.session.entries import fault_of, walk
 from mesotap.session.header import header_fault, kept_config, physical_part
 from mesotap.session.progress import SHOT, Progress, describe_rig
 from mesotap.session.states import Event, State
+from mesotap.yaml_text import NOT_YAML, parsed
 
 SESSION_FILE = "session.h5"
 LARGEST_SHOT = 256 * 2**20
 """Bytes of a shot file beyond which it is none: one of 2500 samples takes a two-thousandth."""
+
+
+NAMES = ("operator", "specimen", "title")
+"""Texts of section ``mesotap`` that a session file has of its own."""
 
 
 @dataclass(slots=True)
@@ -78,19 +86,21 @@ def recover(folder: Path) -> Recovered:
     before, after = _calibrations(entries, shots)
     if before is None:
         losses.note("calibration", "none from before the test is left")
-    proven = progress is not None and progress.state in (State.FILE, State.DONE) and not losses.lines
     config, text = _config(folder, header, losses)
+    rig = _rig(config, shots, losses)
+    names = {name: _kept(said, name, LONGEST_TEXT, losses) for name, said in _names(text).items()}
+    at_its_end = progress is not None and progress.state in (State.FILE, State.DONE)
     session = Session(
         created=_created(header, shots),
-        rig=_rig(config, shots, losses),
+        rig=rig,
         shots=tuple(shots),
         pre=before,
         post=after,
-        operator="" if config is None else config.mesotap.operator,
-        specimen="" if config is None else config.mesotap.specimen,
-        title="" if config is None else config.mesotap.title,
+        operator=names["operator"],
+        specimen=names["specimen"],
+        title=names["title"],
         software=_software(header),
-        complete=proven,
+        complete=at_its_end and not losses.lines,
         config=text,
         hardware=None if progress is None else progress.hardware,
     )
@@ -139,9 +149,10 @@ def _config(folder: Path, header: dict[str, Any], losses: Losses) -> tuple[Confi
     candidates = [(HEADER, header.get("config"))]
     with contextlib.suppress(RecordingError):  # an unfinished session has none
         candidates.append((SESSION_FILE, read_session(folder / SESSION_FILE).config))
-    for where, text in candidates:
-        if not isinstance(text, str) or not text.strip():
+    for where, said in candidates:
+        if not isinstance(said, str) or not said.strip():
             continue
+        text = _kept(said, "its configuration", math.inf, losses)
         try:
             kept = kept_config(text, where)
         except ConfigError as error:
@@ -158,6 +169,27 @@ def _config(folder: Path, header: dict[str, Any], losses: Losses) -> tuple[Confi
         return kept.config, text
     losses.note("configuration", "none can be read: masses, springs and filter are unknown")
     return None, ""
+
+
+def _names(text: str) -> dict[str, str]:
+    """Return operator, specimen and title as a configuration gives them, also one that is refused for something."""
+    try:
+        section = parsed(text)[1]["mesotap"]
+    except (*NOT_YAML, LookupError, TypeError):
+        section = None
+    given = section if isinstance(section, dict) else {}
+    return {name: said if isinstance(said := given.get(name), str) else "" for name in NAMES}
+
+
+def _kept(text: str, what: str, most: float, losses: Losses) -> str:
+    """Return a text such that a session file can hold it, and tell what was done to it."""
+    if not is_storable(text):
+        text = text.encode("utf-8", "backslashreplace").decode().replace("\0", "\\0")
+        losses.note(HEADER, f"{what} holds characters that no file keeps; they are written as escapes")
+    if len(text.encode()) > most:
+        text = text.encode()[: int(most)].decode("utf-8", "ignore")
+        losses.note(HEADER, f"{what} is longer than {most:g} bytes; the rest is cut off")
+    return text
 
 
 def _rig(config: Config | None, shots: list[Shot], losses: Losses) -> RigDescription:
@@ -259,22 +291,30 @@ def _later(time: str, taps: list[str]) -> bool:
 def _shots(folder: Path, noted: dict[int, dict[str, Any]], losses: Losses) -> list[Shot]:
     """Return the whole shots in order of their numbers."""
     place = folder / SHOTS
+    if place.is_symlink():
+        losses.note(SHOTS, "is lost: it is a link to another place, which is not followed")
+        return []
     try:
         files = sorted(entry for entry in place.iterdir())
     except OSError as error:
         losses.note(SHOTS, "is missing" if isinstance(error, FileNotFoundError) else f"is lost: {cause_of(error)}")
         return []
     found: dict[int, tuple[Shot, str]] = {}
-    with tempfile.TemporaryDirectory(prefix="mesotap-recover-") as scratch:
+    room = folder_room(sum(file.lstat().st_size for file in files if _is_plain(file)))
+    with tempfile.TemporaryDirectory(prefix="mesotap-recover-") as scratch, LimitedReader() as reader:
         # files under their own names first: a renamed one is the copy
         for file in sorted(files, key=lambda f: (not _own_name(f), f.name)):
             where = f"{SHOTS}/{file.name}"
             try:
-                shot = _shot_in(file, Path(scratch))
+                shot = _shot_in(file, Path(scratch) / "shot.h5", reader)
             except (RecordingError, OSError) as error:
                 cause = cause_of(error) if isinstance(error, OSError) else error
                 losses.note(where, f"is lost: {cause}".removesuffix(": "))
                 continue
+            if _samples_size(shot) > room:
+                losses.note(where, "is lost: the shots claim more samples than a folder of this size holds")
+                continue
+            room -= _samples_size(shot)
             _take(shot, file, noted, found, losses)
     shots = [found[number][0] for number in sorted(found)]
     if noted:
@@ -288,15 +328,23 @@ def _own_name(file: Path) -> bool:
     return file.suffix == ".h5" and len(file.stem) == 5 and file.stem.isascii() and file.stem.isdigit()
 
 
-def _shot_in(file: Path, scratch: Path) -> Shot:
-    """Return the shot in a copy of a file."""
-    copy = scratch / "shot.h5"
+def _is_plain(file: Path) -> bool:
+    try:
+        return stat.S_ISREG(file.lstat().st_mode)
+    except OSError:
+        return False
+
+
+def _samples_size(shot: Shot) -> int:
+    """Bytes of a shot's arrays."""
+    return sum(a.nbytes for a in (shot.acceleration, shot.strain_mv, shot.channels) if a is not None)
+
+
+def _shot_in(file: Path, copy: Path, reader: LimitedReader) -> Shot:
+    """Return the shot in a file, of which another process reads a copy."""
     copy.write_bytes(read_plain(file, LARGEST_SHOT))
     try:
-        with open_hdf5(copy) as root:
-            if root.attribute("format") != SHOT_FORMAT:
-                raise RecordingError("it is no shot of a session")
-            return read_impact(root.need_group("shot"), root.count("number"))
+        return reader.read(any_shot_in, copy, kinds=(Shot,))
     except RecordingError as error:
         raise RecordingError(str(error).removeprefix(f"{copy}: ")) from error
 

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field, field_validator
 
+from daq.texts import refuse_unstorable
 from rig.settings import Positive, Section
 
 LARGEST_TOLERANCE_MN = 100.0  # loads of the plan lie some 80 mN apart: beyond this one counts as another
 MOST_LOADS = 1000  # steps of a plan; at eight taps of 15 s each, a day and a half
 
 
+Text = Annotated[str, AfterValidator(refuse_unstorable)]
+
+
 class SessionSettings(Section):
     """Section ``mesotap``."""
 
-    operator: str = ""
-    specimen: str = ""
-    title: str = ""
+    operator: Text = ""
+    specimen: Text = ""
+    title: Text = ""
     load_plan_mn: tuple[Positive, ...] = (264.9, 348.3, 431.6, 524.8, 549.4, 627.8, 784.8, 927.0)
     load_tolerance_mn: Annotated[float, Field(gt=0, le=LARGEST_TOLERANCE_MN)] = 6.0
     impacts_per_load: Annotated[int, Field(ge=1, le=100)] = 8

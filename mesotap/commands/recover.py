@@ -28,7 +28,7 @@ def recover_folder(folder: Path, output: Path | None, json_path: Path | None, co
     if target.exists() or target.is_symlink():
         raise RecordingError(f"{target}: exists already and is left as it is; name another file with -o")
     found = recover(folder)
-    write_session(target, found.session)
+    write_session(target, found.session, new=True)
     session = read_session(target)  # what was written can be read, or this is the place to say so
     for line in found.losses:
         console.print(f"- {escape(line)}", highlight=False, soft_wrap=True)

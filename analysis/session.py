@@ -144,6 +144,12 @@ def analyse_session(
         )
     if not session.shots:
         raise AnalysisError(f"{session.source or 'session'}: holds no impacts")
+    slowest_hz = min(shot.sample_rate_hz for shot in session.shots)
+    if rig.filter_family == "butterworth" and rig.highpass_hz >= slowest_hz / 2:
+        raise AnalysisError(
+            f"{session.source or 'session'}: the declared high-pass begins at {rig.highpass_hz:g} Hz, so nothing "
+            f"that {slowest_hz:g} samples a second show would pass it; correct highpass_hz of /rig"
+        )
     history = GaugeHistory(session.pre, session.post, calibration)
     noise = _noise(session)
     load_sets = session.load_sets()

@@ -20,6 +20,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.bounds import BOUNDS
 from daq.errors import RecordingError
 from daq.limited_child import no_more_files
 from daq.limits import LARGEST_ARRAY, data_room
@@ -256,6 +257,8 @@ class Node:
         with reading(self.path, child.name), np.errstate(all="ignore"):
             array = np.ascontiguousarray(child.content(), dtype=np.float64)
         refuse_non_finite(array, f"{self.path}: {child.name}")
+        if name in BOUNDS and (fault := BOUNDS[name].fault_of_all(array)):
+            raise child.error(f" {fault}")
         return array
 
     def refuse_layout(self) -> None:
@@ -352,12 +355,14 @@ class Node:
             return math.nan
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self._attribute_error(name, f"is not a number but {value!r:.40}")
-        number = float(value)
+        number = _as_float(value)
         if math.isinf(number):
             raise self._attribute_error(name, "is infinite")
         if number <= above or number < least:
             limit = f"above {above:g}" if above > -math.inf else f"at least {least:g}"
             raise self._attribute_error(name, f"is {number:g}, expected {limit}")
+        if name in BOUNDS and (fault := BOUNDS[name].fault(number)):
+            raise self._attribute_error(name, fault)
         return number
 
     def count(self, name: str, least: int = 0, most: int = LARGEST_COUNT) -> int:
@@ -372,6 +377,13 @@ class Node:
 
     def _attribute_error(self, name: str, what: str) -> RecordingError:
         return RecordingError(f"{self.path}: attribute {name} of {self.name or '/'} {what}")
+
+
+def _as_float(value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
 
 
 def claims_too_much(node: Node) -> bool:

@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.bounds import BOUNDS
 from daq.errors import RecordingError
 from daq.hdf5 import Node, claims_too_much, refuse_non_finite
 from daq.records import Shot
@@ -36,6 +37,11 @@ _DIGESTED = (
 equal digests."""
 
 
+_ARRAYS = ("acceleration", "strain_mv", "channels")
+_LOADS = ("target_load_mn", "load_before_mn", "load_after_mn", "voltage_before_mv", "voltage_after_mv")
+_BOUNDED = ("sample_rate_hz", *_LOADS)
+
+
 def to_json(value: object) -> str:
     """Return ``value`` as one line of JSON; numpy scalars and arrays become numbers and lists."""
     return json.dumps(value, default=_plain, ensure_ascii=True)
@@ -54,7 +60,7 @@ def digest_of(shot: Shot) -> str:
     numbers and texts that results are made from, as JSON.
     """
     taken = hashlib.sha256(b"mesotap impact 1\n")
-    for name in ("acceleration", "strain_mv", "channels"):
+    for name in _ARRAYS:
         values = getattr(shot, name)
         if values is not None:
             samples = np.ascontiguousarray(values, dtype="<f8")
@@ -102,6 +108,13 @@ def check_shot(shot: Shot, where: str) -> None:
         raise RecordingError(f"{where}: pretrigger {shot.pretrigger} lies outside the {a.shape[1]} samples recorded")
     if not (math.isfinite(shot.sample_rate_hz) and shot.sample_rate_hz > 0):
         raise RecordingError(f"{where}: sample_rate_hz is {shot.sample_rate_hz:g}, expected above 0")
+    for name in _BOUNDED:
+        if fault := BOUNDS[name].fault(getattr(shot, name)):
+            raise RecordingError(f"{where}: {name} {fault}")
+    for name in _ARRAYS:
+        values = getattr(shot, name)
+        if values is not None and (fault := BOUNDS[name].fault_of_all(values)):
+            raise RecordingError(f"{where}/{name} {fault}")
     if shot.load_set < 0:
         raise RecordingError(f"{where}: load_set is {shot.load_set}, expected at least 0")
     check_time(shot.time, f"{where}: time")
@@ -121,7 +134,7 @@ def write_impact(group: h5py.Group, shot: Shot, compress: bool) -> None:
         _dataset(group, "channels", shot.channels, compress)
         group.attrs["channel_names"] = to_json(list(shot.channel_names))
     group.attrs["load_set"] = shot.load_set
-    for name in ("target_load_mn", "load_before_mn", "load_after_mn", "voltage_before_mv", "voltage_after_mv"):
+    for name in _LOADS:
         group.attrs[name] = float(getattr(shot, name))
     group.attrs["time"] = shot.time
     group.attrs["sample_rate_hz"] = float(shot.sample_rate_hz)
@@ -208,7 +221,7 @@ def _check_digest(node: Node, shot: Shot) -> None:
 
 def _beside(node: Node, name: str) -> float:
     value = node.attribute(name)
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+    return node.number(name) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
 
 
 def _extra(node: Node) -> dict[str, Any]:

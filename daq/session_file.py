@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from daq.bounds import BOUNDS
 from daq.durable import write_whole
 from daq.errors import RecordingError
 from daq.hdf5 import CHECKSUMMED, Node, open_hdf5, refuse_non_finite
@@ -76,6 +77,10 @@ def _check_session(path: Path, session: Session) -> None:
         raise RecordingError(
             f"{path}: filter_family is {session.rig.filter_family!r:.40}, expected one of {FAMILIES[:2]}"
         )
+    for item in fields(RigDescription):
+        value = getattr(session.rig, item.name)
+        if item.name in BOUNDS and (fault := BOUNDS[item.name].fault(value)):
+            raise RecordingError(f"{path}: /rig: {item.name} {fault}")
     for when, points in (("pre", session.pre), ("post", session.post)):
         if points is None:
             continue
@@ -83,6 +88,9 @@ def _check_session(path: Path, session: Session) -> None:
             raise RecordingError(f"{path}: /calibration/{when}: load_mn and voltage_mv are not two lists of one length")
         refuse_non_finite(points.load_mn, f"{path}: /calibration/{when}/load_mn")
         refuse_non_finite(points.voltage_mv, f"{path}: /calibration/{when}/voltage_mv")
+        for name, values in (("load_mn", points.load_mn), ("voltage_mv", points.voltage_mv)):
+            if fault := BOUNDS[name].fault_of_all(values):
+                raise RecordingError(f"{path}: /calibration/{when}/{name} {fault}")
         check_time(points.time, f"{path}: /calibration/{when}: time")
     if len({shot.number for shot in session.shots}) < len(session.shots):
         raise RecordingError(f"{path}: two impacts have the same number")

@@ -11,6 +11,7 @@ from pydantic import ValidationError, model_validator
 
 from analysis.settings import AnalysisSettings
 from calibration.settings import CalibrationSettings
+from daq.bounds import ACCELERATION, CORNER, MASS, STIFFNESS
 from daq.errors import RecordingError, one_line
 from daq.regular import read_regular
 from daq.settings import DaqSettings
@@ -21,6 +22,9 @@ from rig.errors import MesotapError
 from rig.settable import too_fine, what_can_be_set
 from rig.settings import RigSettings, Section
 from sim_backend.settings import SimBackendSettings
+
+SLOWEST_HZ, FASTEST_HZ = 100.0, 1e8
+"""Between what a recorder of a tester samples; see `rig.wiring.sample_rate_hz`."""
 
 
 class ConfigError(MesotapError, ValueError):
@@ -45,6 +49,7 @@ class Config(Section):
                 f"mesotap.load_plan_mn with its tolerance goes up to {highest:g} mN, past rig.limits.load_mn "
                 f"({self.rig.limits.load_mn:g})"
             )
+        self._rig_is_one()
         stage = self.rig.parts.stage
         if isinstance(stage, NewportStage):
             why = too_fine(self.mesotap.load_tolerance_mn, stage.resolution_um, self.rig.spring_stiffness())
@@ -54,6 +59,34 @@ class Config(Section):
         if record.pretrigger_samples >= record.record_samples // 2:
             raise ValueError("daq.trigger.pretrigger_samples must be less than half of daq.trigger.record_samples")
         return self
+
+    def _rig_is_one(self) -> None:
+        """Refuse a rig that the reader of its sessions would not believe."""
+        rig = self.rig
+        masses, corners, rate_hz = rig.masses, rig.filter, rig.wiring.sample_rate_hz
+        if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+            raise ValueError(
+                f"rig.wiring.sample_rate_hz is {rate_hz:g} Hz, expected {SLOWEST_HZ:g} to {FASTEST_HZ:g}: contact "
+                "resonances lie between some hundred and ten thousand Hz"
+            )
+        k1, k2 = rig.spring_stiffness()
+        described = {
+            "rig.masses.m1_kg": (MASS, masses.m1_kg),
+            "rig.masses.m2_kg": (MASS, masses.m2_kg),
+            "rig.springs: k1": (STIFFNESS, k1),
+            "rig.springs: k2": (STIFFNESS, k2),
+            "rig.filter.highpass_hz": (CORNER, corners.highpass_hz),
+            "rig.filter.lowpass_hz": (CORNER, corners.lowpass_hz),
+            "rig.wiring: the full scale of the accelerometers": (ACCELERATION, rig.wiring.full_scale_m_s2()),
+        }
+        for key, (bound, value) in described.items():
+            if fault := bound.fault(value):
+                raise ValueError(f"{key} {fault}")
+        if masses.uncertainty_kg >= min(masses.m1_kg, masses.m2_kg):
+            raise ValueError(
+                f"rig.masses.uncertainty_kg is {masses.uncertainty_kg:g} kg, as much as the masses themselves: a "
+                "balance knows them to within less"
+            )
 
 
 def settable_loads(config: Config) -> list[str]:

@@ -203,7 +203,8 @@ def _consensus(
 ) -> Complex | None:
     """Poles (system, contact) that fit all impacts of a load best, started from ERA and from a grid."""
     expected = system_resonance_hz(rig)
-    strongest = sorted(range(len(white)), key=lambda i: -float(np.std(white[i][starts[i] :])))[:3]
+    rings = [i for i in range(len(white)) if starts[i] < white[i].size]  # the others end before their pulse does
+    strongest = sorted(rings, key=lambda i: -float(np.std(white[i][starts[i] :])))[:3]
     best: tuple[float, Complex] | None = None
     for i in strongest:
         tail = white[i][starts[i] :]

@@ -32,6 +32,7 @@ FEWEST_POINTS = 32  # along each direction
 EVEN = 0.02  # steps may differ by this share of their mean
 LARGEST_FILE = 100_000_000  # bytes
 LONGEST_LINE = 10_000_000  # characters: a row of a map, or a profile, of a million points
+SMALLEST_M, LARGEST_M = 1e-15, 1e3  # between which heights and spacings are believed
 MOST_MISSING = 0.05  # share of the points that may be filled in
 _SPLIT_DECIMAL = re.compile(r", *0\d")
 
@@ -296,4 +297,15 @@ def _scan(heights: FloatArray, spacing: tuple[float, ...], source: str) -> Scan:
         heights = rows.reshape(heights.shape)
     if np.ptp(heights) == 0:
         raise ScanError(f"{source}: all heights are the same")
+    # the differences count, whatever the heights are above
+    for what, least_m, most_m in (
+        ("its heights differ by", float(np.ptp(heights)), float(np.abs(heights).max())),
+        ("its points are apart by", min(spacing), max(spacing)),
+    ):
+        if not (least_m >= SMALLEST_M and most_m <= LARGEST_M):
+            wrong_m = least_m if least_m < SMALLEST_M else most_m
+            raise ScanError(
+                f"{source}: {what} {wrong_m:g} m, expected {SMALLEST_M:g} to {LARGEST_M:g} m (less than an atomic "
+                "nucleus, more than a road): check the units"
+            )
     return Scan(heights, spacing, source, count)

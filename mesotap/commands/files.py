@@ -118,7 +118,12 @@ def _corrected(session: Session, model: Path, console: Console) -> Correction:
 
 def modes_of(recording: Recording, method: str) -> RecordingModes:
     """Modes of a recording that is no session of the tester."""
-    found = identify_ring_down(recording.data, recording.rate_hz, method=method)
+    if not np.ptp(recording.data, axis=1).any():
+        raise FitFailure(f"{recording.source}: no channel ever changes its value: there is no ring-down in it")
+    try:
+        found = identify_ring_down(recording.data, recording.rate_hz, method=method)
+    except FitFailure as error:
+        raise FitFailure(f"{recording.source}: {error}") from error
     poles = np.array([np.exp(m.pole / recording.rate_hz) for m in found.modes], np.complex128)
     decay = recording.data[:, found.start :] - recording.data.mean(axis=1, keepdims=True)
     return RecordingModes(

@@ -9,6 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
+from daq.bounds import ANY, RATE
 from daq.errors import RecordingError
 from daq.exchange import Recording, as_session, import_recording
 from daq.records import Session, Shot
@@ -31,7 +32,25 @@ def opened(file: Path, rate: float | None) -> Session | Recording:
         return partial(file)[0]
     if file.suffix.lower() in SESSION_SUFFIXES:
         return read_session(file)
-    return import_recording(file, rate_hz=rate)
+    return believed(import_recording(file, rate_hz=rate))
+
+
+def believed(recording: Recording) -> Recording:
+    """Return a recording whose rate and samples are such that numbers come of them.
+
+    Raises
+    ------
+    RecordingError
+        They are not.
+    """
+    fault = RATE.fault(recording.rate_hz)
+    if fault:
+        raise RecordingError(f"{recording.source}: its sampling rate {fault}")
+    for channel, samples in enumerate(recording.data):
+        fault = ANY.fault_of_all(samples)
+        if fault:
+            raise RecordingError(f"{recording.source}: channel {recording.names[channel]} {fault}")
+    return recording
 
 
 def import_file(
@@ -45,7 +64,7 @@ def import_file(
     """Make a session file of another program's recording."""
     target = output or file.with_suffix(".h5")
     refuse_to_overwrite(target)
-    recording = import_recording(file, rate_hz=rate)
+    recording = believed(import_recording(file, rate_hz=rate))
     session = as_session(recording, _chosen(channels))
     write_session(target, session)
     shot = session.shots[0]

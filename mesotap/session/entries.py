@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from daq.bounds import LOAD, VOLTAGE
 from daq.errors import RecordingError, one_line
 from daq.impact_group import check_time
 from daq.journal import JOURNAL, SessionFolder
@@ -18,7 +19,12 @@ from daq.journal_file import mend
 from mesotap.session.progress import HARDWARE, NO_TAP, SAFE, SHOT, STARTED, VERSION, Progress
 from mesotap.session.states import Event, State
 
+FARTHEST_UM = 1e9
+"""A kilometre: farther than any stage goes."""
+
 Number = Annotated[float, Field(allow_inf_nan=False)]
+Load = Annotated[float, Field(ge=-LOAD.most, le=LOAD.most, allow_inf_nan=False)]
+Voltage = Annotated[float, Field(ge=-VOLTAGE.most, le=VOLTAGE.most, allow_inf_nan=False)]
 Whole = Annotated[int, Field(ge=0, le=10**9)]
 LONGEST_SHOWN = 60
 
@@ -39,8 +45,8 @@ class Entry(BaseModel):
 
 
 class _Calibrated(Entry):
-    load_mn: Annotated[list[Number], Field(min_length=1)]
-    voltage_mv: Annotated[list[Number], Field(min_length=1)]
+    load_mn: Annotated[list[Load], Field(min_length=1)]
+    voltage_mv: Annotated[list[Voltage], Field(min_length=1)]
     time: str
 
     @model_validator(mode="after")
@@ -52,12 +58,12 @@ class _Calibrated(Entry):
 
 
 class _Contact(Entry):
-    position_um: Number | None
-    load_mn: Number
+    position_um: Annotated[float, Field(ge=-FARTHEST_UM, le=FARTHEST_UM)] | None
+    load_mn: Load
 
 
 class _Loaded(Entry):
-    load_mn: Number
+    load_mn: Load
     truth: dict[str, Number] | None = None
 
 

@@ -1,0 +1,68 @@
+"""Between what the quantities of a recording are believed: what lies outside was made up, or is damage.
+
+Products and ratios of what lies inside are numbers too. The bounds are far beyond any tester, and beyond what other
+programs record: nothing that was measured is refused.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """Magnitudes from ``least`` to ``most``, in ``unit``, and ``why`` there is nothing outside."""
+
+    least: float
+    most: float
+    unit: str
+    why: str
+
+    def fault(self, value: float) -> str:
+        """Return what is wrong with a value; empty if nothing is, or if it is zero or unknown (NaN)."""
+        if not value or math.isnan(value) or self.least <= abs(value) <= self.most:
+            return ""
+        allowed = f"at most {self.most:g}" if abs(value) > self.most else f"at least {self.least:g}"
+        return f"is {value:g} {self.unit}, expected {allowed} ({self.why})"
+
+    def fault_of_all(self, values: NDArray[np.float64]) -> str:
+        """Return what is wrong with the largest of finite values; empty if nothing is."""
+        largest = max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))
+        return f"reaches {fault.removeprefix('is ')}" if (fault := self.fault(largest)) else ""
+
+
+MASS = Bound(1e-9, 1e6, "kg", "a grain of dust, a ship")
+STIFFNESS = Bound(1e-6, 1e15, "N/m", "softer than a cobweb, stiffer than rock")
+RATE = Bound(1e-6, 1e11, "Hz", "a sample in eleven days, the fastest recorder")
+CORNER = Bound(1e-9, 1e12, "Hz", "a drift of decades, beyond all electronics")
+ACCELERATION = Bound(1e-30, 1e15, "m/s2", "far below thermal noise, far beyond any sensor")
+LOAD = Bound(0.0, 1e12, "mN", "the weight of a hundred thousand tonnes")
+VOLTAGE = Bound(0.0, 1e9, "mV", "a million volts")
+ANY = Bound(1e-30, 1e30, "of its unit", "no sensor gives this; scale it")
+"""Of a recording by another program, in whatever unit."""
+
+BOUNDS = {
+    "m1_kg": MASS,
+    "m2_kg": MASS,
+    "k1_n_per_m": STIFFNESS,
+    "k2_n_per_m": STIFFNESS,
+    "sample_rate_hz": RATE,
+    "highpass_hz": CORNER,
+    "lowpass_hz": CORNER,
+    "full_scale_m_s2": ACCELERATION,
+    "target_load_mn": LOAD,
+    "load_before_mn": LOAD,
+    "load_after_mn": LOAD,
+    "voltage_before_mv": VOLTAGE,
+    "voltage_after_mv": VOLTAGE,
+    "acceleration": ACCELERATION,
+    "strain_mv": VOLTAGE,
+    "channels": ANY,
+    "load_mn": LOAD,
+    "voltage_mv": VOLTAGE,
+}
+"""By the names that the items of a session file have."""

@@ -38,6 +38,7 @@ from daq.errors import RecordingError, UnwrittenError
 from daq.hdf5 import CHECKSUMMED, open_hdf5, reading
 from daq.impact_group import check_shot, digest_of, read_impact, scalar_text, to_json, write_impact
 from daq.journal_file import JOURNAL, LARGEST_TEXT, append_after_death, mend, open_journal, write_all
+from daq.json_text import GivenTwice, parsed_once
 from daq.limited import read_limited
 from daq.limits import shot_room
 from daq.records import Shot
@@ -79,6 +80,7 @@ class SessionFolder:
             The folder holds a session already, another program works in it, or it cannot be written.
         """
         path = Path(path)
+        _not_linked(path / SHOTS)
         try:
             make_folder(path / SHOTS)
             sync_folder(path)  # also where a program that was killed at once had made it
@@ -110,6 +112,7 @@ class SessionFolder:
             raise RecordingError(f"{path}: there is no such session folder")
         if not (path / SHOTS).is_dir() and not (path / HEADER).exists():
             raise RecordingError(f"{path}: is no session folder: it holds no {HEADER}")
+        _not_linked(path / SHOTS)
         lock = _take_lock(path)
         try:
             return cls(path, lock, _read_header(path))
@@ -192,13 +195,14 @@ class SessionFolder:
         RecordingError
             There is no such shot, or its file is damaged.
         """
-        shot, state = read_limited(shot_in, self._shot_path(number), number, kinds=(Shot,))
+        path = _not_linked(self._shot_path(number))
+        shot, state = read_limited(shot_in, path, number, kinds=(Shot,))
         self._check_noted(shot)
         return shot, state
 
     def shots(self) -> list[Shot]:
         """Return all complete shots in order; `RecordingError` names a damaged file."""
-        paths = {number: self._shot_path(number) for number in self.shot_numbers()}
+        paths = {number: _not_linked(self._shot_path(number)) for number in self.shot_numbers()}
         size = sum(path.stat().st_size for path in paths.values() if path.is_file())
         listed = [[number, str(path)] for number, path in paths.items()]
         shots: list[Shot] = read_limited(shots_in, self.path, listed, kinds=(Shot,), size=size) if listed else []
@@ -268,6 +272,13 @@ def shots_in(folder: Path, listed: Sequence[tuple[int, str]]) -> list[Shot]:
     return [shot_in(Path(path), number)[0] for number, path in listed]
 
 
+def _not_linked(path: Path) -> Path:
+    """Return a path in a session's folder; a link there would have another place read, or written to."""
+    if path.is_symlink():
+        raise RecordingError(f"{path}: is a link to another place, which is not followed; put there what it leads to")
+    return path
+
+
 def _take_lock(path: Path) -> int:
     try:
         descriptor = open_plain(path / LOCK, os.O_RDWR | os.O_CREAT)
@@ -284,7 +295,9 @@ def _take_lock(path: Path) -> int:
 def _read_header(path: Path) -> dict[str, Any]:
     file = path / HEADER
     try:
-        header = json.loads(read_plain(file, LARGEST_TEXT))
+        header = parsed_once(read_plain(file, LARGEST_TEXT))
+    except GivenTwice as error:
+        raise RecordingError(f"{file}: is damaged: {error}; {mend(path)}") from error
     except FileNotFoundError:
         if any((path / SHOTS).glob("*.h5")):
             raise RecordingError(f"{path}: its {HEADER} is lost, but there are shots; {mend(path)}") from None

@@ -12,6 +12,7 @@ from typing import Any
 
 from daq.durable import open_plain, refuse_large, sync_folder, write_error
 from daq.errors import RecordingError
+from daq.json_text import GivenTwice, parsed_once
 
 JOURNAL = "journal.jsonl"
 LARGEST_TEXT = 64 * 2**20
@@ -26,6 +27,10 @@ def mend(folder: Path) -> str:
 def open_journal(path: Path) -> tuple[int, list[dict[str, Any]], int]:
     """Return the journal's descriptor, its events, and its length in bytes after a torn tail was cut off."""
     try:
+        if path.is_symlink():
+            raise RecordingError(
+                f"{path}: is a link to another place, which is not followed; put the file itself there"
+            )
         new = not path.exists()
         descriptor = open_plain(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
     except OSError as error:
@@ -110,7 +115,10 @@ def parse_journal(content: bytes, path: Path) -> tuple[list[dict[str, Any]], int
     events: list[dict[str, Any]] = []
     length = 0
     for number, line in enumerate(lines, start=1):
-        event = _parse_event(line)
+        try:
+            event = _parse_event(line)
+        except GivenTwice as error:
+            raise RecordingError(f"{path}: line {number} is damaged: {error}; {mend(path.parent)}") from error
         if event is None:
             if number == len(lines):
                 break
@@ -141,12 +149,17 @@ def _whole_length(content: bytes) -> int:
     """Bytes up to where a torn last line begins."""
     end = content.rfind(b"\n") + 1
     last = content.rfind(b"\n", 0, max(end - 1, 0)) + 1
-    return end if end == 0 or _parse_event(content[last : end - 1]) is not None else last
+    try:
+        return end if end == 0 or _parse_event(content[last : end - 1]) is not None else last
+    except GivenTwice:  # not torn, but damaged: left as it is
+        return end
 
 
 def _parse_event(line: bytes) -> dict[str, Any] | None:
     try:
-        event = json.loads(line)
+        event = parsed_once(line)
+    except GivenTwice:
+        raise
     except (ValueError, RecursionError):
         return None
     return event if isinstance(event, dict) and "event" in event else None

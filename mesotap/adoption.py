@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -13,8 +12,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from daq.errors import RecordingError, one_line
+from daq.json_text import GivenTwice, parsed_once
 from daq.regular import read_regular
 from mesotap.config import Config, ConfigError, effective_text
+from mesotap.yaml_text import sentence
 
 FORMAT, VERSION = "mesotap-diagnosis", 1
 CONSTANTS = ("m1", "m2", "k1", "k2")
@@ -60,9 +61,11 @@ def read_diagnosis(path: Path) -> AdoptedModel:
         A sentence: the file is none, or names nothing that could be adopted.
     """
     try:
-        content = json.loads(read_regular(path, LARGEST_FILE, "a diagnosis"))
+        content = parsed_once(read_regular(path, LARGEST_FILE, "a diagnosis"))
     except RecordingError:
         raise
+    except GivenTwice as error:
+        raise RecordingError(f"{path}: {error}; which one counts cannot be told") from error
     except (ValueError, RecursionError) as error:
         raise RecordingError(f"{path}: is not JSON") from error
     if not isinstance(content, dict) or (content.get("format"), content.get("version")) != (FORMAT, VERSION):
@@ -149,7 +152,7 @@ def with_model(config: Config, model: AdoptedModel) -> Config:
     try:
         return Config.model_validate(content)
     except ValidationError as error:
-        said = "; ".join(fault["msg"].removeprefix("Value error, ") for fault in error.errors())
+        said = "; ".join(sentence(fault, Config) for fault in error.errors())
         raise ConfigError(f"{model.source}: {said}") from error
 
 

@@ -23,6 +23,7 @@ from daq.errors import RecordingError, one_line
 from daq.impact_group import check_time, digest_of
 from daq.journal import HEADER, JOURNAL, SHOTS, any_shot_in
 from daq.journal_file import LARGEST_TEXT
+from daq.json_text import GivenTwice, parsed_once
 from daq.limited import LimitedReader
 from daq.limits import folder_room
 from daq.records import CalibrationPoints, RigDescription, Session, Shot
@@ -238,8 +239,10 @@ def _entries(folder: Path, losses: Losses) -> tuple[list[dict[str, Any]], Progre
                 losses.note(f"{JOURNAL}, line {number}", "was not written to its end")
             break
         try:
-            entry = json.loads(line)
+            entry = parsed_once(line)
             fault = fault_of(entry) if isinstance(entry, dict) else "is no journal entry"
+        except GivenTwice as error:
+            fault = str(error)
         except (ValueError, RecursionError):
             fault = "is no journal entry"
         if fault:

@@ -15,6 +15,7 @@ from sim_backend.analog import AnalogSignal
 from sim_backend.clock import VirtualClock
 from sim_backend.gauge import SimulatedLoadCell, SimulatedWeights
 from sim_backend.impactor import SimulatedImpactor
+from sim_backend.kept_state import refuse_damaged, shortened
 from sim_backend.recorder import analog_filter, converters
 from sim_backend.settings import SimBackendSettings
 from sim_backend.stage import SimulatedStage
@@ -171,10 +172,12 @@ class SimulatedRig(Rig):
     def restore(self, state: dict[str, Any]) -> None:
         """Take up the state of `checkpoint` of a rig with the same settings and seed."""
         if state.get("version") != CHECKPOINT_VERSION or state.get("seed") != self.seed:
+            seeds = f"seed {shortened(state.get('seed'))} against {shortened(self.seed)}"
             raise RigError(
-                "The kept state is not of this simulated rig "
-                f"(seed {state.get('seed')} against {self.seed}): use the same config.yaml, or begin a new session."
+                f"The kept state is not of this simulated rig ({seeds}): "
+                "use the same config.yaml, or begin a new session."
             )
+        refuse_damaged({**state, "seed": 0})
         self.clock.time_s = state["time_s"]
         self.peak_true_load_mn = state["peak_true_load_mn"]
         for name, part in self._parts.items():

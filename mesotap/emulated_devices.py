@@ -5,6 +5,8 @@ What a power cut or a kill does to a session can be tried with it as with real d
 
 from __future__ import annotations
 
+import os
+import stat
 import subprocess
 import sys
 import tempfile
@@ -12,6 +14,7 @@ import time
 from pathlib import Path
 from typing import TypeVar
 
+from daq.errors import RecordingError, one_line
 from mesotap.config import Config, effective_text, parse_config
 from rig import Impactor, Operator, RigError
 from rig.assembled import AssembledRig
@@ -28,6 +31,8 @@ from sim_backend.emulators.rig import DEFAULT_AMPLIFIER, DEFAULT_STAGE, Emulated
 
 STARTING_S = 60.0
 LOOK_S = 0.05
+LONGEST_SHOWN = 100
+WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
 class SeparateRig(AssembledRig):
@@ -65,6 +70,10 @@ class SeparateRig(AssembledRig):
             RemoteWeights(self.devices),
         )
 
+    def end_devices(self) -> None:
+        """Have the other process end, which nobody will call any more."""
+        self.devices.call("end")
+
 
 Settings = TypeVar("Settings", AmplifierRtu, NewportStage)
 
@@ -84,6 +93,36 @@ def with_port(part: object, default: Settings, port: str) -> Settings:
     return part.model_copy(update={"port": port})
 
 
+def refuse_foreign_devices(folder: Path, said_by: Path) -> None:
+    """Refuse a folder that a session names if no devices of this person run in it: nothing is made or called there.
+
+    Parameters
+    ----------
+    folder
+        Where the devices should be.
+    said_by
+        The file that says so.
+
+    Raises
+    ------
+    RecordingError
+        There are none, or they are somebody else's.
+    """
+    where = f"{said_by}: emulated devices should run in {one_line(str(folder))[:LONGEST_SHOWN]}, but"
+    begin = "; begin a new session, or save what there is with 'mesotap recover'"
+    try:
+        place, socket = folder.lstat(), (folder / CONTROL).lstat()
+    except (OSError, ValueError):
+        raise RecordingError(f"{where} there are none any more{begin}") from None
+    ours = all(found.st_uid == os.getuid() for found in (place, socket)) and not place.st_mode & WRITABLE_BY_OTHERS
+    if not (folder.is_absolute() and stat.S_ISDIR(place.st_mode) and stat.S_ISSOCK(socket.st_mode) and ours):
+        raise RecordingError(f"{where} what is there was not started by you{begin}")
+    try:
+        Devices(folder).close()
+    except (OSError, EOFError):
+        raise RecordingError(f"{where} they answer no more{begin}") from None
+
+
 def separate_rig(
     config: Config, operator: Operator, seed: int, folder: Path | None = None, wire_file: WireFile | None = None
 ) -> SeparateRig:
@@ -100,14 +139,28 @@ def separate_rig(
         folder = folder or Path(tempfile.mkdtemp(prefix="mesotap-devices-"))
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "config.yaml").write_text(effective_text(config), encoding="utf-8")
-        command = [sys.executable, "-m", "mesotap.emulated_devices", str(folder), str(seed)]
-        subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
-        begun = time.monotonic()
+        return _started(config, folder, seed, operator, wire_file)
+    return SeparateRig(config, folder, operator, wire_file)
+
+
+def _started(config: Config, folder: Path, seed: int, operator: Operator, wire_file: WireFile | None) -> SeparateRig:
+    """Start the devices; they are ended again where they cannot be used."""
+    command = [sys.executable, "-m", "mesotap.emulated_devices", str(folder), str(seed)]
+    nowhere = subprocess.DEVNULL  # whoever reads what this program prints does not wait for the devices to end
+    process = subprocess.Popen(command, stdin=nowhere, stdout=nowhere, stderr=nowhere, start_new_session=True)
+    begun = time.monotonic()
+    try:
         while not (folder / CONTROL).exists():
+            if process.poll() is not None:
+                raise RigError(f"emulated devices: they ended at once (exit code {process.returncode})")
             if time.monotonic() > begun + STARTING_S:
                 raise RigError(f"emulated devices: they did not start within {STARTING_S:g} s")
             time.sleep(LOOK_S)
-    return SeparateRig(config, folder, operator, wire_file)
+        return SeparateRig(config, folder, operator, wire_file)
+    except BaseException:
+        process.kill()
+        process.wait()
+        raise
 
 
 def main(folder: Path, seed: int) -> None:

@@ -28,7 +28,7 @@ from mesotap.commands.outputs import refuse_to_overwrite, write_json
 from mesotap.commands.recordings import SESSION_FILE
 from mesotap.config import Config, effective_text, load_config
 from mesotap.console import KeyControl, SessionDisplay, TerminalOperator
-from mesotap.emulated_devices import SeparateRig
+from mesotap.emulated_devices import SeparateRig, refuse_foreign_devices
 from mesotap.outlet import unhurried
 from mesotap.results_files import results_json
 from mesotap.session.entries import progress_in
@@ -80,7 +80,13 @@ def run(
     operator = TerminalOperator(console)
     with wire.begun(config, "run") as file:
         rig = _rig_of(header, config, operator, file)  # before a folder is begun to no purpose
-        with SessionFolder.create(path, header) as folder:
+        try:
+            begun = SessionFolder.create(path, header)
+        except BaseException:
+            if isinstance(rig, SeparateRig):
+                rig.end_devices()
+            raise
+        with begun as folder:
             _carry_out(folder, config, rig, operator, json_path, console, wire.log)
 
 
@@ -109,6 +115,8 @@ def resume(path: Path, json_path: Path | None, console: Console, wire: WireOptio
             _diagnose(session, results, config, path, console)
             return
         operator = TerminalOperator(console)
+        if header.devices:
+            refuse_foreign_devices(Path(header.devices), folder.path / HEADER)
         with wire.begun(config, "resume") as file:
             rig = _rig_of(folder.header, config, operator, file)
             _carry_out(folder, config, rig, operator, json_path, console, wire.log)
@@ -141,7 +149,7 @@ def _carry_out(
         finally:
             _note_hardware(folder, runner, hardware)
     if isinstance(rig, SeparateRig):
-        rig.devices.call("end")
+        rig.end_devices()
     file = folder.path / SESSION_FILE
     session = assemble(header, config, runner.progress, folder.shots())
     write_session(file, session)

@@ -23,6 +23,7 @@ FOLDER_VERSION = 1
 
 SOFTWARE = f"mesotap {__version__}"
 LONGEST_SHOWN = 60
+LONGEST_SEED = 40  # digits; a generator takes in 128 bits
 PHYSICAL = ("masses", "springs", "filter", "wiring")
 MOST_ROUNDS = 20  # of taking out keys: a key within a key that is unknown too shows up only then
 
@@ -38,8 +39,9 @@ class Header(BaseModel):
     config: str
     simulated: bool = False
     emulated: bool = False
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0, lt=10**LONGEST_SEED)] = 0
     realtime: bool = False
+    devices: str = ""
     software: str = ""
 
     @model_validator(mode="after")

@@ -131,7 +131,7 @@ def write_whole(path: Path, content: bytes | memoryview, new: bool = False) -> N
         There is no name, or a file where there must be none, the disk is full, the place is not writable, there is no
         such folder, or a link stands where the unfinished file is to be: nothing is ever written through one.
     """
-    if not path.name:
+    if path.name in ("", ".."):
         raise UnwrittenError(path, "it is a folder; name a file")
     part = path.with_name(f"{path.name}.{os.getpid()}{PART}" if new else path.name + PART)
     try:

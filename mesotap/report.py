@@ -21,6 +21,7 @@ from analysis.results import ImpactResult, LoadResult, RecordingModes, SessionRe
 from analysis.settings import FlatContact, SphereContact
 from calibration.estimate import LEVEL
 from daq.durable import write_whole
+from daq.errors import UnwrittenError
 from daq.records import Session, Shot
 from mesotap import figures
 from mesotap.comparison import count_inside, recovered_against, spectral_check, theory_ratios
@@ -102,6 +103,8 @@ def write_report(
         The report.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    if pdf_figures and (folder / FIGURE_FOLDER).is_symlink():
+        raise UnwrittenError(folder / FIGURE_FOLDER, "it is a link to another place; remove it")
     drawn = _session_figures(session, results, theory)
     explained = None if contact is None else explain(results, contact, session.rig)
     if explained is not None:

@@ -204,7 +204,15 @@ def _cells(source: LoadResult | ImpactResult, quantities: Sequence[str]) -> list
     return cells
 
 
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_FORMULA = (
+    "=",
+    "+",
+    "-",
+    "@",
+    "\t",
+    "\r",
+    *"\uff1d\uff0b\uff0d\uff20",
+)  # the last four are the wide forms of the first
 
 
 def _cell(value: object) -> object:
@@ -212,7 +220,8 @@ def _cell(value: object) -> object:
     if not isinstance(value, str):
         return value
     text = one_line(value)
-    return f"'{text}" if value.lstrip(" ").startswith(_FORMULA) else text
+    begins = [written.lstrip(" \n").startswith(_FORMULA) for written in (value, text)]
+    return f"'{text}" if any(begins) else text
 
 
 def _csv(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import stat
 import sys
 from pathlib import Path
 from typing import Any
 
-from daq.durable import write_whole
-from daq.errors import RecordingError
+from daq.durable import cause_of, write_whole
+from daq.errors import RecordingError, UnwrittenError
 from daq.regular import read_head
 from daq.session_file import read_session
+
+DEVICE_FOLDERS = (Path("/dev"), Path("/dev/fd").resolve(), Path("/proc/self/fd").resolve())
 
 
 def write_json(path: Path | None, answer: Any) -> None:
@@ -22,8 +27,37 @@ def write_json(path: Path | None, answer: Any) -> None:
         raise RecordingError(f"{path}: exists already and is no JSON; it is left as it is, name another file")
     if str(path) == "-":
         sys.stdout.write(text)
-        return
-    write_whole(path, text.encode())
+    elif _takes_what_is_written(path):
+        _write_through(path, text.encode())
+    else:
+        write_whole(path, text.encode())
+
+
+def _takes_what_is_written(path: Path) -> bool:
+    """Return whether a path is a pipe or a device such as a terminal, which is written to and not replaced."""
+    try:
+        kind = path.stat().st_mode
+    except (OSError, ValueError):
+        return False
+    if stat.S_ISSOCK(kind) or stat.S_ISBLK(kind):
+        raise UnwrittenError(path, "it is a disk or a socket; name a file")
+    if stat.S_ISREG(kind) and path.parent.resolve() in DEVICE_FOLDERS:
+        raise UnwrittenError(path, "it is no file of yours; name another, or - for standard output")
+    return stat.S_ISFIFO(kind) or stat.S_ISCHR(kind)
+
+
+def _write_through(path: Path, content: bytes) -> None:
+    """Write to what takes it at once; a pipe that nobody reads is refused and not waited for."""
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+        os.set_blocking(descriptor, True)
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(content)
+    except BrokenPipeError as error:
+        raise UnwrittenError(path, "whoever read it has gone") from error
+    except OSError as error:
+        nobody = error.errno == errno.ENXIO
+        raise UnwrittenError(path, "nobody reads from this pipe" if nobody else cause_of(error)) from error
 
 
 def refuse_to_overwrite(path: Path) -> None:

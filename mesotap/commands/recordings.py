@@ -62,6 +62,8 @@ def import_file(
     console: Console,
 ) -> None:
     """Make a session file of another program's recording."""
+    if output is None and file.name in ("", ".."):
+        raise RecordingError(f"{file}: is a folder, not a recording")
     target = output or file.with_suffix(".h5")
     refuse_to_overwrite(target)
     recording = believed(import_recording(file, rate_hz=rate))

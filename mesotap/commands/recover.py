@@ -22,6 +22,8 @@ def recover_folder(folder: Path, output: Path | None, json_path: Path | None, co
         There is no whole shot, or the file is there already or would stand in the folder that is to be left alone.
     """
     where = folder.resolve()
+    if output is None and not where.name:
+        raise RecordingError(f"{folder}: has no name to call the session file after; name a file with -o")
     target = output or where.with_name(f"{where.name}-recovered.h5")
     if target.resolve().is_relative_to(where):
         raise RecordingError(f"{target}: lies in the damaged folder, which is left as it is; name a place outside")

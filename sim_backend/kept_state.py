@@ -88,7 +88,11 @@ def refuse_damaged(state: Mapping[str, Any]) -> None:
         _State.model_validate(state)
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
-        item, message = ".".join(map(str, fault["loc"])), fault["msg"]
+        # the path names the branches of a union too
+        item, message = (
+            ".".join(str(part) for part in fault["loc"] if str(part).replace("_", "").isalnum()),
+            fault["msg"],
+        )
         if fault["type"] == "missing":
             raise ValueError(f"{item} is missing") from None
         raise ValueError(f"{item} is {shortened(fault['input'])}: {message[:1].lower()}{message[1:]}") from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import shutil
 import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -79,12 +80,15 @@ def run(
         header["devices"] = tempfile.mkdtemp(prefix="mesotap-devices-")
     operator = TerminalOperator(console)
     with wire.begun(config, "run") as file:
-        rig = _rig_of(header, config, operator, file)  # before a folder is begun to no purpose
+        rig: Rig | None = None
         try:
+            rig = _rig_of(header, config, operator, file)  # before a folder is begun to no purpose
             begun = SessionFolder.create(path, header)
         except BaseException:
             if isinstance(rig, SeparateRig):
                 rig.end_devices()
+            if "devices" in header:
+                shutil.rmtree(header["devices"], ignore_errors=True)
             raise
         with begun as folder:
             _carry_out(folder, config, rig, operator, json_path, console, wire.log)

@@ -22,7 +22,7 @@ from analysis.results import SessionResults
 from calibration.estimate import Estimate
 from mesotap import figures
 from mesotap.adoption import LOAD_CELL
-from mesotap.report import Plate, environment, written
+from mesotap.report import Plate, environment, figure_folder, written
 from mesotap.results_files import json_text
 from sim_backend.mechanisms.mechanism import Mechanism
 
@@ -94,9 +94,8 @@ def write_diagnosis(
     drawn = _figures(found, results)
     progress("drawing")
     if pdf_figures:
-        (folder / "figures").mkdir(exist_ok=True)
         for name, figure in drawn.items():
-            figures.save(figure, folder / "figures" / f"diagnosis-{name}.pdf")
+            figures.save(figure, figure_folder(folder) / f"diagnosis-{name}.pdf")
     written(folder / "diagnosis.json", json_text(dict(answer)))
     after = contest.best if contest.best.terms else None
     html = environment().get_template("diagnosis.html").render(

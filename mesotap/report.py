@@ -20,7 +20,7 @@ from analysis.published import Published
 from analysis.results import ImpactResult, LoadResult, RecordingModes, SessionResults
 from analysis.settings import FlatContact, SphereContact
 from calibration.estimate import LEVEL
-from daq.durable import write_whole
+from daq.durable import write_error, write_whole
 from daq.errors import UnwrittenError
 from daq.records import Session, Shot
 from mesotap import figures
@@ -103,8 +103,8 @@ def write_report(
         The report.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    if pdf_figures and (folder / FIGURE_FOLDER).is_symlink():
-        raise UnwrittenError(folder / FIGURE_FOLDER, "it is a link to another place; remove it")
+    if pdf_figures:
+        figure_folder(folder)
     drawn = _session_figures(session, results, theory)
     explained = None if contact is None else explain(results, contact, session.rig)
     if explained is not None:
@@ -113,9 +113,8 @@ def write_report(
         )
         written(folder / "explanations.json", json_text(explained.as_json()))
     if pdf_figures:
-        (folder / FIGURE_FOLDER).mkdir(exist_ok=True)
         for name, figure in drawn.items():
-            figures.save(figure, folder / FIGURE_FOLDER / f"{name}.pdf")
+            figures.save(figure, figure_folder(folder) / f"{name}.pdf")
     answer = results_json(results)
     if correction is not None:
         from mesotap.correction import with_correction  # compiles force laws: only where there are any
@@ -271,6 +270,24 @@ WITH_LOADS = {
 def _label(name: str, drifted: bool) -> str:
     """Return what a screen reader says of a figure, whose text is outlines."""
     return LABELS[name] + (f". {figures.DRIFT_FOOTNOTE}" if drifted and name in WITH_LOADS else "")
+
+
+def figure_folder(folder: Path) -> Path:
+    """Return the folder of a report's figures, made if it is not there.
+
+    Raises
+    ------
+    UnwrittenError
+        A link stands there, or it cannot be made.
+    """
+    place = folder / FIGURE_FOLDER
+    if place.is_symlink():
+        raise UnwrittenError(place, "it is a link to another place; remove it")
+    try:
+        place.mkdir(exist_ok=True)
+    except OSError as error:
+        raise write_error(place, error) from error
+    return place
 
 
 def written(path: Path, text: str) -> Path:

@@ -27,14 +27,14 @@ from mesotap.bench import build_rig, simulated_rig, truth_now
 from mesotap.commands.answers import analysed, show_session
 from mesotap.commands.outputs import refuse_to_overwrite, write_json
 from mesotap.commands.recordings import SESSION_FILE
-from mesotap.config import Config, effective_text, load_config
+from mesotap.config import Config, ConfigError, effective_text, load_config
 from mesotap.console import KeyControl, SessionDisplay, TerminalOperator
 from mesotap.emulated_devices import SeparateRig, refuse_foreign_devices
 from mesotap.outlet import unhurried
 from mesotap.results_files import results_json
 from mesotap.session.entries import progress_in
 from mesotap.session.guardian_link import guardian_for
-from mesotap.session.header import FOLDER_FORMAT, FOLDER_VERSION, kept_config, note_version, read_header
+from mesotap.session.header import FOLDER_FORMAT, FOLDER_VERSION, header_fault, kept_config, note_version, read_header
 from mesotap.session.progress import HARDWARE, assemble, describe_rig
 from mesotap.session.runner import Bench, SessionRunner
 from mesotap.session.shots import judged_shot
@@ -65,7 +65,7 @@ def run(
     config = load_config(config_path, changes)
     now = datetime.datetime.now(datetime.UTC)
     path = output or Path("sessions") / now.strftime("%Y%m%d-%H%M%S")
-    header = {
+    header: dict[str, Any] = {
         "format": FOLDER_FORMAT,
         "format_version": FOLDER_VERSION,
         "created": now.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
@@ -76,6 +76,8 @@ def run(
         "realtime": realtime,
         "software": f"mesotap {__version__}",
     }
+    if fault := header_fault(header):
+        raise ConfigError(f"--seed, or sim_backend.seed: this session could not be resumed: its header {fault}")
     if emulate and realtime:
         header["devices"] = tempfile.mkdtemp(prefix="mesotap-devices-")
     operator = TerminalOperator(console)

@@ -32,7 +32,7 @@ from mesotap.commands.outputs import write_json
 from mesotap.config import Config, ConfigError
 from mesotap.emulated_devices import refuse_foreign_devices
 from mesotap.recovery import recover as recovered
-from mesotap.report import write_report
+from mesotap.report import figure_folder, write_report
 from mesotap.results_files import _cell
 from rig import RigError
 from sim_backend.emulators.bench_process import CONTROL
@@ -193,6 +193,8 @@ def test_no_figure_is_drawn_behind_a_link(tmp_path: Path) -> None:
     (tmp_path / "figures").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(UnwrittenError, match="figures: cannot be written: it is a link to another place; remove it"):
         write_report(tmp_path, None, None, ())  # type: ignore[arg-type]
+    with pytest.raises(UnwrittenError, match="it is a link to another place"):
+        figure_folder(tmp_path)
 
 
 # --- the kept state of a simulated rig ----------------------------------------------------------------------------
@@ -242,6 +244,12 @@ def test_a_seed_of_hundreds_of_digits_is_shown_short(folder: Path) -> None:
     (folder / "session.json").write_text(json.dumps({**header, "seed": 10**400}))
     with pytest.raises(RecordingError, match=r"session.json: is damaged: seed: .{,70}; 'mesotap recover"):
         commands.resume(folder, None, silent())
+
+
+def test_no_session_is_begun_with_a_seed_that_none_can_be_resumed_with(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="this session could not be resumed"):
+        commands.run(None, (), True, 10**400, False, tmp_path / "run", None, silent())
+    assert list(tmp_path.iterdir()) == []
 
 
 # --- emulated devices -------------------------------------------------------------------------------------------

@@ -154,12 +154,12 @@ def _carry_out(
             runner.run()
         finally:
             _note_hardware(folder, runner, hardware)
-    if isinstance(rig, SeparateRig):
-        rig.end_devices()
     file = folder.path / SESSION_FILE
     session = assemble(header, config, runner.progress, folder.shots())
     write_session(file, session)
     runner.finish()
+    if isinstance(rig, SeparateRig):
+        rig.end_devices()  # not earlier: who is killed before the session is filed resumes with them
     session = replace(session, source=SESSION_FILE)
     results = _report(session, config, folder.path, runner.progress.truths, console)
     console.print(f"session file {escape(file)}", highlight=False, soft_wrap=True)

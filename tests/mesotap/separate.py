@@ -170,7 +170,11 @@ def killed_and_resumed(folder: Path, seed: int, number: int, reach: tuple[str, i
         time.sleep(wait_s)
         if session.ended():
             return False
-        ended = session.end_by(number)
+        try:
+            ended = session.end_by(number)
+        except (OSError, EOFError):  # it came to its end just then, and its devices with it
+            assert session.process.wait(ENDING_S) == 0, session.said()
+            return False
         if "session file" in session.said():
             return False
         session.hold_to_safety(ended)

@@ -18,7 +18,7 @@ from tests.mesotap.separate import killed_and_resumed
 
 RANDOM = int(os.environ.get("MESOTAP_GUARDED_KILLS", "0"))
 AT_A_TIME = 5
-LASTS_S = 14.0  # a session from its first calibration on
+LASTS_S = 10.0  # a session from its first calibration on
 STATES = {
     "calibrating": ("calibrating before the test", 1),
     "approaching": ("approaching", 1),

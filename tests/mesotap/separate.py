@@ -12,9 +12,10 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from daq.journal import SessionFolder
+from daq.journal import JOURNAL, SessionFolder
 from mesotap.config import Config, parse_config
 from mesotap.session.guardian_process import SILENCE_S
+from mesotap.session.states import Event
 from sim_backend.emulators.bench_process import Devices
 from tests.faults.bench import allowed_mn
 
@@ -40,6 +41,7 @@ NOTHING_TO_DO_S = 3.0  # for a guardian whose session died with the surfaces apa
 GRACE_S = 1.0  # from the end of the program until the surfaces are on their way apart
 TRAVEL_S = 0.3  # 6 um at 200 um/s, a clamp that opens, and a busy machine
 LOOK_S = 0.02
+FILED = f'"event": "{Event.FILED.value}"'
 
 
 @dataclass
@@ -148,9 +150,16 @@ class SeparateSession:
                 time.sleep(0.1)
 
     def resume(self) -> int:
-        """Go on to the end; the exit code."""
+        """Go on until the session is filed; the exit code, 0 for a report that is not waited for."""
         self.process = self._mesotap("resume", str(self.folder))
-        return self.process.wait(ENDING_S)
+        begun = time.monotonic()
+        while (code := self.process.poll()) is None and FILED not in (self.folder / JOURNAL).read_text():
+            assert time.monotonic() < begun + ENDING_S, self.said()
+            time.sleep(LOOK_S)
+        if code is None:
+            self.process.kill()
+            self.process.wait()
+        return code or 0
 
     def close(self) -> None:
         """End everything."""

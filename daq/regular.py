@@ -70,7 +70,8 @@ def read_regular(path: Path, most: int, what: str = "what is expected here") -> 
             content: bytes | None = b"" if size > most else file.read(min(most, max(size, _UNSIZED)) + 1)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
-    if content is None:  # what only looks like a file, such as the log of the kernel, may have nothing to give now
+    # what only looks like a file, such as the log of the kernel, may have nothing to give now, or more than it says
+    if content is None or (size == 0 and content):
         raise RecordingError(f"{path}: cannot be read: it is no file that stays as it is")
     if max(size, len(content)) > most:
         raise RecordingError(f"{path}: is larger than {_readable(most)}, too large for {what}")

@@ -71,7 +71,8 @@ class LoadLoop:
         told = f" (a step of the stage, {self.step_um:g} um, is up to {self.step_um * self.mn_per_um:.3g} mN)"
         raise InterlockRefusal(
             f"load: {target_mn:g} mN was not reached within {tolerance_mn:g} mN, the last was {load:.0f} mN"
-            f"{told if self.step_um else ''}; check stage and gauge, or give a wider mesotap.load_tolerance_mn"
+            f"{told if self.step_um else ''}; check stage and gauge (settling_s, if the amplifier's filter is "
+            "slow), or give a wider mesotap.load_tolerance_mn"
         )
 
     def _towards(self, missing_mn: float, tolerance_mn: float) -> float:

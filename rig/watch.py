@@ -17,6 +17,9 @@ PERIOD_S = 0.1
 SLOW_PERIOD_S, SLOW_S = 0.06, 0.005
 """The same where a reply takes longer than 5 ms: what a look costs there is gained by looking more often."""
 
+LONGER_THAN_A_LOOK = 1.15
+"""Times what a look takes, in which nobody looks again: else the recorder, which waits meanwhile, is never heard."""
+
 STAGE_PERIOD_S = 0.15
 """Between two looks at the stage, which has to answer when it is needed."""
 
@@ -71,7 +74,8 @@ class LoadWatch:
             return
         self._looking = True  # a part that waits while it is looked at calls this again
         try:
-            period_s = SLOW_PERIOD_S if self._gauge.round_trip_s > SLOW_S else PERIOD_S
+            slow_s = self._gauge.round_trip_s
+            period_s = max(SLOW_PERIOD_S, LONGER_THAN_A_LOOK * slow_s) if slow_s > SLOW_S else PERIOD_S
             if self._clock.now() - self._gauge_seen_at >= min(period_s, self._budget_s):
                 self._gauge_seen_at = self._clock.now()
                 self._interlock.look_at_gauge(self.taps)

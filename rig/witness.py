@@ -13,6 +13,7 @@ from rig.interface import Rig
 from rig.readings import GaugeScale, LoadReading
 from rig.settings import Limits
 
+AGAIN_S = 0.05  # longest reading of a gauge that repeats itself: whether it lives is to be known soon
 QUANTA = 2.0  # steps of a rounded voltage by which the load must have risen before a gauge that stands still is frozen
 
 
@@ -98,6 +99,7 @@ class LoadWitness:
             self._last_mv = reading.voltage_mv
             if not self._same:
                 return reading
+            duration_s = min(duration_s, AGAIN_S)
             if self._same >= self._limits.frozen_readings:
                 raise StaleReading(
                     f"{self._rig.load_cell.name}: {self._same + 1} readings are the same to the last digit "

@@ -289,7 +289,7 @@ class SessionRunner:
         if sum(e["event"] == Event.LOADED.value for e in events) >= MOST_SETTINGS:
             raise RigError(
                 f"load {self._target():.0f} mN: it was set {MOST_SETTINGS} times and is {load_mn:.0f} mN again; "
-                "check the clamp and the specimen"
+                "check the clamp, the specimen, and the amplifier's filter (settling_s)"
             )
 
     def _record(self, before: tuple[float, float], hint: str) -> Shot | None:

@@ -93,11 +93,12 @@ class ModbusLoadCell(LoadCell, Driver):
             The amplifier does not answer, or its status says that the reading is worth nothing.
         """
         rate = self._settings.readings_per_s
-        start = self._clock.now()
         self.round_trip_s = self._wire.reply_time.round_trip_s
         if duration_s == 0.0 and self.round_trip_s > 1 / rate:
-            self.idle()
-            return LoadReading(start, self._sample(), 0.0, 1, self._quantum_mv())
+            self.idle()  # which may take long: the operator may pause
+            taken = self._clock.now()
+            return LoadReading(taken, self._sample(), 0.0, 1, self._quantum_mv())
+        start = self._clock.now()
         count = max(SMALLEST_COUNT, round(duration_s * rate))
         values: list[float] = []
         taken = start

@@ -88,3 +88,18 @@ def test_an_order_for_speed_that_was_damaged_is_given_again(tmp_path, round_trip
     assert damaged == ["next", "done"]
     assert bench.rig.physics.true_load_mn() == 0.0
     assert outcome.apart_s - outcome.noticed_s <= SAFE_WITHIN_S + 0.2 + 4 * round_trip_s, outcome.reads
+
+
+def test_a_slow_wire_leaves_time_for_the_recorder(tmp_path):
+    bench = FaultyBench(tmp_path / "s", quick_config(), 2, round_trip_s=0.06)
+    outcome = bench.run()
+    assert outcome.error is None, outcome.reads
+
+
+@pytest.mark.parametrize("nth", [1, 2, 5])
+@pytest.mark.parametrize("state", [State.SET_LOAD, State.LOCK, State.TAP])
+def test_a_pause_on_a_slow_wire_makes_no_reading_old(tmp_path, state, nth):
+    bench = FaultyBench(tmp_path / "s", quick_config(), 1, round_trip_s=0.03)
+    bench.when(state, 1, nth, lambda: bench.pause(20.0))
+    outcome = bench.run()
+    assert outcome.error is None, outcome.reads

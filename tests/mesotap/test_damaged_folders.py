@@ -20,7 +20,7 @@ from daq.session_file import read_session
 from mesotap import report
 from mesotap.__main__ import _sentence
 from mesotap.commands import files, recordings, recover, session
-from tests.fuzz.session_folders import DAMAGES, finished, unfinished
+from tests.fuzz.session_folders import DAMAGES
 
 WHOLE = bool(os.environ.get("MESOTAP_WHOLE_COMMANDS"))
 """Whether sessions that can be opened are analysed and reported too, which takes 5 s each."""
@@ -46,14 +46,6 @@ COMMANDS: dict[str, Callable[[Path], object]] = {
     "info": lambda folder: recordings.info(folder, None, silent()),
     "recover": lambda folder: recover.recover_folder(folder, folder.parent / "recovered.h5", None, silent()),
 }
-
-
-@pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    place = tmp_path_factory.mktemp("sound")
-    unfinished(place / "unfinished")
-    finished(place / "finished")
-    return place
 
 
 @pytest.fixture(autouse=True)

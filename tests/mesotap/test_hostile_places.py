@@ -6,7 +6,6 @@ import io
 import json
 import os
 import pty
-import shutil
 import socket
 import subprocess
 import sys
@@ -36,24 +35,11 @@ from mesotap.report import figure_folder, write_report
 from mesotap.results_files import _cell
 from rig import RigError
 from sim_backend.emulators.bench_process import CONTROL
-from tests.fuzz.session_folders import unfinished
 from tests.mesotap.benches import small_config
 
 
 def silent() -> Console:
     return Console(file=io.StringIO(), width=200)
-
-
-@pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    place = tmp_path_factory.mktemp("sound") / "run"
-    unfinished(place)
-    return place
-
-
-@pytest.fixture
-def folder(sound: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(sound, tmp_path / "run"))
 
 
 @pytest.mark.parametrize("path", ["", "/", ".", ".."])

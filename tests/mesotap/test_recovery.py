@@ -23,23 +23,10 @@ from daq.records import Shot
 from daq.session_file import read_session, write_session
 from mesotap import recovery
 from mesotap.recovery import recover
-from tests.fuzz.session_folders import DAMAGES, finished, unfinished
+from tests.fuzz.session_folders import DAMAGES
 from tests.fuzz.sessions import small_session
 
 MARK = b"this one ends the process"
-
-
-@pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    place = tmp_path_factory.mktemp("sound")
-    unfinished(place / "unfinished")
-    finished(place / "finished")
-    return place
-
-
-@pytest.fixture
-def folder(sound: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(sound / "unfinished", tmp_path / "run"))
 
 
 def ends_at_the_mark(path: Path) -> Shot:

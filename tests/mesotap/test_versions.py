@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import shutil
 from pathlib import Path
 
 import pytest
@@ -14,21 +13,13 @@ from daq.journal import SessionFolder
 from mesotap.commands import session
 from mesotap.config import ConfigError
 from mesotap.session.header import FOLDER_VERSION, SOFTWARE, kept_config
-from tests.fuzz.session_folders import unfinished
-
-
-@pytest.fixture(scope="module")
-def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    place = tmp_path_factory.mktemp("begun") / "run"
-    unfinished(place)
-    return place
 
 
 @pytest.fixture
-def folder(begun: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(session, "_report", lambda *arguments: None)
     monkeypatch.setattr(session, "results_json", lambda results: {})
-    return Path(shutil.copytree(begun, tmp_path / "run"))
+    return folder
 
 
 def resumed(folder: Path, **header: object) -> str:

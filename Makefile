@@ -34,8 +34,8 @@ layers: $(VENV)/.tested
 # 200 sessions ended at random moments and resumed: a third by SIGKILL on the simulated rig, the others by SIGKILL and by
 # other signals on emulated devices that outlive them, with the guardian
 kills: $(VENV)/.tested
-	MESOTAP_KILLS=66 $(BIN)/python -m pytest tests/mesotap/test_killed.py
-	MESOTAP_GUARDED_KILLS=134 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -s tests/mesotap/test_guardian.py
+	MESOTAP_KILLS=66 $(BIN)/python -m pytest tests/mesotap/session/test_killed.py
+	MESOTAP_GUARDED_KILLS=134 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -s tests/mesotap/session/test_guardian.py
 
 # 200 seeded loads: does every interval cover as often as it says?
 recovery: $(VENV)/.installed
@@ -56,7 +56,7 @@ faults-table: $(VENV)/.tested
 
 # drivers that others wrote for the same devices, at the emulated ones, in a virtualenv of its own
 witness: .venv-witness/.installed
-	OPENBLAS_NUM_THREADS=1 .venv-witness/bin/python -m pytest -rs tests/sim_backend/test_newport_by_others.py
+	OPENBLAS_NUM_THREADS=1 .venv-witness/bin/python -m pytest -rs tests/sim_backend/emulators/test_newport_by_others.py
 
 .venv-witness/.installed: pyproject.toml
 	$(PYTHON) -m venv .venv-witness

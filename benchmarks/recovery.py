@@ -20,8 +20,8 @@ import numpy as np
 
 from analysis.session import analyse_session
 from daq.journal import SessionFolder
-from mesotap.bench import simulated_rig, truth_now
-from mesotap.config import parse_config
+from mesotap.configuration.config import parse_config
+from mesotap.session.bench import simulated_rig, truth_now
 from mesotap.session.progress import assemble
 from mesotap.session.runner import Bench, SessionRunner, Uninterrupted
 

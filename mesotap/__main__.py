@@ -15,7 +15,7 @@ def main() -> None:
     # the matrices here are small: a second BLAS thread only gets in the way of the first
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from mesotap.cli import app
-    from mesotap.terminal import complain, let_go_of_the_dead, survive_any_text
+    from mesotap.operator.terminal import complain, let_go_of_the_dead, survive_any_text
 
     survive_any_text()
     try:

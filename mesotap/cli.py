@@ -68,7 +68,7 @@ PIPED_WIDTH = 160  # of tables where no terminal says how wide it is
 
 def _console(json: Path | None) -> Console:
     """Where a command talks to a person: not where its answer for programs goes."""
-    from mesotap.terminal import SafeConsole
+    from mesotap.operator.terminal import SafeConsole
 
     console = SafeConsole(stderr=str(json) == "-")
     if not console.is_terminal:
@@ -115,7 +115,7 @@ def run(
     Keys: p pauses, q ends safely. Whatever ends it, 'mesotap resume' goes on.
     """
     from mesotap.commands.session import run as begin
-    from mesotap.wire_options import WireOptions
+    from mesotap.commands.wire_options import WireOptions
 
     wire = WireOptions(record_wire, record_samples, log_wire)
     begin(config, changes or (), simulate, seed, realtime, output, json, _console(json), emulate, wire)
@@ -131,7 +131,7 @@ def resume(
 ) -> None:
     """Go on with a session that was ended, interrupted or killed; nothing accepted is lost."""
     from mesotap.commands.session import resume as go_on
-    from mesotap.wire_options import WireOptions
+    from mesotap.commands.wire_options import WireOptions
 
     go_on(folder, json, _console(json), WireOptions(record_wire, record_samples, log_wire))
 
@@ -183,7 +183,7 @@ def devices(
 ) -> None:
     """Find what is connected, and say what each configured device answers. Nothing moves."""
     from mesotap.commands.devices import devices as look
-    from mesotap.wire_options import WireOptions
+    from mesotap.commands.wire_options import WireOptions
 
     look(config, changes or (), simulate, emulate, seed, json, _console(json), search, WireOptions(record_wire))
 
@@ -204,7 +204,7 @@ def check(
 ) -> None:
     """Test the rig safely, part by part: noise floor, gauge zero, a step of the stage, a tap. A verdict a line."""
     from mesotap.commands.devices import check as test
-    from mesotap.wire_options import WireOptions
+    from mesotap.commands.wire_options import WireOptions
 
     wire = WireOptions(record_wire, record_samples)
     test(config, changes or (), simulate, emulate, seed, touch, json, _console(json), wire)
@@ -452,8 +452,8 @@ def config_check(
     changes: Changes = None,
 ) -> None:
     """Hold a configuration against what is allowed."""
-    from mesotap.config import load_config, settable_loads
-    from mesotap.terminal import say
+    from mesotap.configuration.config import load_config, settable_loads
+    from mesotap.operator.terminal import say
 
     config = load_config(file, changes or ())
     say(f"{file or 'config.yaml'}: good")
@@ -465,8 +465,8 @@ def config_check(
 def config_show(config: ConfigPath = None, changes: Changes = None, json: JsonPath = None) -> None:
     """Print every key with the value in force."""
     from mesotap.commands.outputs import write_json
-    from mesotap.config import effective_text, load_config
-    from mesotap.terminal import say
+    from mesotap.configuration.config import effective_text, load_config
+    from mesotap.operator.terminal import say
 
     loaded = load_config(config, changes or ())
     if json is None or str(json) != "-":
@@ -479,8 +479,8 @@ def config_init(
     file: Annotated[Path, typer.Argument(help="File to begin.")] = Path("config.yaml"),
 ) -> None:
     """Begin a commented configuration; never overwrites one."""
-    from mesotap.config import ConfigError, default_text
-    from mesotap.terminal import say
+    from mesotap.configuration.config import ConfigError, default_text
+    from mesotap.operator.terminal import say
 
     try:
         with file.open("x", encoding="utf-8") as new:

@@ -9,9 +9,9 @@ from rich.table import Table
 from analysis.results import SessionResults
 from analysis.session import analyse_session
 from daq.records import Session
-from mesotap.config import Config
-from mesotap.rounding import with_uncertainty
-from mesotap.terminal import escape
+from mesotap.answers.rounding import with_uncertainty
+from mesotap.configuration.config import Config
+from mesotap.operator.terminal import escape
 
 
 def analysed(session: Session, config: Config, console: Console) -> SessionResults:

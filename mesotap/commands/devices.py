@@ -8,15 +8,15 @@ from typing import Any
 
 from rich.console import Console
 
-from mesotap.bench import build_rig
 from mesotap.commands.outputs import write_json
-from mesotap.config import Config, load_config
-from mesotap.console import KeyControl, TerminalOperator
-from mesotap.outlet import unhurried
-from mesotap.self_test import Verdict, self_test
+from mesotap.commands.wire_options import NO_WIRE, WireOptions
+from mesotap.configuration.config import Config, load_config
+from mesotap.operator.console import KeyControl, TerminalOperator
+from mesotap.operator.outlet import unhurried
+from mesotap.operator.terminal import escape
+from mesotap.session.bench import build_rig
 from mesotap.session.guardian_link import guardian_for
-from mesotap.terminal import escape
-from mesotap.wire_options import NO_WIRE, WireOptions
+from mesotap.session.self_test import Verdict, self_test
 from rig import RigError
 from rig.drivers.driver import Driver
 from rig.drivers.settings import AmplifierRtu, AmplifierTcp, NewportStage

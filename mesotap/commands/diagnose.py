@@ -15,8 +15,8 @@ from analysis.results import SessionResults
 from daq.errors import RecordingError
 from daq.exchange.tables import NoTable
 from daq.records import Session
-from mesotap.diagnosis_files import diagnosis_answer, print_diagnosis
-from mesotap.terminal import escape
+from mesotap.answers.diagnosis_files import diagnosis_answer, print_diagnosis
+from mesotap.operator.terminal import escape
 from sim_backend.mechanisms.mechanism import Mechanism, element_mechanisms, mechanisms
 
 
@@ -69,7 +69,7 @@ def report_of(
     from analysis.session import analyse_session
     from analysis.settings import AnalysisSettings
     from calibration.settings import CalibrationSettings
-    from mesotap.diagnosis_report import write_diagnosis
+    from mesotap.report.diagnosis_report import write_diagnosis
     from rig.settings import RigSettings
 
     with console.status("drawing") as status:
@@ -99,8 +99,8 @@ def diagnose_finished(folder: Path, session: Session, results: SessionResults, c
 
 def adopt(diagnosis: Path, config_path: Path | None, output: Path, console: Console) -> None:
     """Write a configuration whose simulated rig is the one that was diagnosed."""
-    from mesotap.adoption import read_diagnosis, with_model, write_adopted
-    from mesotap.config import load_config
+    from mesotap.answers.adoption import read_diagnosis, with_model, write_adopted
+    from mesotap.configuration.config import load_config
 
     model = read_diagnosis(diagnosis)
     write_adopted(output, with_model(load_config(config_path), model))
@@ -125,10 +125,10 @@ def diagnose_described(
     from analysis.mismatch.rigs.steady import sweeps_of
     from daq.exchange import import_recording
     from daq.exchange.tables import import_tables
+    from mesotap.answers.rig_answers import print_rig_diagnosis, rig_answer
     from mesotap.commands.outputs import write_json
     from mesotap.commands.recordings import show_left_out
-    from mesotap.rig_answers import print_rig_diagnosis, rig_answer
-    from mesotap.rig_files import load_rig
+    from mesotap.configuration.rig_files import load_rig
 
     known = element_mechanisms()
     for name in without:
@@ -160,7 +160,7 @@ def diagnose_described(
     write_json(json, answer)
     print_rig_diagnosis(found, console)
     if report is not None:
-        from mesotap.rig_report import write_rig_report
+        from mesotap.report.rig_report import write_rig_report
 
         console.print(f"  report: {escape(write_rig_report(found, answer, report))}")
 

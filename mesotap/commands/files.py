@@ -19,19 +19,19 @@ from analysis.session import AnalysisError
 from daq.errors import RecordingError
 from daq.exchange import Recording
 from daq.records import Session
+from mesotap.answers.results_files import modes_json, results_json
+from mesotap.answers.rounding import with_uncertainty
 from mesotap.commands.answers import analysed, show_session
 from mesotap.commands.outputs import write_json
 from mesotap.commands.recordings import opened as opened_file
 from mesotap.commands.recordings import show_left_out
 from mesotap.commands.session import partial
-from mesotap.config import Config, ConfigError, effective_text, load_config, parse_config
-from mesotap.results_files import modes_json, results_json
-from mesotap.rounding import with_uncertainty
+from mesotap.configuration.config import Config, ConfigError, effective_text, load_config, parse_config
+from mesotap.operator.terminal import escape
 from mesotap.session.header import kept_config
-from mesotap.terminal import escape
 
 if TYPE_CHECKING:
-    from mesotap.correction import Correction
+    from mesotap.answers.correction import Correction
 
 METHODS = ("ml", "era")
 
@@ -89,7 +89,7 @@ def _analyze_one(
         show_session(results, console)
         if correction is None:
             return results_json(results)
-        from mesotap.correction import show_correction, with_correction
+        from mesotap.answers.correction import show_correction, with_correction
 
         show_correction(correction, console)
         return with_correction(results_json(results), correction)
@@ -101,7 +101,7 @@ def _analyze_one(
     modes = modes_of(recording, config.analysis.method)
     _show_modes(modes, console)
     if report is not None:
-        from mesotap.report import recording_report
+        from mesotap.report.report import recording_report
 
         page = recording_report(report, recording, modes)
         console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
@@ -109,8 +109,8 @@ def _analyze_one(
 
 
 def _corrected(session: Session, model: Path, console: Console) -> Correction:
-    from mesotap.adoption import read_diagnosis
-    from mesotap.correction import correct
+    from mesotap.answers.adoption import read_diagnosis
+    from mesotap.answers.correction import correct
 
     with console.status("fitting the model of the diagnosis ..."):
         return correct(session, read_diagnosis(model))
@@ -209,7 +209,7 @@ def _session_report(
     correction: Correction | None = None,
 ) -> SessionResults:
     from analysis.contact.theory import theory
-    from mesotap.report import write_report
+    from mesotap.report.report import write_report
 
     truths = partial(source)[2] if source.is_dir() else []
     results = analysed(session, config, console)
@@ -247,7 +247,7 @@ def published(report: Path | None, json_path: Path | None, console: Console) -> 
     for conflict in answer.conflicts:
         console.print(f"- {escape(conflict)}", highlight=False)
     if report is not None:
-        from mesotap.report import published_report
+        from mesotap.report.report import published_report
 
         console.print(f"report {escape(published_report(report, answer))}", highlight=False, soft_wrap=True)
     write_json(json_path, answer.as_json())

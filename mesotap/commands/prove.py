@@ -8,13 +8,13 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from mesotap.operator.terminal import escape
 from mesotap.proof import page, sealed
 from mesotap.proof.entries import Entry, entry_of
 from mesotap.proof.errors import ProofError
 from mesotap.proof.generator.deck import KINDS
 from mesotap.proof.lookalikes import with_likeness
 from mesotap.proof.page import Proof
-from mesotap.terminal import escape
 
 
 def prove(seed: int, sessions: int, only: str | None, output: Path, jobs: int, console: Console) -> None:

@@ -15,7 +15,7 @@ from daq.exchange import Recording, as_session, import_recording
 from daq.records import Session, Shot
 from daq.session_file import read_session, write_session
 from mesotap.commands.outputs import refuse_to_overwrite, write_json
-from mesotap.terminal import escape
+from mesotap.operator.terminal import escape
 
 SESSION_FILE = "session.h5"
 SESSION_SUFFIXES = (".h5", ".hdf5")

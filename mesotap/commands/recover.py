@@ -9,8 +9,8 @@ from rich.console import Console
 from daq.errors import RecordingError
 from daq.session_file import read_session, write_session
 from mesotap.commands.outputs import write_json
-from mesotap.recovery import recover
-from mesotap.terminal import escape
+from mesotap.operator.terminal import escape
+from mesotap.session.recovery import recover
 
 
 def recover_folder(folder: Path, output: Path | None, json_path: Path | None, console: Console) -> None:

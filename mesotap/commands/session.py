@@ -23,25 +23,25 @@ from daq.records import Session
 from daq.session_file import read_session, write_session
 from daq.trigger import record_shot
 from mesotap import __version__
-from mesotap.bench import build_rig, simulated_rig, truth_now
+from mesotap.answers.results_files import results_json
 from mesotap.commands.answers import analysed, show_session
 from mesotap.commands.outputs import refuse_to_overwrite, write_json
 from mesotap.commands.recordings import SESSION_FILE
-from mesotap.config import Config, ConfigError, effective_text, load_config
-from mesotap.console import KeyControl, SessionDisplay, TerminalOperator
-from mesotap.emulated_devices import SeparateRig, refuse_foreign_devices
-from mesotap.outlet import unhurried
-from mesotap.results_files import results_json
+from mesotap.commands.wire_options import NO_WIRE, WireOptions
+from mesotap.configuration.config import Config, ConfigError, effective_text, load_config
+from mesotap.operator.console import KeyControl, SessionDisplay, TerminalOperator
+from mesotap.operator.outlet import unhurried
+from mesotap.operator.terminal import escape
+from mesotap.session.bench import build_rig, simulated_rig, truth_now
+from mesotap.session.emulated_devices import SeparateRig, refuse_foreign_devices
 from mesotap.session.entries import progress_in
 from mesotap.session.guardian_link import guardian_for
 from mesotap.session.header import FOLDER_FORMAT, FOLDER_VERSION, header_fault, kept_config, note_version, read_header
 from mesotap.session.progress import HARDWARE, assemble, describe_rig
 from mesotap.session.runner import Bench, SessionRunner
+from mesotap.session.session_log import Logged, session_log
 from mesotap.session.shots import judged_shot
 from mesotap.session.states import State
-from mesotap.session_log import Logged, session_log
-from mesotap.terminal import escape
-from mesotap.wire_options import NO_WIRE, WireOptions
 from rig import GaugeScale, Rig
 from rig.drivers.wire_record import WireFile
 from rig.hardware_log import HardwareLog
@@ -179,7 +179,7 @@ def _report(
     session: Session, config: Config, folder: Path, truths: Sequence[dict[str, Any]], console: Console
 ) -> SessionResults:
     from analysis.contact.theory import theory
-    from mesotap.report import write_report
+    from mesotap.report.report import write_report
 
     results = analysed(session, config, console)
     page = write_report(

@@ -20,12 +20,12 @@ from analysis.surface.moments import SurfaceAnswer, SurfaceParameters, analyse_s
 from analysis.surface.scan import read_scan
 from daq.records import Session
 from daq.session_file import read_session
+from mesotap.answers.explanations import chance, known
+from mesotap.answers.rounding import with_uncertainty
 from mesotap.commands.answers import analysed
 from mesotap.commands.outputs import write_json
-from mesotap.config import load_config
-from mesotap.explanations import chance, known
-from mesotap.rounding import with_uncertainty
-from mesotap.terminal import escape
+from mesotap.configuration.config import load_config
+from mesotap.operator.terminal import escape
 
 SHOWN = 10  # explanations of a gap in the terminal
 SPHERE_DAMPING = (0.17, 100.0, -0.75)  # 17 % at 100 mN to 3 % at 1 N (Sec. 4.1), a power of the load in between
@@ -38,7 +38,7 @@ def published_gap(which: str, json: Path | None, report: Path | None, console: C
     for sentence in gap.sentences():
         console.print(f"- {escape(sentence)}", highlight=False)
     if report is not None:
-        from mesotap.theory_pages import gap_report
+        from mesotap.report.theory_pages import gap_report
 
         console.print(f"report {escape(gap_report(report, gap))}", highlight=False, soft_wrap=True)
     write_json(json, gap.as_json())
@@ -146,8 +146,8 @@ def _parameters_json(p: SurfaceParameters) -> dict[str, Any]:
 def paper_figures(output: Path, seed: int, json: Path | None, console: Console) -> None:
     """Draw Fig. 3, 5, 6, 7, 8 and 9 and hold the numbers of the text against theory."""
     from analysis.contact.theory import theory
-    from mesotap import figures
-    from mesotap.theory_pages import paper_page
+    from mesotap.report import figures
+    from mesotap.report.theory_pages import paper_page
 
     flat, sphere = reanalyse().tables
     console.print("simulating a session on flats and one on a sphere", highlight=False)

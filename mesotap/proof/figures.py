@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from mesotap.figures._style import BLACK, BLUE, GREY, PAGE_MM, VERMILION, blank, styled
 from mesotap.proof.scores import AtGrade, Count, Nulls, Reliability, power
+from mesotap.report.figures._style import BLACK, BLUE, GREY, PAGE_MM, VERMILION, blank, styled
 
 CELL_MM = 5.6
 LABEL_MM, EDGE_MM = 38.0, 7.0

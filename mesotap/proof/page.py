@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from daq.durable import write_whole
-from mesotap.figures._files import save
 from mesotap.proof import scores
 from mesotap.proof.entries import LEVEL, Entry
 from mesotap.proof.figures import confusion_figure, detection_figure, p_value_figure, reliability_figure
 from mesotap.proof.generator.effects import LISTED
 from mesotap.proof.scores import Count
+from mesotap.report.figures._files import save
 
 
 @dataclass(frozen=True, slots=True)

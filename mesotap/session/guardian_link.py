@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from daq.journal import SessionFolder
-from mesotap.config import Config
-from mesotap.emulated_devices import SeparateRig
+from mesotap.configuration.config import Config
+from mesotap.session.emulated_devices import SeparateRig
 from mesotap.session.guardian import APART, ARMED, BEAT, DISMISSED, LARGEST_SETUP, Guardian
 from rig import GaugeScale, Rig, RigError
 from rig.assembled import AssembledRig

@@ -13,9 +13,9 @@ from daq.impact_group import check_time
 from daq.journal import HEADER, SessionFolder
 from daq.journal_file import mend
 from mesotap import __version__
-from mesotap.config import Config, ConfigError, parse_config
+from mesotap.configuration.config import Config, ConfigError, parse_config
+from mesotap.configuration.yaml_text import NOT_YAML, parsed
 from mesotap.session.progress import VERSION
-from mesotap.yaml_text import NOT_YAML, parsed
 
 FOLDER_FORMAT = "mesotap-folder"
 FOLDER_VERSION = 1

@@ -11,7 +11,7 @@ import numpy as np
 
 from daq.records import CalibrationPoints, RigDescription, Session, Shot
 from mesotap import __version__
-from mesotap.config import Config
+from mesotap.configuration.config import Config
 from mesotap.session.states import Event, State, follow
 from rig.hardware_log import Repetition, added
 from rig.settings import RigSettings

@@ -17,7 +17,7 @@ from daq.errors import RecordingError, UnwrittenError
 from daq.journal import SessionFolder
 from daq.records import CalibrationPoints, Shot
 from daq.trigger import NoTap, record_shot
-from mesotap.config import Config
+from mesotap.configuration.config import Config
 from mesotap.session.guardian import Guardian
 from mesotap.session.progress import NO_TAP, NOTES, SAFE, SHOT, STARTED, Progress, progress_of
 from mesotap.session.shots import judged_shot, shot_entry

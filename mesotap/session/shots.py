@@ -8,7 +8,7 @@ from daq.impact_group import digest_of
 from daq.quality import judge
 from daq.records import Shot
 from daq.trigger import Record
-from mesotap.config import Config
+from mesotap.configuration.config import Config
 from rig import Accelerometers
 
 Load = tuple[float, float]  # load, mN, and the bridge voltage behind it, mV

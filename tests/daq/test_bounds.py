@@ -21,7 +21,7 @@ from daq.exchange import Recording
 from daq.session_file import read_session, write_session
 from mesotap.commands.files import modes_of
 from mesotap.commands.recordings import opened
-from mesotap.config import ConfigError, parse_config
+from mesotap.configuration.config import ConfigError, parse_config
 from mesotap.session.entries import fault_of
 from rig.settings import Masses, Springs
 from tests.fuzz.sessions import small_session

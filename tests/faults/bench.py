@@ -12,9 +12,9 @@ from rich.console import Console
 from daq.errors import RecordingError
 from daq.journal import SHOTS, SessionFolder, shot_in
 from daq.records import Shot
-from mesotap.bench import emulated_rig, truth_now
-from mesotap.config import Config
-from mesotap.console import POLL_S, KeyControl
+from mesotap.configuration.config import Config
+from mesotap.operator.console import POLL_S, KeyControl
+from mesotap.session.bench import emulated_rig, truth_now
 from mesotap.session.runner import Bench, SessionRunner
 from mesotap.session.states import State
 from rig import RigError

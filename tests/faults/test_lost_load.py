@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from mesotap.commands import devices
-from mesotap.config import effective_text
+from mesotap.configuration.config import effective_text
 from mesotap.session.states import State
 from rig import RigError
 from sim_backend.emulators.disturbance import DisturbedWire, foreign_rtu
@@ -53,7 +53,7 @@ def test_check_watches_the_load_while_a_tap_is_waited_for(tmp_path, monkeypatch,
     seen: dict[str, float] = {}
 
     def built(config, simulate, operator, seed, emulated, wire_file):
-        from mesotap.bench import emulated_rig
+        from mesotap.session.bench import emulated_rig
 
         rig = emulated_rig(config, operator, seed=1, amplifier_wire=wire)
         clock = rig.clock

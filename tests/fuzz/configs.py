@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from mesotap.config import Config, ConfigError, default_text, effective_text, load_config, parse_config
+from mesotap.configuration.config import Config, ConfigError, default_text, effective_text, load_config, parse_config
 from tests.fuzz.mutations import Damage, damaged, damages
 from tests.fuzz.source import Source, Target
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import yaml
 
 from analysis.mismatch.rigs.described import DescribedRig
-from mesotap.config import ConfigError
-from mesotap.rig_files import parse_rig
+from mesotap.configuration.config import ConfigError
+from mesotap.configuration.rig_files import parse_rig
 from tests.fuzz.configs import Edits, places, put, value
 from tests.fuzz.mutations import Content, Damage, damaged, damages
 from tests.fuzz.source import Source, Target

@@ -11,8 +11,8 @@ from typing import Any
 
 import h5py
 
-from mesotap.bench import simulated_rig
 from mesotap.commands.session import SESSION_FILE
+from mesotap.session.bench import simulated_rig
 from mesotap.session.progress import assemble
 from rig import SessionAborted
 from tests.mesotap.benches import new_runner, small_config

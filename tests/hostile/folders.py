@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.journal import SessionFolder
-from mesotap.config import Config, effective_text
+from mesotap.configuration.config import Config, effective_text
 from tests.fuzz.sessions import small_session
 from tests.hostile.case import Case, Make
 from tests.hostile.hdf5_files import HOSTILE_TEXT, MERGE_BOMB

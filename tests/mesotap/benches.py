@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from daq.journal import SessionFolder
-from mesotap.bench import simulated_rig, truth_now
-from mesotap.config import Config, effective_text, parse_config
+from mesotap.configuration.config import Config, effective_text, parse_config
+from mesotap.session.bench import simulated_rig, truth_now
 from mesotap.session.runner import Bench, SessionRunner, Uninterrupted
 from rig import Operator, Rig
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from mesotap.bench import emulated_rig
-from mesotap.config import parse_config
-from mesotap.wire_options import WireOptions
+from mesotap.commands.wire_options import WireOptions
+from mesotap.configuration.config import parse_config
+from mesotap.session.bench import emulated_rig
 
 HERE = Path(__file__).parent
 PARTS = """

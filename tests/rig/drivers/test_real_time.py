@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from mesotap.bench import emulated_rig
-from mesotap.config import parse_config
+from mesotap.configuration.config import parse_config
+from mesotap.session.bench import emulated_rig
 from rig import DeviceError
 from rig.drivers import assembly
 from rig.drivers.amplifier import ModbusLoadCell

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mesotap.bench import emulated_rig
+from mesotap.session.bench import emulated_rig
 from rig import DeviceError
 from rig.drivers.search import MODBUS_BAUD_RATES, NOBODY, who_answers
 from rig.drivers.transport import SerialTransport

@@ -1,0 +1,1 @@
+"""What an analysis or a diagnosis says, as programs read it and as a person does; answers read again."""

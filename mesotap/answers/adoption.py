@@ -1,0 +1,181 @@
+"""From a diagnosis to a configuration: the simulated rig becomes the twin of the one that was diagnosed."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from daq.errors import RecordingError, one_line
+from daq.json_text import GivenTwice, parsed_once
+from daq.regular import read_regular
+from mesotap.configuration.config import Config, ConfigError, effective_text
+from mesotap.configuration.yaml_text import sentence
+
+FORMAT, VERSION = "mesotap-diagnosis", 1
+CONSTANTS = ("m1", "m2", "k1", "k2")
+LOAD_CELL = "load cell"  # component whose mechanisms are no part of a ring-down
+LARGEST_FILE = 1 << 24  # bytes; a diagnosis has a few thousand
+
+
+@dataclass(frozen=True, slots=True)
+class AdoptedLoad:
+    """Contact at one load as the diagnosis fitted it: mN, N/m, damping ratio."""
+
+    load_mn: float
+    stiffness_n_per_m: float
+    damping_ratio: float
+
+
+@dataclass(frozen=True, slots=True)
+class AdoptedModel:
+    """What of a diagnosis a model needs.
+
+    Attributes
+    ----------
+    mechanisms
+        Values of each by its id: the fitted ones and those that stayed fixed.
+    loads
+        Contact at each load, ascending; empty where the file has none.
+    rig
+        m1, m2 (kg), k1, k2 (N/m) as fitted, by name; empty where the file has none.
+    """
+
+    source: str
+    mechanisms: dict[str, dict[str, float]]
+    loads: tuple[AdoptedLoad, ...]
+    rig: dict[str, float]
+
+
+def read_diagnosis(path: Path) -> AdoptedModel:
+    """Read what is adopted from the JSON of a diagnosis.
+
+    Raises
+    ------
+    RecordingError
+        A sentence: the file is none, or names nothing that could be adopted.
+    """
+    try:
+        content = parsed_once(read_regular(path, LARGEST_FILE, "a diagnosis"))
+    except RecordingError:
+        raise
+    except GivenTwice as error:
+        raise RecordingError(f"{path}: {error}; which one counts cannot be told") from error
+    except (ValueError, RecursionError) as error:
+        raise RecordingError(f"{path}: is not JSON") from error
+    if not isinstance(content, dict) or (content.get("format"), content.get("version")) != (FORMAT, VERSION):
+        raise RecordingError(f"{path}: is no {FORMAT} {VERSION}")
+    try:
+        acting = [m for m in content["mechanisms"] if m.get("where") != LOAD_CELL]
+        found = {
+            str(m["id"]): {k: _number(v["value"]) for k, v in m["parameters"].items()}
+            | {k: _number(v) for k, v in m.get("fixed", {}).items()}
+            for m in acting
+        }
+        augmented = content.get("adopted") or {"loads": [], "rig": {}}
+        loads = [_load(entry) for entry in augmented["loads"]]
+        rig = {name: _number(known["value"]) for name, known in augmented["rig"].items()}
+    except (LookupError, TypeError, AttributeError, ValueError, OverflowError) as error:
+        raise RecordingError(f"{path}: is no complete {FORMAT} {VERSION} ({type(error).__name__}: {error})") from error
+    if len(found) < len(acting):
+        twice = next(name for name, count in Counter(str(m["id"]) for m in acting).items() if count > 1)
+        raise RecordingError(f"{path}: names {one_line(twice)} twice; diagnose the session again")
+    _refuse_impossible(loads, path)
+    if not found:
+        raise RecordingError(
+            f"{path}: names no mechanism that acts in a ring-down (verdict {content.get('verdict')!r}), so there is "
+            "nothing to adopt"
+        )
+    return AdoptedModel(str(path), found, tuple(sorted(loads, key=lambda p: p.load_mn)), rig)
+
+
+def _refuse_impossible(loads: Sequence[AdoptedLoad], path: Path) -> None:
+    """Refuse loads of which no diagnosis tells: none at all or less, or one twice."""
+    for load, count in Counter(p.load_mn for p in loads).items():
+        if load <= 0:
+            raise RecordingError(f"{path}: tells of a load of {load:g} mN, and loads are above 0; diagnose again")
+        if count > 1:
+            raise RecordingError(f"{path}: tells of the load {load:g} mN twice; diagnose the session again")
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{value!r} is no number")
+    return float(value)
+
+
+def _load(entry: Mapping[str, Any]) -> AdoptedLoad:
+    return AdoptedLoad(
+        _number(entry["load_mn"]),
+        _number(entry["contact_stiffness_n_per_m"]["value"]),
+        _number(entry["damping_ratio"]["value"]),
+    )
+
+
+def with_model(config: Config, model: AdoptedModel) -> Config:
+    """Return a configuration whose simulated rig has the mechanisms, and contact and springs as they were fitted.
+
+    The load plan becomes that of the diagnosed session, as far as the rig's limit allows.
+
+    Raises
+    ------
+    ConfigError
+        A mechanism that is none, or a value out of its range; a sentence each.
+    """
+    content = config.model_dump(mode="json")
+    simulated = content["sim_backend"]
+    simulated["mechanisms"] = [{"id": k, "parameters": v} for k, v in model.mechanisms.items()]
+    # the fitted model has no scatter from impact to impact, no dampers beside the springs, no other law
+    scatter = {"stiffness_scatter_percent": 0.0, "damping_scatter_percent": 0.0}
+    simulated["contact"] |= {"law": "linear", "can_part": False} | scatter
+    simulated |= {"parameter_errors": False, "tube_damping_ratio": 0.0}
+    loads = _distinct(model.loads)
+    if len(loads) > 1:
+        simulated["contact"] |= {
+            "stiffness": "table",
+            "load_mn": [p.load_mn for p in loads],
+            "contact_stiffness_mn_per_m": [1e-6 * p.stiffness_n_per_m for p in loads],
+            "damping_ratio": [p.damping_ratio for p in loads],
+        }
+        most = config.rig.limits.load_mn - config.mesotap.load_tolerance_mn
+        plan = [p.load_mn for p in loads if p.load_mn <= most]
+        content["mesotap"]["load_plan_mn"] = plan or content["mesotap"]["load_plan_mn"]
+    if set(CONSTANTS) <= set(model.rig):
+        m1, m2, k1, k2 = (model.rig[name] for name in CONSTANTS)
+        content["rig"]["masses"] |= {"m1_kg": m1, "m2_kg": m2}
+        content["rig"]["springs"] |= {"system_resonance_hz": None, "k1_n_per_m": k1, "k2_n_per_m": k2}
+    try:
+        return Config.model_validate(content)
+    except ValidationError as error:
+        said = "; ".join(sentence(fault, Config) for fault in error.errors())
+        raise ConfigError(f"{model.source}: {said}") from error
+
+
+def _distinct(loads: tuple[AdoptedLoad, ...]) -> list[AdoptedLoad]:
+    """Leave out loads that another one before is too close to, and those with a damping that no table can hold."""
+    kept: list[AdoptedLoad] = []
+    for load in loads:
+        apart = not kept or load.load_mn > 1.001 * kept[-1].load_mn
+        if apart and load.load_mn > 0 and load.stiffness_n_per_m > 0 and load.damping_ratio > 0:
+            kept.append(load)
+    return kept
+
+
+def write_adopted(path: Path, config: Config) -> None:
+    """Write a configuration to a new file.
+
+    Raises
+    ------
+    ConfigError
+        The file is there already.
+    """
+    try:
+        with path.open("x", encoding="utf-8") as new:
+            new.write(effective_text(config))
+    except FileExistsError:
+        raise ConfigError(f"{path}: exists already and is left as it is; name another with --output") from None

@@ -1,0 +1,1 @@
+"""config.yaml and the descriptions of rigs: read, validated, and refused in sentences."""

@@ -1,0 +1,363 @@
+"""A rig described in YAML: bodies, what is between them, inputs and sensors, for `mesotap diagnose --rig`."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, ValidationError, field_validator, model_validator
+
+from analysis.mismatch.rigs.described import DescribedRig, Drive, Hold, Seen, Stretch, SweepColumns
+from daq.errors import one_line
+from mesotap.configuration.config import ConfigError, text_of
+from mesotap.configuration.yaml_text import NOT_YAML, line_of, not_yaml, parsed, sentence
+from rig.section import Section, of_a_size
+from rig.written import EXPLAINED
+from sim_backend.arrangement import Arrangement, Element, Parameter, Role, Row, Sensor
+
+GROUND = "ground"
+SMALLEST, LARGEST = 1e-20, 1e20
+"""Magnitudes between which numbers of a rig have to lie, in whatever unit: fits square and multiply several of them."""
+Finite = Annotated[float, Field(allow_inf_nan=False), of_a_size(SMALLEST, LARGEST)]
+Positive = Annotated[Finite, Field(gt=0)]
+NonNegative = Annotated[Finite, Field(ge=0)]
+Component = Literal[
+    "contact", "upper mass", "lower mass", "tube springs", "frame", "impactor", "sensor chain", "load cell"
+]
+
+
+class Known(Section):
+    """A constant known to within a standard error."""
+
+    value: Finite
+    uncertainty: Positive
+
+
+Constant = Finite | Known | Literal["unknown"]
+
+
+def _value(said: Constant) -> float:
+    """Return the value of a constant, NaN for one that nobody knows."""
+    return math.nan if said == "unknown" else said.value if isinstance(said, Known) else float(said)
+
+
+def _not_zero(gain: Constant) -> Constant:
+    if _value(gain) == 0:
+        raise ValueError("with a gain of 0 a channel shows nothing; leave it out, or say 'unknown'")
+    return gain
+
+
+Gain = Annotated[Constant, AfterValidator(_not_zero)]
+Channel = Annotated[int, Field(ge=0)] | Annotated[str, Field(min_length=1)]
+Quantity = Literal["displacement", "velocity", "acceleration"]
+
+
+class Between(Section):
+    """What is between two bodies, or between one and the ground (``between: [mass, ground]``)."""
+
+    name: str | None = None
+    between: tuple[str, str]
+    stiffness: Constant | None = None
+    damping: Constant | None = None
+    component: Component | None = None
+
+    @field_validator("stiffness")
+    @classmethod
+    def _pulls_back(cls, said: Constant | None) -> Constant | None:
+        if said is not None and _value(said) <= 0:
+            raise ValueError(f"{_value(said):g} holds nothing: a stiffness must be above 0, or 'unknown'")
+        return said
+
+    @field_validator("damping")
+    @classmethod
+    def _takes_away(cls, said: Constant | None) -> Constant | None:
+        if said is not None and _value(said) < 0:
+            raise ValueError(f"{_value(said):g} would drive the rig: a damping must not be below 0")
+        return said
+
+
+class Input(Section):
+    """A measured input: a force on a body, or the acceleration of the base that all stand on."""
+
+    channel: Channel
+    force_on: str | None = None
+    base_acceleration: bool = False
+    gain: Gain = 1.0
+    offset: Constant = "unknown"
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Input:
+        if (self.force_on is None) == (not self.base_acceleration):
+            raise ValueError("say either 'force_on: <body>' or 'base_acceleration: true'")
+        return self
+
+
+class Sees(Section):
+    """A sensor on a body, or on a sum of bodies (``of: {a: 1, b: -1}`` is their distance)."""
+
+    channel: Channel
+    of: str | dict[str, Finite]
+    shows: Quantity
+    gain: Gain = 1.0
+    offset: Constant = "unknown"
+    unit: str = ""
+
+    @field_validator("of")
+    @classmethod
+    def _moves(cls, of: str | dict[str, float]) -> str | dict[str, float]:
+        if not isinstance(of, str) and not any(of.values()):
+            raise ValueError("no body has a share in what it shows; give at least one that is not 0")
+        return of
+
+
+class Span(Section):
+    """A stretch of a recording."""
+
+    name: str
+    from_s: Finite
+    to_s: float = math.inf
+
+    @model_validator(mode="after")
+    def _forward(self) -> Span:
+        if not self.to_s > self.from_s:
+            raise ValueError(f"to_s ({self.to_s:g}) must lie after from_s ({self.from_s:g})")
+        return self
+
+
+class Taken(Section):
+    """What is to be known of the recordings, and which part of them is meant."""
+
+    rate_hz: Positive | None = None
+    from_s: NonNegative | None = None
+    to_s: Positive | None = None
+    band_hz: tuple[NonNegative, NonNegative] | None = None
+    hold: Hold = "band-limited"
+    held_out: tuple[Span, ...] = ()
+
+    @model_validator(mode="after")
+    def _band_is_a_range(self) -> Taken:
+        if self.band_hz is not None and not 0 < self.band_hz[0] < self.band_hz[1] < math.inf:
+            raise ValueError("band_hz needs two rising frequencies above 0")
+        if self.from_s is not None and self.to_s is not None and self.from_s >= self.to_s:
+            raise ValueError(f"to_s ({self.to_s:g}) must lie after from_s ({self.from_s:g})")
+        return self
+
+
+class Units(Section):
+    """Units of the rig, in which its parameters are told."""
+
+    length: str = "m"
+    force: str = "N"
+
+
+class Sweeps(Section):
+    """Columns of steady responses; the sensor must be one body's."""
+
+    frequency: Channel
+    force: Channel
+    amplitude: Channel
+    phase: Channel
+    of: str
+    shows: Quantity
+
+
+class RigFile(Section):
+    """The whole of a rig file."""
+
+    name: str = "rig"
+    bodies: dict[str, Constant] = Field(min_length=1)
+    springs: tuple[Between, ...] = ()
+    dampers: tuple[Between, ...] = ()
+    joints: tuple[Between, ...] = ()
+    contacts: tuple[Between, ...] = ()
+    slides: tuple[Between, ...] = ()
+    pendulums: tuple[Between, ...] = ()
+    inputs: tuple[Input, ...] = ()
+    sensors: tuple[Sees, ...] = Field(min_length=1)
+    recording: Taken = Taken()
+    units: Units = Units()
+    sweeps: Sweeps | None = None
+
+    @model_validator(mode="after")
+    def _names_are_bodies(self) -> RigFile:
+        if GROUND in self.bodies:
+            raise ValueError(f"{GROUND} is what does not move: no body can have this name")
+        for kind in ELEMENTS:
+            for i, e in enumerate(getattr(self, kind)):
+                for end in e.between:
+                    self._check(f"{kind}.{i}", end, ground=True)
+                if e.between[0] == e.between[1]:
+                    raise ValueError(f"{kind}.{i} is between {e.between[0]} and itself")
+        for i, u in enumerate(self.inputs):
+            if u.force_on is not None:
+                self._check(f"inputs.{i}", u.force_on)
+        for i, s in enumerate(self.sensors):
+            for body in (s.of,) if isinstance(s.of, str) else s.of:
+                self._check(f"sensors.{i}", body)
+        if self.sweeps is not None:
+            self._check("sweeps", self.sweeps.of)
+        return self
+
+    @model_validator(mode="after")
+    def _can_be_fitted(self) -> RigFile:
+        if all(m == "unknown" for m in self.bodies.values()):
+            raise ValueError("at least one body's mass has to be given: recordings tell only ratios (1 will do)")
+        for body, m in self.bodies.items():
+            if m != "unknown" and not _value(m) > 0:
+                raise ValueError(f"bodies.{body}: a mass must be above 0")
+        if self.inputs and self.recording.band_hz is not None:
+            raise ValueError("recording.band_hz is for recordings without a measured input")
+        if not any(getattr(self, kind) for kind in ELEMENTS):
+            raise ValueError(f"nothing holds the bodies: give at least one of {', '.join(ELEMENTS)}")
+        return self
+
+    def _check(self, where: str, body: str, ground: bool = False) -> None:
+        if body not in self.bodies and not (ground and body == GROUND):
+            raise ValueError(f"{where} names {body!r}, which is no body; bodies are {', '.join(self.bodies)}")
+
+
+ELEMENTS: dict[str, tuple[Role, Component, bool, bool]] = {
+    "springs": ("spring", "tube springs", True, False),
+    "dampers": ("damper", "upper mass", False, True),
+    "joints": ("joint", "contact", True, True),
+    "contacts": ("contact", "contact", True, True),
+    "slides": ("guide", "upper mass", False, True),
+    "pendulums": ("pendulum", "upper mass", True, True),
+}
+"""Role, component of the contract, and whether stiffness and damping are there (unknown) where nothing is said."""
+
+
+def load_rig(path: Path) -> DescribedRig:
+    """Read a rig file.
+
+    Raises
+    ------
+    ConfigError
+        A line for each fault: file, line, key, what is allowed.
+    """
+    return parse_rig(text_of(path, "a rig file"), str(path))
+
+
+def parse_rig(text: str, name: str = "rig.yaml") -> DescribedRig:
+    """Validate the text of a rig file; see `load_rig`."""
+    name = one_line(name)
+    try:
+        node, content = parsed(text)
+    except NOT_YAML as error:
+        raise ConfigError(not_yaml(name, error)) from error
+    if not isinstance(content, dict):
+        raise ConfigError(f"{name}: is no rig: sections such as 'bodies:' and 'sensors:' are expected at the top")
+    try:
+        return described(RigFile.model_validate(content))
+    except ValidationError as error:
+        lines = []
+        for fault in _deepest(error):
+            line = line_of(node, fault["loc"])
+            where = f"{name}, line {line}" if line else name
+            lines.append(f"{where}: {sentence(fault, RigFile)}")
+        raise ConfigError("\n".join(dict.fromkeys(lines))) from error
+
+
+def _deepest(error: ValidationError) -> list[dict[str, Any]]:
+    """Return one fault a key: of a value that may be a number, a section or 'unknown' only what fits it best."""
+    found: dict[tuple[Any, ...], dict[str, Any]] = {}
+    faults: list[dict[str, Any]] = [dict(f) for f in error.errors()]
+    for fault in faults:
+        loc = list(fault["loc"])
+        for i, part in enumerate(loc):
+            if isinstance(part, str) and (part in BRANCHES or part.startswith(("constrained", "function", "dict["))):
+                within = isinstance(fault["input"], dict) and part == "Known"
+                if within or (fault["type"] in TELLING and loc[i - 1] not in COLUMNS):
+                    found.setdefault(("best", *loc[:i]), {**fault, "loc": (*loc[:i], *loc[i + 1 :])})
+                loc = loc[:i]
+                break
+        if len(loc) < len(fault["loc"]):
+            said = "is no number, no {value, uncertainty}, nor 'unknown'"
+            if loc and loc[-1] in COLUMNS:
+                said = "names a column, or its number from 0"
+            elif loc and loc[-1] == "of":
+                said = "names a body, or gives bodies with their shares"
+            fault = {**fault, "loc": tuple(loc), "type": "branch", "msg": said}
+        found.setdefault(tuple(loc), fault)
+    emptied = {f["loc"] for f in found.values() if f["type"] == "too_short"}  # a list whose entries are at fault
+    deeper = {loc for loc in emptied if any(f["loc"][: len(loc)] == loc != f["loc"] for f in found.values())}
+    return [f for key, f in found.items() if ("best", *key) not in found and f["loc"] not in deeper]
+
+
+BRANCHES = ("float", "int", "str", "Known", "literal['unknown']")
+"""What validation adds to the path of a key where a value may be of several kinds."""
+
+COLUMNS = ("channel", "frequency", "force", "amplitude", "phase")
+TELLING = (EXPLAINED, "value_error", "finite_number", "greater_than", "extra_forbidden")
+"""Faults with one kind of value that say more than that it is of none of the kinds."""
+
+
+def described(file: RigFile) -> DescribedRig:
+    """Return the rig that a file describes."""
+    parameters: list[Parameter] = []
+
+    def constant(name: str, unit: str, said: Constant, positive: bool = False) -> str:
+        if said == "unknown":
+            start = math.nan if unit else 0.0
+            parameters.append(Parameter(name, unit, start, math.inf, positive=positive))
+        elif isinstance(said, Known):
+            parameters.append(Parameter(name, unit, said.value, said.uncertainty, positive=positive))
+        else:
+            parameters.append(Parameter(name, unit, float(said), 0.0, positive=positive))
+        return name
+
+    masses = tuple(constant(f"mass of {body}", "kg", m, True) for body, m in file.bodies.items())
+    elements, components = [], {}
+    for kind, (role, component, stiff, damped) in ELEMENTS.items():
+        for i, e in enumerate(getattr(file, kind)):
+            single = len(getattr(file, kind)) == 1
+            name = e.name or (kind[:-1] if single else f"{kind[:-1]} {i + 1}")
+            while name in components:
+                name += "'"
+            row: Row = tuple((body, sign) for body, sign in zip(e.between, (1.0, -1.0), strict=True) if body != GROUND)
+            k: Constant | None = e.stiffness if e.stiffness is not None else ("unknown" if stiff else None)
+            c: Constant | None = e.damping if e.damping is not None else ("unknown" if damped else None)
+            elements.append(
+                Element(
+                    name,
+                    role,
+                    e.component or component,
+                    row,
+                    None if k is None else constant(f"stiffness of {name}", "N/m", k, k == "unknown" or _above(k)),
+                    None if c is None else constant(f"damping of {name}", "N s/m", c),
+                )
+            )
+            components[name] = e.component or component
+    drives = []
+    for i, u in enumerate(file.inputs):
+        of: Row = ((u.force_on, 1.0),) if u.force_on is not None else tuple((body, 1.0) for body in file.bodies)
+        gain = constant(f"gain of input {i + 1}", "1", u.gain)
+        offset = constant(f"offset of input {i + 1}", "", u.offset)
+        drives.append(Drive(f"input {i + 1}", u.channel, of, u.base_acceleration, gain, offset))
+    seen = []
+    banded = file.recording.band_hz is not None
+    for i, s in enumerate(file.sensors):
+        row = ((s.of, 1.0),) if isinstance(s.of, str) else tuple(s.of.items())
+        gain = constant(f"gain of sensor {i + 1}", "1", s.gain)
+        offset = constant(f"offset of sensor {i + 1}", "", 0.0 if banded else s.offset)
+        seen.append(Seen(Sensor(f"sensor {i + 1}", row, s.shows), s.channel, gain, offset, s.unit))
+    sweeps = None
+    if file.sweeps is not None:
+        q = file.sweeps
+        sensor = Sensor("steady response", ((q.of, 1.0),), q.shows)
+        sweeps = SweepColumns(q.frequency, q.force, q.amplitude, q.phase, sensor)
+    arrangement = Arrangement(
+        tuple(file.bodies), masses, tuple(elements), tuple(s.sensor for s in seen), tuple(parameters),
+        next(iter(file.bodies)),
+    )  # fmt: skip
+    r = file.recording
+    return DescribedRig(
+        file.name, arrangement, tuple(drives), tuple(seen), r.hold, r.rate_hz, r.from_s, r.to_s, r.band_hz,
+        tuple(Stretch(s.name, s.from_s, s.to_s) for s in r.held_out), sweeps, components,
+        file.units.length, file.units.force,
+    )  # fmt: skip
+
+
+def _above(said: Constant) -> bool:
+    return _value(said) > 0

@@ -1,0 +1,1 @@
+"""The pages of a session, a diagnosis and the theory, with their figures and templates."""

@@ -1,0 +1,161 @@
+"""A diagnosis of a described rig: what it foretells and what it misses, before and after, and where."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
+from numpy.typing import NDArray
+
+from analysis.mismatch.rigs.diagnosis import RigDiagnosis, decay_of
+from analysis.mismatch.rigs.estimate import Fitted, residuals
+from analysis.mismatch.rigs.recorded import HELD, level
+from mesotap.report.figures._style import (
+    BLACK,
+    BLUE,
+    GREY,
+    PAGE_MM,
+    PALE,
+    VERMILION,
+    blank,
+    panel_letter,
+    plain,
+    styled,
+)
+
+Real = NDArray[np.float64]
+
+WINDOWS = 160  # in which errors are drawn against time
+SEGMENTS = 8  # averaged in a spectrum
+MOST_LINES = 4096  # samples of a segment
+RECORDING, LINEAR, NAMED = "recording", "rig as described", "with what was left out"
+
+
+@styled
+def rig_figure(d: RigDiagnosis) -> Figure:
+    """Draw (a) recording and errors against time, held-out stretches shaded, (b) their spectra, (c) the law.
+
+    (c) is frequency and damping against amplitude for a decay of one body, else the force that was left out along the
+    motion, against deformation.
+    """
+    figure = blank(PAGE_MM, 118 if d.decay else 112)
+    grid = figure.add_gridspec(2, 2)
+    time, spectrum = figure.add_subplot(grid[0, :]), figure.add_subplot(grid[1, 0])
+    fits = [(d.outcome.baseline, LINEAR, VERMILION)]
+    if d.outcome.chosen is not None:
+        fits.append((d.outcome.chosen, NAMED, BLUE))
+    recorded = d.outcome.recordings[0]
+    size = float(level(recorded)[0])
+    unit = plain(d.unit).replace("m/s2", "m/s²")
+    t = recorded.start_s + np.arange(recorded.samples) / recorded.rate_hz
+    _rms_lines(time, t, recorded.outputs[0], BLACK, RECORDING)
+    _spectrum(spectrum, recorded.outputs[0], recorded.rate_hz, BLACK)
+    for fitted, label, colour in fits:
+        off = residuals(fitted.simulation, fitted.x, 0, whole=True)[0][0] * size
+        _rms_lines(time, t, off, colour, label)
+        _spectrum(spectrum, off, recorded.rate_hz, colour)
+    _shade(time, t, recorded.part == HELD)
+    time.set_yscale("log")
+    time.set_xlim(t[0], t[-1])
+    time.set_xlabel("Time [s]")
+    time.set_ylabel(f"rms [{unit}]" if unit else "rms")
+    spectrum.set_yscale("log")
+    spectrum.set_xlabel("Frequency [Hz]")
+    spectrum.set_ylabel(f"rms in a line [{unit}]" if unit else "rms in a line")
+    if d.location is not None:
+        low, high = d.location.frequency_hz
+        middle, half = (low + high) / 2, max(4 * (high - low), 0.25 * (low + high) / 2)
+        first, last = max(middle - half, 0), min(middle + half, recorded.rate_hz / 2)
+        spectrum.set_xlim(first, last)
+        _fit_height(spectrum, first, last)
+    panel_letter(time, "a")
+    panel_letter(spectrum, "b")
+    if d.decay:
+        inner = grid[1, 1].subgridspec(2, 1, hspace=0.06)
+        upper = figure.add_subplot(inner[0])
+        _decay(d, upper, figure.add_subplot(inner[1], sharex=upper), unit)
+        panel_letter(upper, "c")
+    else:
+        law = figure.add_subplot(grid[1, 1])
+        _law(d, law)
+        panel_letter(law, "c")
+    figure.legend(*time.get_legend_handles_labels(), loc="outside upper center", ncols=4, columnspacing=1.6)
+    return figure
+
+
+def _rms_lines(axes: Axes, t: Real, y: Real, colour: str, label: str) -> None:
+    edges = np.linspace(0, t.size, min(WINDOWS, t.size // 8) + 1).astype(int)
+    rms = np.array([math.sqrt(float(np.mean(y[a:b] ** 2))) for a, b in itertools.pairwise(edges)])
+    axes.plot((t[edges[:-1]] + t[edges[1:] - 1]) / 2, rms, color=colour, linewidth=0.8, label=label)
+
+
+def _spectrum(axes: Axes, y: Real, rate: float, colour: str) -> None:
+    from scipy.signal import welch
+
+    f, p = welch(y, rate, nperseg=min(max(y.size // SEGMENTS, MOST_LINES // 2), MOST_LINES, y.size), scaling="spectrum")
+    axes.plot(f[1:], np.sqrt(p[1:]), color=colour, linewidth=0.7)
+
+
+def _fit_height(axes: Axes, first: float, last: float) -> None:
+    """Set the ordinate to what is drawn between two abscissas, and drop the rest of the lines."""
+    low, high = math.inf, 0.0
+    for line in axes.lines:
+        x, y = np.asarray(line.get_xdata(), np.float64), np.asarray(line.get_ydata(), np.float64)
+        kept = (x >= first) & (x <= last) & (y > 0)
+        line.set_data(x[kept], y[kept])
+        low, high = min(low, float(y[kept].min(initial=math.inf))), max(high, float(y[kept].max(initial=0.0)))
+    if low < high:
+        axes.set_ylim(0.5 * low, 2 * high)
+
+
+def _shade(axes: Axes, t: Real, held: NDArray[np.bool_]) -> None:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(np.int8), [0]])))
+    for i, (a, b) in enumerate(zip(edges[::2], edges[1::2], strict=True)):
+        axes.axvspan(t[a], t[b - 1], color=PALE, linewidth=0, zorder=0, label="held out" if i == 0 else None)
+
+
+def _decay(d: RigDiagnosis, frequency: Axes, damping: Axes, unit: str) -> None:
+    recorded = d.outcome.recordings[0]
+    drawn = [(d.decay, "o", BLACK, "none")]
+    for fitted, colour in ((d.outcome.baseline, VERMILION), (d.outcome.chosen, BLUE)):
+        if fitted is not None:
+            shown = fitted.simulation.run(fitted.x, 0, whole=True)[0][0]
+            drawn.append((decay_of(recorded, shown), "", colour, "-"))
+    for points, marker, colour, line in drawn:
+        at = [p.amplitude for p in points]
+        frequency.plot(at, [p.frequency_hz for p in points], marker=marker, color=colour, linestyle=line)
+        damping.plot(at, [100 * p.damping_ratio for p in points], marker=marker, color=colour, linestyle=line)
+    for axes in (frequency, damping):
+        axes.set_xscale("log")
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    frequency.tick_params(labelbottom=False)
+    frequency.set_ylabel("$f$ [Hz]")
+    damping.set_ylabel(r"$\zeta$ [%]")
+    damping.set_xlabel(f"Amplitude [{unit}]" if unit else "Amplitude")
+
+
+def _law(d: RigDiagnosis, axes: Axes) -> None:
+    """Draw what the mechanisms add to the force of the element that the first of them acts in."""
+    rig = d.outcome.rig
+    axes.set_xlabel(f"Deformation [{plain(rig.length_unit)}]")
+    axes.set_ylabel(f"Force left out [{plain(rig.force_unit)}]")
+    axes.axhline(0, color=GREY, linewidth=0.5, zorder=0)
+    fitted = d.outcome.chosen
+    if fitted is None or all(t.mechanism.law is None for t in fitted.terms):
+        axes.text(0.5, 0.5, "nothing named in an element", transform=axes.transAxes, ha="center", color=GREY)
+        return
+    place = next(t.place for t in fitted.terms if t.mechanism.law is not None)
+    motion, force = _force(fitted, place)
+    axes.plot(motion, force, ".", color=BLUE, markersize=1.5, rasterized=False)
+
+
+def _force(fitted: Fitted, place: int) -> tuple[Real, Real]:
+    deformation, _ = fitted.simulation.motion(fitted.x, 0)
+    force = fitted.simulation.extra_force(fitted.x, 0)
+    kept = np.linspace(0, deformation.shape[1] - 1, min(1500, deformation.shape[1])).astype(int)
+    return deformation[place, kept], force[place, kept]

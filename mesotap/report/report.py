@@ -1,0 +1,394 @@
+"""The report of a session: one self-contained page with tables, figures and verdicts, and the numbers beside it."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, cast
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from analysis.contact.theory import TheoryCurve
+from analysis.contact.theory import theory as theory_curves
+from analysis.published import Published
+from analysis.results import ImpactResult, LoadResult, RecordingModes, SessionResults
+from analysis.settings import FlatContact, SphereContact
+from calibration.estimate import LEVEL
+from daq.durable import write_error, write_whole
+from daq.errors import UnwrittenError
+from daq.records import Session, Shot
+from mesotap.answers.comparison import count_inside, recovered_against, spectral_check, theory_ratios
+from mesotap.answers.explanations import SHOWN, chance, explain, known
+from mesotap.answers.results_files import impacts_csv, json_text, loads_csv, modes_json, results_json
+from mesotap.answers.rounding import UNKNOWN, significant, with_uncertainty
+from mesotap.answers.summary import summary
+from mesotap.report import figures
+from mesotap.report.figures import Recording
+
+if TYPE_CHECKING:
+    from mesotap.answers.correction import Correction
+
+__all__ = [
+    "Plate",
+    "environment",
+    "published_report",
+    "recording_report",
+    "results_json",
+    "with_uncertainty",
+    "write_report",
+    "written",
+]
+
+FIGURE_FOLDER = "figures"
+SIMULATED = "(simulated rig)"  # in the software that a session file names
+
+
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """One figure of the page."""
+
+    svg: Markup
+    wide: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Taps:
+    """How many taps one load took."""
+
+    load: LoadResult
+    made: int
+    accepted: int
+    reasons: str
+
+
+def write_report(
+    folder: Path,
+    session: Session,
+    results: SessionResults,
+    theory: Sequence[TheoryCurve],
+    truth: Sequence[Mapping[str, Any]] | None = None,
+    *,
+    contact: SphereContact | FlatContact | None = None,
+    correction: Correction | None = None,
+    pdf_figures: bool = True,
+) -> Path:
+    """Write ``report.html`` and beside it ``results.json``, ``results.csv``, ``impacts.csv`` and ``figures/*.pdf``.
+
+    Parameters
+    ----------
+    folder
+        Where to; made if it is not there.
+    session, results
+        The session and what its analysis answered.
+    theory
+        Curves of contact stiffness against preload to hold beside the measurement.
+    truth
+        What a simulated rig was set to, a mapping per load set; None for a real one.
+    contact
+        Surfaces for which explanations of stiffness and damping are weighed, and ``explanations.json`` written.
+    correction
+        The contact corrected for what a diagnosis found, if one was given.
+    pdf_figures
+        Whether to write ``figures/*.pdf``, which takes longer than all the rest.
+
+    Returns
+    -------
+    Path
+        The report.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if pdf_figures:
+        figure_folder(folder)
+    drawn = _session_figures(session, results, theory)
+    explained = None if contact is None else explain(results, contact, session.rig)
+    if explained is not None:
+        drawn["explanations"] = figures.weighing_figure(
+            explained.load_mn, explained.stiffness_n_per_m, explained.stiffness, half_width=explained.half_width_n_per_m
+        )
+        written(folder / "explanations.json", json_text(explained.as_json()))
+    if pdf_figures:
+        for name, figure in drawn.items():
+            figures.save(figure, figure_folder(folder) / f"{name}.pdf")
+    answer = results_json(results)
+    if correction is not None:
+        from mesotap.answers.correction import with_correction  # compiles force laws: only where there are any
+
+        answer = with_correction(answer, correction)
+    written(folder / "results.json", json_text(answer))
+    written(folder / "results.csv", loads_csv(results))
+    written(folder / "impacts.csv", impacts_csv(results))
+    ratios = theory_ratios(results, theory)
+    recovered = None if truth is None else recovered_against(results, truth)
+    page = environment().get_template("report.html")
+    drift = results.calibration is not None and results.calibration.drifted
+    footnotes = _footnotes(results.loads)
+    html = page.render(
+        session=session,
+        results=results,
+        theory=theory,
+        drifted=drift,
+        drift_footnote=figures.DRIFT_FOOTNOTE,
+        simulated=truth is not None or SIMULATED in session.software,
+        summary=summary(results, theory, ratios),
+        plates={n: Plate(Markup(figures.inline_svg(drawn[n], n, _label(n, drift)))) for n in drawn},
+        typical=_typical_shot(session),
+        spectra=figures.shown_spectra(results),
+        amplitudes=figures.shown_amplitudes(results),
+        checked=[c for load in results.loads if (c := spectral_check(load)) is not None],
+        footnotes=footnotes,
+        marks=_note_marks(footnotes),
+        ratios=ratios,
+        explained=explained,
+        correction=correction,
+        explanations_shown=SHOWN,
+        taps=_taps(results),
+        rejected=[(i, _shot(session, i)) for i in results.impacts if not i.accepted],
+        recovered=recovered,
+        inside=count_inside(recovered),
+        truth_missing=truth is not None and not recovered,
+        level_percent=round(100 * LEVEL),
+        pdf_figures=pdf_figures,
+    )
+    return written(folder / "report.html", html)
+
+
+def recording_report(folder: Path, recording: Recording, modes: RecordingModes) -> Path:
+    """Write the page of a recording that is no session: ``report.html``, ``modes.json`` and ``modes.pdf``.
+
+    Where a mode could be followed along the ring-down ``amplitude.pdf`` too, and with a stabilisation diagram
+    ``stabilisation.pdf``.
+
+    Parameters
+    ----------
+    folder
+        Where to; made if it is not there.
+    recording
+        Samples (c, n) with rate, names and unit.
+    modes
+        What was identified in it.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    figure = figures.modes_figure(recording, modes)
+    figures.save(figure, folder / "modes.pdf")
+    followed = figures.shown_modes(modes)
+    along = None
+    if followed:
+        drawn = figures.mode_amplitude_figure(recording, modes)
+        figures.save(drawn, folder / "amplitude.pdf")
+        along = Plate(Markup(figures.inline_svg(drawn, "mode-amplitude", LABELS["mode-amplitude"])))
+    diagram = None
+    if modes.diagram:
+        drawn = figures.stabilisation_figure(modes)
+        figures.save(drawn, folder / "stabilisation.pdf")
+        diagram = Plate(Markup(figures.inline_svg(drawn, "stabilisation", LABELS["stabilisation"])))
+    written(folder / "modes.json", json_text(modes_json(modes)))
+    data = np.atleast_2d(np.asarray(recording.data))
+    names = [str(recording.names[c]) if c < len(recording.names) else f"channel {c}" for c in range(data.shape[0])]
+    html = environment().get_template("recording.html").render(
+        recording=recording,
+        unit=recording.unit.replace("m/s2", "m/s²"),
+        names=names,
+        duration_s=data.shape[1] / recording.rate_hz,
+        modes=modes,
+        plate=Plate(Markup(figures.inline_svg(figure, "modes", LABELS["modes"]))),
+        followed=followed,
+        along=along,
+        diagram=diagram,
+        many=sum(len(mode.along_decay) >= figures.FEWEST_POINTS for mode in modes.modes),
+        level_percent=round(100 * LEVEL),
+    )  # fmt: skip
+    return written(folder / "report.html", html)
+
+
+def published_report(folder: Path, published: Published) -> Path:
+    """Write the page of the published tables analysed again: ``report.html``, ``published.json``, ``table5.pdf``, ...
+
+    Parameters
+    ----------
+    folder
+        Where to; made if it is not there.
+    published
+        The tables, theory beside them, and the conflicts in what was published.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written(folder / "published.json", json_text(published.as_json()))
+    plates = []
+    for table in published.tables:
+        contact = cast("Literal['paper-flat', 'paper-sphere']", table.contact)
+        figure = figures.published_figure(table.load_mn, table.contact_stiffness_n_per_m, theory_curves(contact))
+        name = f"table{table.number}"
+        figures.save(figure, folder / f"{name}.pdf")
+        plates.append(Plate(Markup(figures.inline_svg(figure, name, LABELS["published"])), wide=False))
+    html = environment().get_template("published.html").render(
+        published=published, tables=list(zip(published.tables, plates, strict=True))
+    )  # fmt: skip
+    return written(folder / "report.html", html)
+
+
+LABELS = {
+    "published": "Contact stiffness of a published table against load with theory",
+    "calibration": "Strain gauge voltage against dead weight, before and after the session, with residuals",
+    "explanations": "Stiffness against load with explanations, their errors at loads left out, and their probabilities",
+    "record": "Acceleration of both accelerometers against time for one tap",
+    "spectra": "Averaged acceleration spectra of several loads",
+    "stiffness": "Contact stiffness against load with theory",
+    "damping": "Damping ratio of the contact mode against load",
+    "impacts": "Contact stiffness of each impact in order, as deviation from the combined estimate of its load",
+    "amplitude": "Frequency change and damping ratio of the contact mode against its amplitude along the ring-down",
+    "stabilisation": "Poles of every model order over frequency, stable ones filled",
+    "mode-amplitude": "Frequency change and damping ratio of modes against their amplitude along the ring-down",
+    "modes": "Record against time, and spectrum with the identified modes",
+}
+
+
+WITH_LOADS = {
+    "spectra",
+    "stiffness",
+    "damping",
+    "impacts",
+    "amplitude",
+    "explanations",
+}  # figures that say at which load
+
+
+def _label(name: str, drifted: bool) -> str:
+    """Return what a screen reader says of a figure, whose text is outlines."""
+    return LABELS[name] + (f". {figures.DRIFT_FOOTNOTE}" if drifted and name in WITH_LOADS else "")
+
+
+def figure_folder(folder: Path) -> Path:
+    """Return the folder of a report's figures, made if it is not there.
+
+    Raises
+    ------
+    UnwrittenError
+        A link stands there, or it cannot be made.
+    """
+    place = folder / FIGURE_FOLDER
+    if place.is_symlink():
+        raise UnwrittenError(place, "it is a link to another place; remove it")
+    try:
+        place.mkdir(exist_ok=True)
+    except OSError as error:
+        raise write_error(place, error) from error
+    return place
+
+
+def written(path: Path, text: str) -> Path:
+    """Write a text file, whole or not at all, and return its path."""
+    write_whole(path, text.encode(errors="backslashreplace"))  # names of files need not be UTF-8
+    return path
+
+
+def environment() -> Environment:
+    """Return the templates' environment, with the filters that all pages share."""
+    templates = Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    templates.filters["pm"] = lambda estimate, scale=1.0: _typographic(with_uncertainty(estimate, scale))
+    templates.filters["digits"] = lambda value, count=3: _typographic(significant(value, count))
+    templates.filters["signed"] = _signed
+    templates.filters["known"] = lambda parameter: _typographic(known(parameter))
+    templates.filters["chance"] = chance
+    templates.filters["moment"] = lambda text: text.replace("T", " ").removesuffix("Z")
+    templates.filters["prose"] = lambda text: text.replace(" %", "\N{NO-BREAK SPACE}%").replace("m/s2", "m/s²")
+    return templates
+
+
+def _typographic(number: str) -> str:
+    return number.replace("-", "−")
+
+
+def _signed(value: float | None) -> str:
+    """Write a deviation in % with its sign."""
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    decimals = 3 if abs(value) < 0.1 else 2 if abs(value) < 10 else 0
+    return _typographic(f"{value:+z.{decimals}f}")
+
+
+def _session_figures(session: Session, results: SessionResults, theory: Sequence[TheoryCurve]) -> dict[str, Figure]:
+    drawn: dict[str, Figure] = {}
+    if session.pre is not None or session.post is not None:
+        drawn["calibration"] = figures.calibration_figure(session, results)
+    if (shot := _typical_shot(session)) is not None:
+        drawn["record"] = figures.record_figure(shot)
+    if figures.shown_spectra(results):
+        drawn["spectra"] = figures.spectra_figure(results)
+    if any(load.contact_stiffness_n_per_m is not None for load in results.loads):
+        drawn["stiffness"] = figures.stiffness_figure(results, theory)
+    if any(load.zeta2 is not None for load in results.loads):
+        drawn["damping"] = figures.damping_figure(results)
+    if any(impact.contact_stiffness_n_per_m is not None for impact in results.impacts):
+        drawn["impacts"] = figures.impacts_figure(results)
+    if figures.shown_amplitudes(results):
+        drawn["amplitude"] = figures.amplitude_figure(results)
+    return drawn
+
+
+def _typical_shot(session: Session) -> Shot | None:
+    """Pick the accepted tap of the middle load with the median peak; a rejected one if there is no other."""
+    shots = [s for s in session.shots if s.acceleration.shape[0] >= 2 and s.acceleration.shape[1] > 1]
+    candidates = [s for s in shots if s.accepted] or shots
+    if not candidates:
+        return None
+    load_sets = sorted({s.load_set for s in candidates})
+    middle = [s for s in candidates if s.load_set == load_sets[len(load_sets) // 2]]
+    middle.sort(key=lambda s: float(np.max(np.abs(s.acceleration))))
+    return middle[len(middle) // 2]
+
+
+def _shot(session: Session, impact: ImpactResult) -> Shot | None:
+    return next((shot for shot in session.shots if shot.name == impact.name), None)
+
+
+def _footnotes(loads: Sequence[LoadResult]) -> list[list[str]]:
+    """Return the footnotes of each load: each note that other loads have too, and all that only it has as one."""
+    loads_with = Counter(note for load in loads for note in set(load.notes))
+    footnotes = []
+    for load in loads:
+        notes = list(dict.fromkeys(load.notes))
+        own = [note for note in notes if loads_with[note] == 1]
+        footnotes.append([note for note in notes if loads_with[note] > 1] + (["; ".join(own)] if own else []))
+    return footnotes
+
+
+def _note_marks(footnotes: Sequence[Sequence[str]]) -> dict[str, str]:
+    """Give each distinct footnote a letter, in order."""
+    distinct = dict.fromkeys(note for of_load in footnotes for note in of_load)
+    return {note: _letter(index) for index, note in enumerate(distinct)}
+
+
+def _letter(index: int) -> str:
+    letter = chr(ord("a") + index % 26)
+    return letter if index < 26 else _letter(index // 26 - 1) + letter
+
+
+def _taps(results: SessionResults) -> list[Taps]:
+    rows = []
+    for load in results.loads:
+        impacts = [i for i in results.impacts if i.load_set == load.load_set]
+        reasons = Counter(i.reject_reason or "no reason given" for i in impacts if not i.accepted)
+        text = "; ".join(f"{count} × {reason}" if count > 1 else reason for reason, count in reasons.items())
+        rows.append(Taps(load, len(impacts), sum(i.accepted for i in impacts), text))
+    return rows

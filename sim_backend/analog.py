@@ -124,10 +124,8 @@ class AnalogSignal:
         after_start = tap.onset_s - self._started_s
         start = math.floor(after_start * self._rate_hz)
         onset = max(0.0, after_start - start / self._rate_hz)
-        pulse, contact = self._settings.pulse, self._settings.contact
-        record, load = tap_record(
-            tap, self._truth, contact, pulse, onset, self._rate_hz, self._analog, self._mechanisms
-        )
+        pulse = self._settings.pulse
+        record, load = tap_record(tap, self._truth, pulse, onset, self._rate_hz, self._analog, self._mechanisms)
         self._records.append((start, record, load))
 
     def checkpoint(self) -> dict[str, Any]:

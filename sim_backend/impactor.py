@@ -19,7 +19,7 @@ from sim_backend.taps import Rocking, Tap
 from sim_backend.truth import TrueRig
 
 DELAY_S = (0.05, 0.2)
-SECOND_BLOW_S, SECOND_BLOW_SHARE = (1.5e-3, 6e-3), (0.3, 0.6)
+SECOND_IMPACT_S, SECOND_IMPACT_SHARE = (1.5e-3, 6e-3), (0.3, 0.6)
 TOO_HARD_RATIO = (1.3, 2.5)  # of peak contact force and preload
 TOO_WEAK_SHARE = (0.01, 0.02)  # of the usual strength
 CLIPPED_RATIO = (1.2, 2.0)  # of peak acceleration and full scale
@@ -27,7 +27,7 @@ ROCKING_HZ, ROCKING_DAMPING, ROCKING_SHARE = (3000.0, 6000.0), (0.01, 0.04), (0.
 CARE = 0.5  # of the usual share of bad taps, once told what was wrong
 SMALLEST_PRELOAD_N = 0.01
 WEAKEST_STRENGTH = 0.2
-SEARCH_S, SEARCH_RATE_HZ = 6e-3, 2e5  # where and how finely the peak of a unit blow is looked for
+SEARCH_S, SEARCH_RATE_HZ = 6e-3, 2e5  # where and how finely the peak of a unit impact is searched
 
 
 class SimulatedImpactor(Impactor):
@@ -51,7 +51,7 @@ class SimulatedImpactor(Impactor):
     ):
         self.history: deque[Tap] = deque(maxlen=100)
         self._settings = settings
-        self._second = self._second_blow() if settings.mechanisms else None
+        self._second = self._second_impact() if settings.mechanisms else None
         self._truth = truth
         self._analog = analog
         self._full_scale = full_scale_m_s2
@@ -71,7 +71,7 @@ class SimulatedImpactor(Impactor):
         self._pending = [tap for tap in self._pending if tap.onset_s > now]
         return list(self._pending)
 
-    def strike(self, load_mn: float, hint: str = "") -> None:
+    def tap(self, load_mn: float, hint: str = "") -> None:
         """Decide one tap for a preload of ``load_mn``; a hint makes a bad one half as likely."""
         if not (np.isfinite(load_mn) and load_mn >= 0):
             raise RigError(f"The simulated impactor cannot tap for a preload of {load_mn} mN: it must be known.")
@@ -91,11 +91,11 @@ class SimulatedImpactor(Impactor):
         damping_factor = max(0.1, 1 + contact.damping_scatter_percent / 100 * rng.standard_normal())
         too_hard, too_weak = rng.uniform(*TOO_HARD_RATIO), rng.uniform(*TOO_WEAK_SHARE)
         clipped = rng.uniform(*CLIPPED_RATIO)
-        second_delay, second_share = rng.uniform(*SECOND_BLOW_S), rng.uniform(*SECOND_BLOW_SHARE)
+        second_delay, second_share = rng.uniform(*SECOND_IMPACT_S), rng.uniform(*SECOND_IMPACT_SHARE)
         rocking = Rocking(rng.uniform(*ROCKING_HZ), rng.uniform(*ROCKING_DAMPING), rng.uniform(*ROCKING_SHARE))
 
         preload = self._true_load_n()
-        force, acceleration = self._unit_blow(preload, stiffness_factor, damping_factor)
+        force, acceleration = self._unit_impact(preload, stiffness_factor, damping_factor)
         ratio = pulse.peak_force_ratio * strength
         if kinds["too_hard"]:
             ratio = too_hard
@@ -109,7 +109,7 @@ class SimulatedImpactor(Impactor):
         if kinds["double"]:
             peaks, delays = (peak, second_share * peak), (0.0, max(second_delay, pulse.duration_ms * 1e-3))
         if self._second is not None and not kinds["double"]:
-            delays = (0.0, max(rng.uniform(*SECOND_BLOW_S), pulse.duration_ms * 1e-3))
+            delays = (0.0, max(rng.uniform(*SECOND_IMPACT_S), pulse.duration_ms * 1e-3))
             peaks = (peak, self._second * peak)
         return Tap(
             self._clock.now() + delay,
@@ -122,16 +122,16 @@ class SimulatedImpactor(Impactor):
             tuple(kind for kind, happens in kinds.items() if happens),
         )
 
-    def _second_blow(self) -> float | None:
-        """Impulse of a second blow that follows every tap over that of the first; None without one."""
-        from sim_backend.adopted import second_blow
+    def _second_impact(self) -> float | None:
+        """Impulse of a second impact that follows every tap over that of the first; None without one."""
+        from sim_backend.adopted import second_impact
 
-        return second_blow([m.adopted() for m in self._settings.mechanisms])
+        return second_impact([m.adopted() for m in self._settings.mechanisms])
 
-    def _unit_blow(self, preload_n: float, stiffness_factor: float, damping_factor: float) -> tuple[float, float]:
-        """Return peak contact force, N, and peak filtered acceleration, m/s2, of a blow of 1 N by the linear model.
+    def _unit_impact(self, preload_n: float, stiffness_factor: float, damping_factor: float) -> tuple[float, float]:
+        """Return peak contact force, N, and peak filtered acceleration, m/s2, of an impact of 1 N by the linear model.
 
-        With the surfaces apart a blow of 1 N counts as a force of 1 N.
+        With the surfaces apart an impact of 1 N counts as a force of 1 N.
         """
         if preload_n <= 0:
             return 1.0, 0.0

@@ -126,15 +126,14 @@ class SimulatedRig(Rig):
         """Tell what answers; a part that is made to fail says so as a real one would."""
         if self.load_cell.fault == "dropout":
             raise RigError("The simulated load cell does not answer: check its cable and its amplifier.")
-        recorder, stage, contact = self.accelerometers, self._settings.stage, self._settings.contact
+        recorder, stage = self.accelerometers, self._settings.stage
         return [
             f"simulated load cell: {self.load_cell.true_voltage():.3f} mV, noise {self._settings.gauge.noise_mv} mV",
             f"simulated stage: at {self.micrometer.read().position_um:.2f} um, resolution {stage.resolution_um} um, "
             f"backlash {stage.backlash_um} um, {'clamped' if self.micrometer.locked else 'free'}",
             f"simulated accelerometers: {recorder.sample_rate_hz:g} Hz, {recorder.bits} bits, "
             f"full scale {recorder.full_scale_m_s2:.1f} m/s2",
-            f"simulated impactor: {self._settings.pulse.shape} pulses of {self._settings.pulse.duration_ms} ms "
-            f"on a {contact.law} contact that {'can part' if contact.can_part else 'cannot part'}",
+            f"simulated impactor: {self._settings.pulse.shape} pulses of {self._settings.pulse.duration_ms} ms",
             "simulated dead weights: any load, with the surfaces apart",
             *(f"simulated beyond Eq. 9: {m.adopted().mechanism.summary}" for m in self._settings.mechanisms),
         ]

@@ -2,33 +2,49 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 
 from rig.settings import Finite, NonNegative, Positive, Section
 
 if TYPE_CHECKING:
     from sim_backend.adopted import Adopted
 
+FOLDERS = "mechanisms"
+"""What a validation's context holds the folders of a user's own mechanisms under."""
 Rate = Annotated[float, Field(ge=0, le=1)]
 
 
-class SimulatedContact(Section):
-    """k_c(P) and zeta_c(P) of the simulated specimen, and its force law at amplitude.
+LAWS: Final = {"hertz": ("hertz_stiffness",), "exponential": ("rough_surface_stiffness",)}
 
-    ``table`` interpolates the three lists (power law between and beyond points); ``theory`` takes
-    k_c(P) from the contact theory of section ``analysis`` and zeta_c(P) from the table.
+
+class SimulatedContact(Section):
+    """k_c(P) and zeta_c(P) of the simulated specimen.
+
+    Its force at amplitude is linear but for the mechanisms. ``table`` interpolates the three lists (power law between
+    and beyond points); ``theory`` takes k_c(P) from the contact theory of section ``analysis`` and zeta_c(P) from the
+    table.
     """
 
     stiffness: Literal["table", "theory"] = "table"
     load_mn: tuple[Positive, ...] = (264.9, 348.3, 431.6, 524.8, 549.4, 627.8, 784.8, 927.0)
     contact_stiffness_mn_per_m: tuple[Positive, ...] = (3.95, 5.87, 7.03, 7.59, 8.04, 8.90, 9.50, 10.32)
     damping_ratio: tuple[Positive, ...] = (0.028, 0.012, 0.005, 0.0018, 0.0017, 0.0016, 0.0016, 0.0016)
-    law: Literal["linear", "hertz", "exponential"] = "linear"
-    can_part: bool = False
     stiffness_scatter_percent: NonNegative = 0.04
     damping_scatter_percent: NonNegative = 2.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _law_by_mechanisms(cls, given: Any) -> Any:
+        """Say what to write in the place of the force law that this section once had."""
+        if isinstance(given, dict) and not given.keys().isdisjoint(("law", "can_part")):
+            law = LAWS.get(str(given.get("law")), ())
+            ids = (*law, *(("contact_loss",) if given.get("can_part") is True else ()))
+            listed = ", ".join(f"{{id: {name}}}" for name in ids)
+            instead = f"write mechanisms: [{listed}] in section sim_backend" if ids else "the contact is linear"
+            raise ValueError(f"law and can_part are no settings of the contact: leave them out, and {instead}")
+        return given
 
     @model_validator(mode="after")
     def _table(self) -> SimulatedContact:
@@ -55,8 +71,11 @@ class SimulatedMechanism(Section):
     id: str
     parameters: dict[str, Finite] = Field(default_factory=dict)
 
+    _folders: tuple[str, ...] = PrivateAttr(default=())
+
     @model_validator(mode="after")
-    def _known(self) -> SimulatedMechanism:
+    def _known(self, info: ValidationInfo) -> SimulatedMechanism:
+        self._folders = tuple((info.context or {}).get(FOLDERS, ()))
         self.adopted()
         return self
 
@@ -64,7 +83,7 @@ class SimulatedMechanism(Section):
         """Return it as the simulation takes it."""
         from sim_backend.adopted import adopted  # compiles force laws: only where there are any
 
-        return adopted(self.id, self.parameters)
+        return adopted(self.id, self.parameters, self._folders)
 
 
 class BadTaps(Section):
@@ -129,10 +148,8 @@ class SimBackendSettings(Section):
     mechanisms: tuple[SimulatedMechanism, ...] = ()
 
     @model_validator(mode="after")
-    def _one_law(self) -> SimBackendSettings:
+    def _each_once(self) -> SimBackendSettings:
         names = [m.id for m in self.mechanisms]
         if len(set(names)) < len(names):
             raise ValueError("mechanisms: each can be there once")
-        if names and (self.contact.law != "linear" or self.contact.can_part):
-            raise ValueError("mechanisms act on a linear contact: set contact.law to linear and can_part to false")
         return self

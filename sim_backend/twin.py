@@ -1,12 +1,13 @@
 """Eq. 9 with mechanisms in it: what a tap leaves behind on the rig that a diagnosis describes.
 
-The rig with whatever bodies and springs the mechanisms add is linear; it is carried along in its modes, with the
-mechanisms' forces and the tap itself as extra forces (`sim_backend.modal_march`), and what all of them together do to
-the filtered channels follows from partial fractions.
+The rig with whatever bodies and springs the mechanisms add is linear, and its response to the tap is exact. The
+mechanisms' forces are found by `sim_backend.propagate`, and what they add to the filtered channels follows from partial
+fractions.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,32 +16,20 @@ from numpy.typing import NDArray
 from rig.errors import RigError
 from sim_backend.adopted import Adopted
 from sim_backend.arrangement import LOWER, UPPER, Arrangement, Element, Parameter, tester
-from sim_backend.mechanisms.mechanism import AtRest, law
-from sim_backend.modal_march import MEMORY, REST, SLOTS, march, no_law, respond, step_weights
-from sim_backend.pulses import COS, END, LINEAR, OFFSET, OMEGA, SIN, START, Pulse
-from sim_backend.state_space import StateSpace
+from sim_backend.force_law import REST, SLOTS
+from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion, ForceLaw, Values
+from sim_backend.modal_response import respond, step_weights
+from sim_backend.propagate import Clock, Given, Laws, Motion, Rigs, laws_of, propagate
+from sim_backend.pulses import Pulse
+from sim_backend.state_space import StateSpace, exact_response
 from sim_backend.two_mass import TwoMass
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-SUBSTEPS = 16  # of a sample: forces are straight lines between them
-COLUMNS = 7  # of a pulse's table
+SUBSTEPS = 16  # of a sample
 SMALL = 1e-9  # |Im s| over |s| below which a pole counts as real
-TAP = "tap"
-
-
-@law
-def tap_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
-    """Force of a tap on the body, whatever it does; p[4] number of segments, then their table row by row."""
-    total = 0.0
-    for i in range(int(p[4])):
-        at = 5 + COLUMNS * i
-        if p[at + START] <= t < p[at + END]:
-            tau = t - p[at + START]
-            phase = p[at + OMEGA] * tau
-            total += p[at + OFFSET] + p[at + LINEAR] * tau + p[at + SIN] * np.sin(phase) + p[at + COS] * np.cos(phase)
-    return force - total
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)  # of quadrature between the knots of a pulse
 
 
 def twin_record(
@@ -60,7 +49,7 @@ def twin_record(
     rig
         Eq. 9 with the contact at this load.
     found
-        Mechanisms; tones are not part of a tap, and a second blow is part of the pulse.
+        Mechanisms with their places; tones are not part of a tap, and a second impact is part of the pulse.
     pulse, onset_s
         Force on the upper mass, N, and its onset after sample 0, s.
 
@@ -71,78 +60,112 @@ def twin_record(
     """
     arrangement = _arrangement(rig, found)
     values = arrangement.declared()
-    slots = [(a, i) for a in found for i, e in enumerate(arrangement.elements) if a.mechanism.acts == e.role]
-    slots = sorted(((a, i) for a, i in slots if a.mechanism.law is not None), key=lambda s: s[0].mechanism.last)
-    if len(slots) >= SLOTS:
-        raise RigError(f"The simulated rig cannot have more than {SLOTS - 1} force laws at work together.")
     h = 1 / sample_rate_hz / SUBSTEPS
-    rows = [_parameters(a, arrangement.elements[i], values, preload_n, h) for a, i in slots]
-    struck = next(i for i, e in enumerate(arrangement.elements) if e.name == TAP)
-    rows.append(np.concatenate([[0.0, 0.0, 0.0, h, len(pulse.segments)], pulse.segments.ravel()]))
-    used = sorted({i for _, i in slots} | {struck})
-    places = [used.index(i) for _, i in slots] + [used.index(struck)]
-    p = np.zeros((SLOTS, max(map(len, rows))))
-    for row, filled in zip(p, rows, strict=False):
-        row[: len(filled)] = filled
-    laws = [a.mechanism.law for a, _ in slots] + [tap_law] + [no_law] * (SLOTS - len(rows))
-    acting = np.array(places + [-1] * (SLOTS - len(rows)))
-
-    modes = _Modes(arrangement)
-    deformation = modes.elements[used] @ modes.shapes
-    drive = -(modes.elements[used] @ modes.left)
-    forces = march(
-        tuple(laws), acting, p[None], deformation[None], (deformation * modes.poles)[None], drive[None],
-        step_weights(modes.poles, h)[None], np.zeros((1, len(modes.poles)), np.complex128), modes.weight,
-        np.array([-onset_s]), h, (samples - 1) * SUBSTEPS, np.zeros((SLOTS, MEMORY)),
-        np.array([-1]), np.zeros((1, len(modes.poles)), np.complex128),
-    )[0]  # fmt: skip
-    acceleration = np.zeros((len(arrangement.sensors), samples))
-    lower = np.zeros(samples)
-    seen = [arrangement.vector(s.row, values) for s in arrangement.sensors]
-    own = arrangement.vector(((LOWER, 1.0),), values)
+    bodies = _Rig(arrangement)
     nothing = StateSpace(np.zeros((0, 0)), np.zeros(0), np.zeros((1, 0)), np.ones(1))
-    for force, i in zip(forces, used, strict=True):
-        push = -modes.elements[i] / modes.mass
-        for channel, row in zip(acceleration, seen, strict=True):
-            channel += _response(modes.system(push, row, 2).then(analog), force, h)
-        lower += _response(modes.system(push, own, 0).then(nothing), force, h)
+    seen = [(arrangement.vector(s.row, values), 2, analog) for s in arrangement.sensors]
+    seen.append((arrangement.vector(((LOWER, 1.0),), values), 0, nothing))
+    tapped = arrangement.vector(((arrangement.tapped, 1.0),), values) / bodies.mass
+    shown = np.array(
+        [
+            exact_response(bodies.system(tapped, row, order).then(chain), pulse, onset_s, samples, sample_rate_hz)[0]
+            for row, order, chain in seen
+        ]
+    )
+    slots = _slots(found)
+    if slots:
+        rows = [_parameters(m, a.values, arrangement.elements[i], values, preload_n, h) for a, m, i in slots]
+        laws = laws_of([(m.law, i) for _, m, i in slots], [rows])
+        motion = _motion(bodies, laws, tapped * bodies.mass, pulse, onset_s, h, (samples - 1) * SUBSTEPS)
+        for i in sorted({i for *_, i in slots}):
+            push = -bodies.elements[i] / bodies.mass
+            for channel, (row, order, chain) in zip(shown, seen, strict=True):
+                system = bodies.system(push, row, order).then(chain)
+                channel += _response(system, motion.forces[:, i], motion.bends[:, i], h)
+    acceleration, lower = shown[:-1], shown[-1]
     for a in found:
-        if a.mechanism.distort is not None:
-            peak = {"peak": float(np.abs(acceleration).max())}
-            acceleration = a.mechanism.distort(acceleration, dict(a.values) | peak, sample_rate_hz)
+        if isinstance(a.mechanism, ChannelDistortion):
+            at, peak = list(a.place), {"peak": float(np.abs(acceleration).max())}
+            acceleration[at] = a.mechanism.distort(acceleration[at], dict(a.values) | peak, sample_rate_hz)
     return acceleration, lower
 
 
+def _motion(bodies: _Rig, laws: Laws, tapped: Real, pulse: Pulse, onset_s: float, h: float, steps: int) -> Motion:
+    """Return the extra forces after a pulse that acts on the bodies as ``tapped`` (n,), from rest."""
+    parts = (bodies.mass, bodies.damping, bodies.stiffness, bodies.elements, tapped[:, None])
+    rigs = Rigs(*(part[None] for part in parts))
+    clock = Clock(np.array([-onset_s]), h, steps, 0)
+    given = given_pulse(pulse, onset_s, h, steps)
+    motion = propagate(rigs, laws, np.zeros((1, 2 * len(bodies.mass))), clock, given)
+    if not np.all(np.isfinite(motion.forces)):
+        raise RigError(
+            "The simulated tap could not be computed: the mechanisms are too stiff for a tap this hard. "
+            "Lower sim_backend.pulse.peak_force_ratio or choose other mechanisms."
+        )
+    return motion
+
+
+def _slots(found: Sequence[Adopted]) -> list[tuple[Adopted, ForceLaw, int]]:
+    """Return the mechanisms that are force laws with the numbers of the elements that they act in."""
+    laws = [(a, a.mechanism) for a in found if isinstance(a.mechanism, ForceLaw)]
+    slots = sorted(((a, m, i) for a, m in laws for i in a.place), key=lambda s: s[1].last)
+    if len(slots) > SLOTS:
+        raise RigError(f"The simulated rig cannot have more than {SLOTS} force laws at work together.")
+    return slots
+
+
+def given_pulse(pulse: Pulse, onset_s: float, h: float, steps: int) -> Given:
+    """Return a pulse as an input of steps of length h, s: in each the parabola that has its first three moments."""
+    knots = pulse.knots + onset_s
+    first, last = max(math.floor(knots[0] / h), 0), min(math.ceil(knots[-1] / h), steps)
+    edges = np.unique(np.concatenate([knots, h * np.arange(first, last + 1)]))
+    left, width = edges[:-1], np.diff(edges)
+    at = np.floor((left + width / 2) / h).astype(int)
+    inside = (at >= first) & (at < last)
+    left, width, at = left[inside], width[inside], at[inside]
+    t = left[:, None] + width[:, None] * (NODES + 1) / 2
+    u = t / h - at[:, None]
+    force = pulse(t - onset_s) * WEIGHTS * width[:, None] / h / 2
+    moments = np.zeros((3, steps))
+    for moment, shape in zip(moments, (1.0, 2 * u - 1, 6 * u * (u - 1) + 1), strict=True):
+        np.add.at(moment, at, np.sum(force * shape, axis=1))
+    mean, slope, bend = moments
+    start, end = mean - 3 * slope + 5 * bend, mean + 3 * slope + 5 * bend
+    return Given(start[None, None], end[None, None], 30 * bend[None, None], 1)
+
+
 def _arrangement(rig: TwoMass, found: Sequence[Adopted]) -> Arrangement:
-    """Build Eq. 9 with dampers beside the springs, a place for the tap, and what the mechanisms add."""
+    """Build Eq. 9 as a fit has it, with dampers beside the springs where there are any, and what mechanisms add."""
     out = tester(rig.m1, rig.m2, rig.k1, rig.k2, rig.kc, rig.cc, mass_uncertainty=0.0, spring_uncertainty=0.0)
-    out = out.extended(
-        elements=(
-            Element("upper damper", "body", "tube springs", ((UPPER, 1.0),), damping="c1"),
-            Element("lower damper", "body", "tube springs", ((LOWER, 1.0),), damping="c2"),
-            Element(TAP, "body", "impactor", ((UPPER, 1.0),)),
-        ),
-        parameters=(Parameter("c1", "N s/m", rig.c1), Parameter("c2", "N s/m", rig.c2)),
-    )
+    if rig.c1 or rig.c2:
+        out = out.extended(
+            elements=(
+                Element("upper damper", "body", "tube springs", ((UPPER, 1.0),), damping="c1"),
+                Element("lower damper", "body", "tube springs", ((LOWER, 1.0),), damping="c2"),
+            ),
+            parameters=(Parameter("c1", "N s/m", rig.c1), Parameter("c2", "N s/m", rig.c2)),
+        )
     for a in found:
-        if a.mechanism.extend is not None:
-            out = a.mechanism.extend(out, a.values)
+        if isinstance(a.mechanism, AddedBody):
+            out = a.mechanism.extend(out, a.values, a.place)
     return out
 
 
-def _parameters(a: Adopted, element: Element, values: dict[str, float], preload_n: float, h: float) -> Real:
+def _parameters(
+    mechanism: ForceLaw, own: Values, element: Element, values: dict[str, float], preload_n: float, h: float
+) -> Real:
     rest = AtRest(
-        preload_n if element.role == "contact" else 0.0,
+        preload_n if element.preload else 0.0,
         values[element.stiffness] if element.stiffness else 0.0,
         values[element.damping] if element.damping else 0.0,
     )
     begin = np.zeros(REST)
     begin[:] = rest.preload, rest.stiffness, rest.damping, h
-    return np.concatenate([begin, np.asarray(a.mechanism.constants(a.values, rest), np.float64)])
+    return np.concatenate([begin, np.asarray(mechanism.constants(own, rest), np.float64)])
 
 
-class _Modes:
-    """Modes of an arrangement: ``x = sum w Re(shape b)``, ``b' = s b + left.T force``."""
+class _Rig:
+    """Matrices of an arrangement, and its elements' rows."""
 
     def __init__(self, arrangement: Arrangement):
         values = arrangement.declared()
@@ -153,10 +176,6 @@ class _Modes:
         self.matrix[:n, n:] = np.eye(n)
         self.matrix[n:, :n] = -self.stiffness / self.mass[:, None]
         self.matrix[n:, n:] = -self.damping / self.mass[:, None]
-        poles, right, left = _decomposed(self.matrix)
-        self.poles, self.shapes = poles, right[:n]
-        self.left = left[:, n:].T / self.mass[:, None]
-        self.weight = _weight(poles)
 
     def system(self, push: Real, row: Real, order: int) -> StateSpace:
         """From a force that accelerates the bodies by ``push`` to a derivative of what ``row`` sees."""
@@ -184,9 +203,11 @@ def _weight(poles: Complex) -> Real:
     return np.where(np.abs(poles.imag) > SMALL * np.abs(poles), 2.0, 1.0)
 
 
-def _response(system: StateSpace, force: Real, h: float) -> Real:
-    """Response (samples,) from rest of the first output to a force given at every substep."""
+def _response(system: StateSpace, force: Real, bends: Real, h: float) -> Real:
+    """Response (samples,) from rest of the first output to a force (1, n) at every substep and its bends (1, n - 1)."""
     poles, right, left = _decomposed(system.a)
     residues = ((system.c[0] @ right) * (left @ system.b))[None, None, None]
     weights, direct = step_weights(poles, h)[None], system.d[None, None, :1].copy()
-    return np.asarray(respond(force[None, None], weights, residues, _weight(poles), direct, SUBSTEPS)[0, 0])
+    weight = np.where(np.abs(poles.imag) > SMALL * np.abs(poles), 2.0, 1.0)
+    forces, bent = np.ascontiguousarray(force[None]), np.ascontiguousarray(bends[None])
+    return np.asarray(respond(forces, bent, weights, residues, weight, direct, SUBSTEPS)[0, 0])

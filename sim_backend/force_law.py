@@ -1,0 +1,44 @@
+"""What a compiled force law is, and the force of one along a known motion."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numba import float64, njit, types
+from numba.core.errors import NumbaExperimentalFeatureWarning
+
+warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)
+
+_ROW = types.Array(types.float64, 1, "C")
+LAW = float64(float64, float64, float64, float64, _ROW, _ROW, _ROW)
+"""force so far (N, about rest), deformation (m), its rate (m/s), time since the tap (s), parameters, memory before the
+step, memory after it -> force (N). The parameters begin with `REST`. A step may be tried more than once and in parts: a
+law takes its length from the parameters, and at every call it writes each number of its memory that it reads."""
+PRELOAD, STIFFNESS, DAMPING, STEP = range(4)
+REST = 4  # places taken by preload (N), stiffness (N/m), damping (N s/m) and time step (s) of the element
+MEMORY = 24  # most numbers that a law may remember
+SLOTS = 4  # most laws at work together
+
+
+@njit(LAW, cache=True)
+def no_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
+    """Leave the force as it is."""
+    return force
+
+
+@njit(
+    [_ROW(types.FunctionType(LAW), _ROW, _ROW, _ROW, float64, float64, _ROW)],
+    cache=True,
+    nogil=True,
+)
+def along(law, p, d, v, t0, h, memory):  # type: ignore[no-untyped-def]
+    """Return the extra force (n,) of one law along a given deformation and rate, each (n,)."""
+    before, after = memory.copy(), memory.copy()
+    extra = np.empty(len(d))
+    for n in range(len(d)):
+        linear = p[STIFFNESS] * d[n] + p[DAMPING] * v[n]
+        extra[n] = law(linear, d[n], v[n], t0 + n * h, p, before, after) - linear
+        for m in range(MEMORY):
+            before[m] = after[m]
+    return extra

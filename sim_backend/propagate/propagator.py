@@ -1,0 +1,65 @@
+"""The integrator as it is called: arrays made ready for the compiled loop, and what comes of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.propagate.inputs import Clock, Given, Impact, Laws, Rigs
+from sim_backend.propagate.stepping import carried
+
+Real = NDArray[np.float64]
+TOLERANCE: Final = 3e-4  # error of a step's mean extra force, over the largest so far, beyond which it is divided
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What `propagate` returns.
+
+    Attributes
+    ----------
+    forces
+        (runs, elements, steps + 1) extra force of each element, N, beside its spring's and damper's.
+    bends
+        (runs, elements, steps) such that ``f0 + (f1 - f0) u + bend u (u - 1)`` has the impulse of the extra force over
+        each step.
+    states
+        (runs, samples, 2 n) displacements (m) and velocities (m/s).
+    """
+
+    forces: Real
+    bends: Real
+    states: Real
+
+
+def propagate(
+    rigs: Rigs,
+    laws: Laws,
+    start: Real,
+    clock: Clock,
+    given: Given | None = None,
+    impact: Impact | None = None,
+    tolerance: float = TOLERANCE,
+) -> Motion:
+    """Carry rigs along from their states ``start`` (runs, 2 n), displacements (m) and velocities (m/s).
+
+    Parameters
+    ----------
+    tolerance
+        Error of a step's mean extra force, over the largest so far, beyond which the step is divided; infinite for
+        steps of one length.
+    """
+    runs, n = rigs.mass.shape
+    if given is None:
+        none = np.zeros((1, 0, 1))
+        given = Given(none, none, none, 1)
+    if impact is None:
+        impact = Impact(np.full(runs, -1, np.int64), np.zeros((runs, 2 * n)))
+    rigs = Rigs(*(np.ascontiguousarray(a, np.float64) for a in rigs))
+    begin, end, bend = (np.ascontiguousarray(a, np.float64) for a in given[:3])
+    given = Given(begin, end, bend, int(given.held))
+    clock = Clock(np.ascontiguousarray(clock.start, np.float64), float(clock.step), int(clock.steps), clock.sampled)
+    return Motion(*carried(rigs, laws, np.ascontiguousarray(start, np.float64), clock, given, impact, float(tolerance)))

@@ -1,0 +1,321 @@
+"""The compiled loop: steps of a linear rig, divided where an extra force bends abruptly."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numba import njit, types
+from numpy.typing import NDArray
+
+from sim_backend.force_law import DAMPING, LAW, MEMORY, SLOTS, STEP, STIFFNESS
+from sim_backend.propagate.exact_step import exact_steps
+from sim_backend.propagate.inputs import Clock, Given, Impact, Laws, Rigs
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Forces = tuple[Any, ...]
+
+DEEPEST: Final = 3  # times that a step may be divided by four
+TICKS: Final = 4**DEEPEST  # shortest steps in one
+TICK: Final = 1 / TICKS
+CORRECTIONS: Final = 2  # evaluations of the laws in a step: their force depends on where it ends
+COARSER: Final = 4.0**3  # factor by which the error grows in a step four times as long
+MOST_DIVIDED: Final = 12  # short steps for a whole one, on average: beyond, the motion runs away
+RUNAWAY: Final = 1e300  # of the first state: what follows is not computed
+FAINT: Final = 1e-9  # share of an element's linear force below which an extra force is rounding
+NOW, LAST, NEW, CURVE, OLD_CURVE, PEAK, LINEAR, IMPULSE = range(8)  # rows of `_Run.force`
+
+
+_uncounted: Any = partial(njit, cache=True, nogil=True, error_model="numpy", _nrt=False)
+"""Compiles what makes no arrays, without the counting of references to them: eight times as fast."""
+
+_ROW = types.Array(types.float64, 1, "C")
+_TABLE = types.Array(types.float64, 2, "C")
+_STACK = types.Array(types.float64, 3, "C")
+
+_WHOLE = types.Array(types.int64, 1, "C")
+_LAWS = types.UniTuple(types.FunctionType(LAW), SLOTS)
+_SIGNATURE = types.UniTuple(_STACK, 3)(
+    types.NamedTuple((_TABLE, _STACK, _STACK, _STACK, _STACK), Rigs),
+    types.NamedTuple((_LAWS, _WHOLE, _STACK), Laws),
+    _TABLE,
+    types.NamedTuple((_ROW, types.float64, types.int64, types.int64), Clock),
+    types.NamedTuple((_STACK, _STACK, _STACK, types.int64), Given),
+    types.NamedTuple((_WHOLE, _TABLE), Impact),
+    types.float64,
+)
+
+
+class _Run(NamedTuple):
+    """One motion: its exact steps at every division, its laws and inputs, and where it is now.
+
+    Displacements are in units that make them as large as velocities. What is known at a step's beginning is the state,
+    then start and bend of the elements' forces, then start, end and bend of the inputs; what is found at its end is the
+    state, then deformations and rates of the elements.
+
+    Attributes
+    ----------
+    matrix
+        (divisions, found, known) from what is known to what is found, but for the elements' forces at the end.
+    late
+        (divisions, 2, found, elements) what these, and their bends, add.
+    law, element, own
+        Force laws, the element of each, and their parameters (SLOTS, any).
+    start, end, bend, held
+        (u, k) inputs, see `Given`.
+    begun, h
+        Time of the first state and length of an undivided step, s.
+    known, found
+        What is known and found of the present step.
+    force, memory
+        (8, elements) numbers of each element, and (2, SLOTS, MEMORY) the laws' memories, in turn before and after.
+    spans
+        (3,) lengths of the present step and of the two before, in undivided steps.
+    """
+
+    matrix: Real
+    late: Real
+    law: Forces
+    element: Whole
+    own: Real
+    start: Real
+    end: Real
+    bend: Real
+    held: int
+    begun: float
+    h: float
+    known: Real
+    found: Real
+    force: Real
+    memory: Real
+    spans: Real
+
+
+@njit(inline="always")
+def _evaluate(run, level, parabola, t, turn):  # type: ignore[no-untyped-def]
+    """Put the extra forces for the motion at the step's end into ``NEW``, as it is with those that are there."""
+    law, element, own, found, force, late = run.law, run.element, run.own, run.found, run.force, run.late
+    elements = force.shape[1]
+    size = len(found) - 2 * elements
+    d, v, linear, total = 0.0, 0.0, 0.0, 0.0
+    for k in range(SLOTS):
+        i = element[k]
+        if i < 0:
+            break
+        if k == 0 or element[k - 1] != i:
+            x, y = size + i, size + elements + i
+            d, v = found[x], found[y]
+            for e in range(elements):
+                new = force[NEW, e]
+                d += (late[level, 0, x, e] + parabola * late[level, 1, x, e]) * new
+                v += (late[level, 0, y, e] + parabola * late[level, 1, y, e]) * new
+            linear = own[k, STIFFNESS] * d + own[k, DAMPING] * v
+            total = linear
+        total = law[k](total, d, v, t, own[k], run.memory[turn, k], run.memory[1 - turn, k])
+        force[NEW, i], force[LINEAR, i] = total - linear, linear
+
+
+@njit(inline="always")
+def _parabola(known, spans):  # type: ignore[no-untyped-def]
+    """Return over its length the step before, the share of a force's value at the end in its bend, weight of errors."""
+    if known < 2:
+        return 1.0, 0.0, 0.0
+    if spans[0] == spans[1] == spans[2]:
+        return 1.0, 0.5, 1 / 12
+    ratio = spans[1] / spans[0]
+    return ratio, 1.0 / (1.0 + ratio), (1 / 12 + ratio / 6) / (1.0 + ratio + spans[2] / spans[0])
+
+
+@njit(inline="always")
+def _attempt(run, level, known, shape, t, turn):  # type: ignore[no-untyped-def]
+    """Step to time t; return the error of the mean extra force over its largest so far.
+
+    ``known`` is how many values of the extra force there are (3: enough for an error), ``shape`` that of its parabola.
+    """
+    begin, found, force, matrix = run.known, run.found, run.force, run.matrix
+    elements, square = force.shape[1], run.spans[0] ** 2
+    size = len(found) - 2 * elements
+    ratio, parabola, weight = shape
+    for e in range(elements):
+        now = force[NOW, e]
+        slope = (now - force[LAST, e]) / ratio if known > 1 else 0.0
+        curve = force[OLD_CURVE, e] * square if known > 2 else 0.0
+        begin[size + e], begin[size + elements + e] = now, -parabola * (now + slope)
+        force[NEW, e] = now + slope + (1.0 + ratio) * curve
+    for i in range(len(found)):
+        total = 0.0
+        for j in range(len(begin)):
+            total += matrix[level, i, j] * begin[j]
+        found[i] = total
+    for _ in range(CORRECTIONS):
+        _evaluate(run, level, parabola, t, turn)
+    worst = 0.0
+    for e in range(elements):
+        bend = parabola * force[NEW, e] + begin[size + elements + e]
+        force[CURVE, e] = bend
+        if known > 2:
+            largest = max(force[PEAK, e], FAINT * abs(force[LINEAR, e]))
+            off = weight * abs(bend - force[OLD_CURVE, e] * square)
+            if off > worst * largest:
+                worst = off / largest
+    return worst
+
+
+@njit(inline="always")
+def _inputs(run, n, low, high):  # type: ignore[no-untyped-def]
+    """Put start, end and bend of the inputs between two fractions of a step into ``known``."""
+    start, end, bend, known = run.start, run.end, run.bend, run.known
+    k, first = n // run.held, len(known) - 3 * len(start)
+    for u in range(len(start)):
+        a, b, c = start[u, k], end[u, k], bend[u, k]
+        known[first + 3 * u] = a + (b - a) * low + c * low * (low - 1.0)
+        known[first + 3 * u + 1] = a + (b - a) * high + c * high * (high - 1.0)
+        known[first + 3 * u + 2] = c * (high - low) ** 2
+
+
+@njit(inline="always")
+def _accept(run, level, parabola):  # type: ignore[no-untyped-def]
+    """Make the attempted step's end the present."""
+    known, found, force, late, spans = run.known, run.found, run.force, run.late, run.spans
+    elements, span = force.shape[1], spans[0]
+    for i in range(len(found) - 2 * elements):
+        total = found[i]
+        for e in range(elements):
+            total += (late[level, 0, i, e] + parabola * late[level, 1, i, e]) * force[NEW, e]
+        known[i] = total
+    for e in range(elements):
+        now, new = force[NOW, e], force[NEW, e]
+        force[IMPULSE, e] += span * (0.5 * (now + new) - force[CURVE, e] / 6.0)
+        force[OLD_CURVE, e] = force[CURVE, e] / (span * span)
+        force[LAST, e], force[NOW, e] = now, new
+        force[PEAK, e] = max(force[PEAK, e], abs(new))
+    spans[2], spans[1] = spans[1], span
+
+
+@_uncounted()
+def _start(run, sees, t, turn):  # type: ignore[no-untyped-def]
+    """Evaluate the laws at the present state, as at a start; the memories begin anew with turn 0."""
+    force, known, found = run.force, run.known, run.found
+    elements = force.shape[1]
+    size = len(found) - 2 * elements
+    for k in range(SLOTS):
+        for m in range(MEMORY):
+            run.memory[0, k, m] = run.memory[turn, k, m]
+    for i in range(size, len(found)):
+        found[i] = 0.0
+        for j in range(size):
+            found[i] += sees[i, j] * known[j]
+    for e in range(elements):
+        force[NEW, e] = 0.0
+    _evaluate(run, 0, 0.0, t, 0)
+    for e in range(elements):
+        force[NOW, e] = force[NEW, e]
+        force[PEAK, e] = max(force[PEAK, e], abs(force[NEW, e]))
+    for k in range(SLOTS):
+        for m in range(MEMORY):
+            run.memory[0, k, m] = run.memory[1, k, m]
+
+
+@_uncounted()
+def _set_step(own, h):  # type: ignore[no-untyped-def]
+    for k in range(SLOTS):
+        own[k, STEP] = h
+
+
+@njit(inline="always")
+def _whole_step(run, at, state, tolerance):  # type: ignore[no-untyped-def]
+    """Go on by one step, divided as needed; return the new ``state``: division, values known, steps left, turn."""
+    level, known, left, turn = state
+    tick, force = 0, run.force
+    for e in range(force.shape[1]):
+        force[IMPULSE, e] = 0.0
+    while tick < TICKS:
+        width = TICKS >> (2 * level)
+        run.spans[0] = width * TICK
+        shape = _parabola(known, run.spans)
+        if len(run.start) > 0:
+            _inputs(run, at, tick * TICK, (tick + width) * TICK)
+        error = _attempt(run, level, known, shape, run.begun + (at + (tick + width) * TICK) * run.h, turn)
+        left -= 1
+        if error > tolerance and level < DEEPEST and left > 0:
+            level += 1
+            _set_step(run.own, run.h / 4.0**level)
+            continue
+        _accept(run, level, shape[1])
+        turn = 1 - turn
+        tick += width
+        known = 1 if error > tolerance and left > 0 else min(known + 1, 3)
+        calm = (known == 3 and COARSER * error < tolerance) or left <= 0
+        if level > 0 and calm and tick % (4 * width) == 0:
+            level -= 1
+            _set_step(run.own, run.h / 4.0**level)
+    return level, known, left, turn
+
+
+@_uncounted()
+def _carry(run, sees, jump, struck, tolerance, sampled, out):  # type: ignore[no-untyped-def]
+    """Carry one motion along and write its forces, bends and states into ``out``."""
+    forces, bends, states = out
+    finest = DEEPEST if tolerance < np.inf else 0
+    _set_step(run.own, run.h / 4.0**finest)
+    _start(run, sees, run.begun, 0)
+    for e in range(len(forces)):
+        forces[e, 0] = run.force[NOW, e]
+    if sampled > 0:
+        for j in range(len(jump)):
+            states[0, j] = run.known[j]
+    steps = bends.shape[1]
+    now = (finest, 1, MOST_DIVIDED * steps + TICKS, 0)
+    for at in range(1, steps + 1):
+        now = _whole_step(run, at - 1, now, tolerance)
+        if at == struck:
+            for j in range(len(jump)):
+                run.known[j] += jump[j]
+            _set_step(run.own, run.h / 4.0**finest)
+            _start(run, sees, run.begun + at * run.h, now[3])
+            now = (finest, 1, now[2], 0)
+        for e in range(len(forces)):
+            new = run.force[NOW, e]
+            bends[e, at - 1] = 6.0 * (0.5 * (forces[e, at - 1] + new) - run.force[IMPULSE, e])
+            forces[e, at] = new
+        if sampled > 0 and at % sampled == 0:
+            for j in range(len(jump)):
+                states[at // sampled, j] = run.known[j]
+        if not abs(run.known[0]) < RUNAWAY:
+            forces[:, at:], bends[:, at - 1 :] = np.nan, np.nan
+            if sampled > 0:
+                states[(at - 1) // sampled + 1 :] = np.nan
+            break
+
+
+@njit([_SIGNATURE], cache=True, nogil=True)
+def carried(rigs, laws, start, clock, given, impact, tolerance):  # type: ignore[no-untyped-def]
+    """Return forces, bends and states of `Motion`."""
+    runs, n = rigs.mass.shape
+    elements, inputs, h = rigs.rows.shape[1], rigs.inputs.shape[2], clock.step
+    forces, bends = np.zeros((runs, elements, clock.steps + 1)), np.zeros((runs, elements, clock.steps))
+    samples = clock.steps // clock.sampled + 1 if clock.sampled > 0 else 0
+    states = np.zeros((runs, samples, 2 * n))
+    for i in range(runs):
+        unit = 0.0
+        for j in range(n):
+            unit += abs(rigs.stiffness[i, j, j] / rigs.mass[i, j]) / n
+        unit = np.sqrt(unit) if unit > 0.0 else 0.1 / abs(h)
+        scale = np.ones(2 * n)
+        scale[:n] = unit
+        matrix, late, sees = exact_steps(rigs, i, unit, h, DEEPEST + 1)
+        known = np.zeros(2 * n + 2 * elements + 3 * inputs)
+        known[: 2 * n] = start[i] * scale
+        g = i if len(given.start) > 1 else 0
+        run = _Run(
+            matrix, late, laws.law, laws.element, laws.parameters[i].copy(), given.start[g], given.end[g],
+            given.bend[g], given.held, clock.start[i], h, known, np.zeros(len(sees)), np.zeros((8, elements)),
+            np.zeros((2, SLOTS, MEMORY)), np.ones(3),
+        )  # fmt: skip
+        jump, out = impact.jump[i] * scale, (forces[i], bends[i], states[i])
+        _carry(run, sees, jump, impact.step[i], tolerance, clock.sampled, out)
+        for k in range(samples):
+            states[i, k] /= scale
+    return forces, bends, states

@@ -4,29 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from sim_backend.mechanisms.mechanism import Mechanism, Scale, mechanisms
+from sim_backend.arrangement import tester
+from sim_backend.mechanisms.catalogue import catalogue, placed
+from sim_backend.mechanisms.kinds import Mechanism, Scale, SecondImpact, Tones
+from sim_backend.mechanisms.places import Place
 
-ANY_SCALE = Scale(1e-8, 1e-4, 1e-7, 0.1, (350.0, 2000.0))  # only to ask a mechanism which values it needs
+# only to ask a mechanism where it acts and which values it needs
+ANY_SCALE = Scale(1e-8, 1e-4, 1e-7, 0.1, (350.0, 2000.0))
+ANY_RIG = tester(0.107, 0.108, 5e5, 5e5, 1e7, 1.0, mass_uncertainty=0.0, spring_uncertainty=0.0)
 WHOLE_SESSION = "of_session"  # a value that a single tap cannot know
 
 
 @dataclass(frozen=True, slots=True)
 class Adopted:
-    """A mechanism with the values that it acts with."""
+    """A mechanism with its place in the tester and the values that it acts with."""
 
     mechanism: Mechanism
     values: Mapping[str, float]
+    place: Place
 
 
-def adopted(mechanism_id: str, parameters: Mapping[str, float]) -> Adopted:
+def adopted(mechanism_id: str, parameters: Mapping[str, float], folders: Sequence[str | Path] = ()) -> Adopted:
     """Check a mechanism's name and values.
 
     Parameters
     ----------
     parameters
         Its parameters, and whatever else stays fixed in it; of the latter the usual value is taken where it is left
-        out. Quantities that follow from a parameter may stand beside it.
+        out. Quantities that follow from a parameter may stand beside it. Of several variants, the one that has these
+        parameters is meant.
+    folders
+        Of a user's own mechanisms.
 
     Raises
     ------
@@ -34,31 +44,38 @@ def adopted(mechanism_id: str, parameters: Mapping[str, float]) -> Adopted:
         A sentence: no such mechanism, none that acts in a ring-down, or a parameter that is missing, unknown or out of
         its range.
     """
-    known = mechanisms()
+    known = catalogue(folders)
     if mechanism_id not in known:
-        raise ValueError(f"{mechanism_id!r} is no mechanism; mesotap mechanisms lists them")
-    mechanism = known[mechanism_id]
-    acts = mechanism.law or mechanism.extend or mechanism.distort or mechanism.lines or mechanism.blow
-    if not acts:
+        raise ValueError(f"unknown mechanism {mechanism_id!r}; 'mesotap mechanisms' lists the known ones")
+    family = placed(known[mechanism_id], ANY_RIG)
+    if not family:
         raise ValueError(f"{mechanism_id} does not act in a ring-down, so it cannot be simulated in one")
+    meant = [(m, place) for m, place in family if {q.name for q in m.parameters} <= set(parameters)]
+    mechanism, place = (meant or family)[0]
+    return Adopted(mechanism, _checked(mechanism, parameters), place)
+
+
+def _checked(mechanism: Mechanism, parameters: Mapping[str, float]) -> dict[str, float]:
     trials = mechanism.trials(ANY_SCALE)
     quantities = {q.name: q for q in mechanism.parameters}
     fixed = {k: v for k, v in (trials[0] if trials else {}).items() if k not in quantities and k != WHOLE_SESSION}
     ignored = {WHOLE_SESSION, *(d.name for d in mechanism.derived)}
     if unknown := [k for k in parameters if k not in quantities and k not in fixed and k not in ignored]:
         allowed = ", ".join((*quantities, *fixed)) or "none"
-        raise ValueError(f"{mechanism_id} has no parameter {unknown[0]!r}; it has {allowed}")
+        raise ValueError(f"{mechanism.id} has no parameter {unknown[0]!r}; it has {allowed}")
     for name, q in quantities.items():
         if name not in parameters:
-            raise ValueError(f"{mechanism_id} needs {name} ({q.meaning}, {q.unit})")
+            raise ValueError(f"{mechanism.id} needs {name} ({q.meaning}, {q.unit})")
         if not q.low <= parameters[name] <= q.high:
-            raise ValueError(f"{mechanism_id}: {name} is {parameters[name]:g}, allowed are {q.low:g} to {q.high:g}")
-    return Adopted(mechanism, fixed | {k: v for k, v in parameters.items() if k not in ignored})
+            raise ValueError(f"{mechanism.id}: {name} is {parameters[name]:g}, allowed are {q.low:g} to {q.high:g}")
+    return fixed | {k: v for k, v in parameters.items() if k not in ignored}
 
 
-def second_blow(found: Sequence[Adopted]) -> float | None:
-    """Return the share of the first impulse that a second blow has; None without one."""
-    return next((next(iter(a.values.values())) for a in found if a.mechanism.blow), None)
+def second_impact(found: Sequence[Adopted]) -> float | None:
+    """Return the share of the first impulse that a second impact has; None without one."""
+    return next(
+        (a.values[a.mechanism.parameters[0].name] for a in found if isinstance(a.mechanism, SecondImpact)), None
+    )
 
 
 def tones(found: Sequence[Adopted]) -> list[tuple[float, float]]:
@@ -66,6 +83,6 @@ def tones(found: Sequence[Adopted]) -> list[tuple[float, float]]:
     return [
         (hz, a.values[a.mechanism.parameters[0].name])
         for a in found
-        if a.mechanism.lines is not None
+        if isinstance(a.mechanism, Tones)
         for hz in a.mechanism.lines(a.values)
     ]

@@ -51,6 +51,13 @@ class Element:
     """Spring and damper that work on a deformation, or a place where only extra forces act.
 
     A positive force pushes against a positive deformation. For a contact the deformation is the approach.
+
+    Attributes
+    ----------
+    alike
+        Name of the group of equal elements that it belongs to, if any: a mechanism acts alike in all of them.
+    preload
+        Whether it is the contact that carries the load.
     """
 
     name: str
@@ -59,6 +66,8 @@ class Element:
     row: Row
     stiffness: str | None = None
     damping: str | None = None
+    alike: str | None = None
+    preload: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +83,7 @@ class Sensor:
 class Arrangement:
     """Bodies (each with the name of its mass), elements, sensors and constants of a rig.
 
-    ``struck`` is the body that taps act on.
+    ``tapped`` is the body that taps act on, ``inputs`` how many inputs are measured.
     """
 
     bodies: tuple[str, ...]
@@ -82,7 +91,8 @@ class Arrangement:
     elements: tuple[Element, ...]
     sensors: tuple[Sensor, ...]
     parameters: tuple[Parameter, ...]
-    struck: str
+    tapped: str
+    inputs: int = 0
 
     def element(self, name: str) -> Element:
         """Return the element of this name."""
@@ -134,7 +144,7 @@ class Arrangement:
         )
 
 
-UPPER, LOWER = "upper mass", "lower mass"
+UPPER, LOWER, SPRINGS = "upper mass", "lower mass", "tube springs"
 
 
 def tester(
@@ -153,9 +163,9 @@ def tester(
         bodies=(UPPER, LOWER),
         masses=("m1", "m2"),
         elements=(
-            Element("upper tube spring", "spring", "tube springs", ((UPPER, 1.0),), "k1"),
-            Element("lower tube spring", "spring", "tube springs", ((LOWER, 1.0),), "k2"),
-            Element("contact", "contact", "contact", ((UPPER, 1.0), (LOWER, -1.0)), "kc", "cc"),
+            Element("upper tube spring", "spring", SPRINGS, ((UPPER, 1.0),), "k1", alike=SPRINGS),
+            Element("lower tube spring", "spring", SPRINGS, ((LOWER, 1.0),), "k2", alike=SPRINGS),
+            Element("contact", "contact", "contact", ((UPPER, 1.0), (LOWER, -1.0)), "kc", "cc", preload=True),
             Element("guide", "guide", "upper mass", ((UPPER, 1.0),)),
         ),
         sensors=(Sensor("A", ((LOWER, 1.0),)), Sensor("B", ((LOWER, 1.0),))),
@@ -167,5 +177,5 @@ def tester(
             Parameter("kc", "N/m", kc, scope=LOAD),
             Parameter("cc", "N s/m", cc, scope=LOAD),
         ),
-        struck=UPPER,
+        tapped=UPPER,
     )

@@ -1,7 +1,7 @@
 """Force pulses of a tap on the upper mass.
 
 Every pulse is a sum of segments F(t) = offset + linear tau + sin_ sin(omega tau) + cos_ cos(omega tau) with
-tau = t - start, zero outside [start, end). The exact solution and the compiled integrator read the same table.
+tau = t - start, zero outside [start, end). The exact response and the inputs of an integration read the same table.
 """
 
 from __future__ import annotations

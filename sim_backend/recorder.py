@@ -20,7 +20,7 @@ def analog_filter(settings: Filter) -> StateSpace:
     """Return the declared Butterworth high-pass followed by the low-pass; family ``none`` has no states.
 
     First- and second-order sections in a row, each state of the size of the input, which keeps the matrices well
-    scaled and gives the integrator one tolerance for all of them.
+    scaled.
     """
     if settings.family == "none":
         return StateSpace(np.zeros((0, 0)), np.zeros(0), np.zeros((1, 0)), np.ones(1))
@@ -120,9 +120,9 @@ def converters(wiring: Wiring, settings: SimulatedRecorder, seed: int) -> list[C
 
 
 class Noise:
-    """White and first-order coloured noise of several channels, drawn in blocks without a seam.
+    """White noise and first-order low-pass noise of several channels, drawn in blocks without a seam.
 
-    The total rms is that of the settings; ``coloured_share`` is the coloured part of the power. The coloured part is
+    The total rms is that of the settings; ``coloured_share`` is the low-pass part of the power. The low-pass part is
     the low-passed process sampled exactly: x[n+1] = r x[n] + sqrt(1 - r^2) sigma e, r = exp(-2 pi corner / rate),
     begun in its stationary state.
     """
@@ -130,14 +130,14 @@ class Noise:
     def __init__(self, settings: SimulatedNoise, channels: int, sample_rate_hz: float, rng: np.random.Generator):
         self._rng = rng
         self._white = settings.rms_m_s2 * math.sqrt(1 - settings.coloured_share)
-        self._coloured = settings.rms_m_s2 * math.sqrt(settings.coloured_share)
+        self._lowpass = settings.rms_m_s2 * math.sqrt(settings.coloured_share)
         self._pole = math.exp(-2 * math.pi * settings.corner_hz / sample_rate_hz)
-        self._last = self._coloured * rng.standard_normal((channels, 1))
+        self._last = self._lowpass * rng.standard_normal((channels, 1))
 
     def draw(self, samples: int) -> NDArray[np.float64]:
         """Return the next (channels, samples)."""
         shape = (len(self._last), samples)
-        innovation = self._coloured * math.sqrt(1 - self._pole**2) * self._rng.standard_normal(shape)
-        coloured, self._last = lfilter([1.0], [1.0, -self._pole], innovation, zi=self._pole * self._last)
-        self._last = coloured[:, -1:]
-        return coloured + self._white * self._rng.standard_normal(shape)
+        innovation = self._lowpass * math.sqrt(1 - self._pole**2) * self._rng.standard_normal(shape)
+        lowpass, self._last = lfilter([1.0], [1.0, -self._pole], innovation, zi=self._pole * self._last)
+        self._last = lowpass[:, -1:]
+        return lowpass + self._white * self._rng.standard_normal(shape)

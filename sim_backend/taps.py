@@ -9,14 +9,11 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backend.contact_laws import ContactLaw
-from sim_backend.integrator import ring_down
 from sim_backend.pulses import SHAPES, Pulse
-from sim_backend.ring_down import RingDown, ring_down_linear
-from sim_backend.settings import SimulatedContact, SimulatedPulse
+from sim_backend.ring_down import ring_down_linear
+from sim_backend.settings import SimulatedPulse
 from sim_backend.state_space import StateSpace, exact_response
 from sim_backend.truth import TrueRig
-from sim_backend.two_mass import TwoMass
 
 if TYPE_CHECKING:
     from sim_backend.adopted import Adopted
@@ -55,7 +52,7 @@ class Tap:
     stiffness_factor, damping_factor
         Scatter of k_c and c_c of this impact.
     peaks_n, delays_s
-        Peak force and delay of each blow; one blow unless the tap bounced.
+        Peak force and delay of each impact; one unless the impactor bounced.
     rocking
         Rotation that it caused, or None.
     kinds
@@ -94,23 +91,6 @@ def tap_pulse(tap: Tap, settings: SimulatedPulse) -> Pulse:
     return pulse
 
 
-def tap_ring_down(
-    tester: TwoMass,
-    preload_n: float,
-    contact: SimulatedContact,
-    pulse: Pulse,
-    onset_s: float,
-    samples: int,
-    sample_rate_hz: float,
-    analog: StateSpace,
-) -> RingDown:
-    """Return the ring-down by the law of the settings: exact where it is linear, else integrated."""
-    if preload_n <= 0 or (contact.law == "linear" and not contact.can_part):
-        return ring_down_linear(tester, pulse, onset_s, samples, sample_rate_hz, analog)
-    law = ContactLaw(contact.law, preload_n, contact.can_part)
-    return ring_down(tester, law, pulse, onset_s, samples, sample_rate_hz, analog)
-
-
 def rocking_response(
     rocking: Rocking, pulse: Pulse, onset_s: float, samples: int, sample_rate_hz: float, analog: StateSpace
 ) -> NDArray[np.float64]:
@@ -124,7 +104,6 @@ def rocking_response(
 def tap_record(
     tap: Tap,
     rig: TrueRig,
-    contact: SimulatedContact,
     settings: SimulatedPulse,
     onset_s: float,
     sample_rate_hz: float,
@@ -139,13 +118,13 @@ def tap_record(
     pulse = tap_pulse(tap, settings)
     tester = rig.tester(tap.preload_n, tap.stiffness_factor, tap.damping_factor)
     if mechanisms and tap.preload_n > 0:
-        from sim_backend.twin import twin_record  # compiles the march: only where it is needed
+        from sim_backend.twin import twin_record  # compiles force laws: only where there are any
 
         acceleration, lower = twin_record(
             tester, tap.preload_n, mechanisms, pulse, onset_s, samples, sample_rate_hz, analog
         )
     else:
-        response = tap_ring_down(tester, tap.preload_n, contact, pulse, onset_s, samples, sample_rate_hz, analog)
+        response = ring_down_linear(tester, pulse, onset_s, samples, sample_rate_hz, analog)
         acceleration = np.vstack([response.acceleration, response.acceleration])
         lower = response.lower_displacement
     if tap.rocking is not None:

@@ -94,9 +94,9 @@ class DevicesProcess:
         """Paths of the serial ports by the name of what is there."""
         return {port.path.name: str(port.path) for port in self._rig.ports if isinstance(port, PtyPort)}
 
-    def do_strike(self, load_mn: float, hint: str) -> None:
+    def do_tap(self, load_mn: float, hint: str) -> None:
         """Have the person tap."""
-        self._rig.physics.impactor.strike(load_mn, hint)
+        self._rig.physics.impactor.tap(load_mn, hint)
 
     def do_place(self, load_mn: float) -> None:
         """Have the person hang a weight."""
@@ -205,9 +205,9 @@ class RemoteTaps(Impactor):
     def __init__(self, devices: Devices) -> None:
         self._devices = devices
 
-    def strike(self, load_mn: float, hint: str = "") -> None:
+    def tap(self, load_mn: float, hint: str = "") -> None:
         """Ask for one tap."""
-        self._devices.call("strike", load_mn, hint)
+        self._devices.call("tap", load_mn, hint)
 
 
 class RemoteWeights(DeadWeights):

@@ -219,7 +219,7 @@ class EmulatedRig(AssembledRig):
     def _switched(self, solenoid: SolenoidSettings | None, line: int, high: bool) -> None:
         """A solenoid on the recorder's line taps when it is switched on."""
         if solenoid is not None and line == solenoid.line and high:
-            self.physics.impactor.strike(self.physics.true_load_mn())
+            self.physics.impactor.tap(self.physics.true_load_mn())
 
     def _place(self, name: str) -> Path:
         return Path(tempfile.gettempdir()) / f"mesotap-emulated-{os.getpid()}-{id(self):x}" / name

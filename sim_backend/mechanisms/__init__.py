@@ -1,1 +1,5 @@
-"""Physics beyond Eq. 9, a file each: to add a mechanism is to add a file here that ends in ``MECHANISM = ...``."""
+"""Physics that a linear rig leaves out, a file each: a further one is a file that ends in ``MECHANISM = ...``.
+
+``MECHANISM`` is one of the kinds of `sim_backend.mechanisms.kinds`, or a tuple of variants of one id and component
+that fit different elements. docs/mechanisms.md says how to write one.
+"""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sim_backend.mechanisms.mechanism import Mechanism, Quantity, law
+from sim_backend.mechanisms.kinds import ForceLaw, Quantity, law
 
 SETS_IN = (0.4, 0.8, 1.5)  # of the rate after a tap: where menisci pull half as much again, or half as much
 
@@ -20,10 +20,9 @@ def force_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
     return force - p[4] * (opening * math.exp(min(d, 0.0) / p[5]) - 1.0)
 
 
-MECHANISM = Mechanism(
+MECHANISM = ForceLaw(
     id="adhesion",
     component="contact",
-    acts="contact",
     summary="attraction on the way out (meniscus, DMT)",
     source="Derjaguin, Muller, Toporov; menisci that stretch as the surfaces part",
     parameters=(
@@ -43,12 +42,14 @@ MECHANISM = Mechanism(
         for r in (0.1, 0.5, 3.0, 30.0)
     ],
     law=force_law,
+    fits=("contact",),
+    preloaded=True,
     constants=lambda values, rest: (
         values["adhesion_force_share"] * rest.preload * (0.5 if values["menisci"] else 1.0),
         values["adhesion_range_share"] * rest.preload / rest.stiffness,
         values["sets_in_m_per_s"] if values["menisci"] else math.inf,
     ),
-    statement=lambda values: (
+    statement=lambda values, name: (
         f"On the way out the surfaces attract each other with up to {100 * values['adhesion_force_share']:.2g} % "
         "of the load."
     ),

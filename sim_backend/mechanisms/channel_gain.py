@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from sim_backend.mechanisms.mechanism import Derived, Mechanism, Quantity, Real, Values
+from sim_backend.mechanisms.kinds import ChannelDistortion, Derived, Quantity, Real, Values
+from sim_backend.mechanisms.places import last_of_alike
 
 NAME = "gain_error_of_b"
 
 
-def distort(y: Real, values: Values, sample_rate_hz: float) -> Real:
-    """Multiply the last channel."""
-    factors = np.ones((len(y), 1))
-    factors[-1] += values[NAME]
-    out: Real = y * factors
+def distort(rows: Real, values: Values, sample_rate_hz: float) -> Real:
+    """Multiply the channel."""
+    out: Real = rows * (1.0 + values[NAME])
     return out
 
 
-MECHANISM = Mechanism(
+MECHANISM = ChannelDistortion(
     id="channel_gain",
     component="sensor chain",
     summary="one accelerometer's sensitivity is off",
@@ -27,8 +24,10 @@ MECHANISM = Mechanism(
     strength=NAME,
     trials=lambda scale: [{NAME: 1e-3}],
     distort=distort,
+    at=last_of_alike,
     one_signed=False,
-    statement=lambda values: (
-        f"Channel B reads {100 * values[NAME]:+.2g} % against channel A: one accelerometer's sensitivity is off."
+    statement=lambda values, name: (
+        f"{name[:1].upper()}{name[1:]} reads {100 * values[NAME]:+.2g} % against the others: one sensor's sensitivity "
+        "is off."
     ),
 )

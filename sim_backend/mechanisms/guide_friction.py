@@ -1,12 +1,13 @@
-"""Dry friction between the upper mass and the frame."""
+"""Dry friction: a force of one size against the motion, as between the upper mass and the frame."""
 
 from __future__ import annotations
 
 import math
 
-from sim_backend.mechanisms.mechanism import Mechanism, Quantity, law
+from sim_backend.mechanisms.kinds import ForceLaw, Quantity, law
 
-ROUNDING = 50.0  # the sign of the speed is rounded below a fiftieth of the speed after a tap
+NAME = "friction_force_n"
+ROUNDING = 50.0  # the sign of the speed is rounded below a fiftieth of the speed after an impact
 
 
 @law
@@ -15,18 +16,18 @@ def force_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
     return force + p[4] * math.tanh(v / p[5])
 
 
-MECHANISM = Mechanism(
+MECHANISM = ForceLaw(
     id="guide_friction",
     component="upper mass",
-    acts="guide",
-    summary="dry friction between m1 and the frame",
+    summary="dry friction",
     source="Coulomb",
-    parameters=(Quantity("friction_force_n", "N", 0.0, 1.0, "friction force"),),
-    strength="friction_force_n",
-    trials=lambda scale: [{"friction_force_n": 1e-5 * scale.force + 1e-9, "rounding": scale.rate / ROUNDING}],
+    parameters=(Quantity(NAME, "N", 0.0, 1e25, "friction force"),),
+    strength=NAME,
+    trials=lambda scale: [{NAME: 0.001 * scale.force, "rounding": scale.rate / ROUNDING}],
     law=force_law,
-    constants=lambda values, rest: (values["friction_force_n"], values["rounding"]),
-    statement=lambda values: (
-        f"The upper mass rubs against its guide with {1e3 * values['friction_force_n']:.3g} mN of dry friction."
+    fits=("guide", "pendulum", "damper", "spring", "joint", "contact"),
+    constants=lambda values, rest: (values[NAME], values["rounding"]),
+    statement=lambda values, name: (
+        f"The {name} rubs: a dry friction of {values[NAME]:.4g} N works against the motion, whatever its speed."
     ),
 )

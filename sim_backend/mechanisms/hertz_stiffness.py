@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sim_backend.mechanisms.mechanism import Mechanism, law
+from sim_backend.mechanisms.kinds import ForceLaw, law
 
 
 @law
@@ -15,18 +15,19 @@ def force_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
     return force - p[1] * d + elastic
 
 
-MECHANISM = Mechanism(
+MECHANISM = ForceLaw(
     id="hertz_stiffness",
     component="contact",
-    acts="contact",
     summary="force grows as approach^(3/2) about the preload",
     source="Hertz; Eq. 1 and 2",
     parameters=(),
     strength=None,
     trials=lambda scale: [{}],
     law=force_law,
+    fits=("contact",),
+    preloaded=True,
     stiffness_exponent=(1 / 3, 0.03),
-    statement=lambda values: (
+    statement=lambda values, name: (
         "The contact is stiffer when pressed and softer when released, as the force of a smooth sphere grows with the "
         "approach to the power 3/2 about the preload."
     ),

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from sim_backend.mechanisms.mechanism import Mechanism, Quantity
+from sim_backend.mechanisms.kinds import Quantity, Tones
 
 NAME = "amplitude_m_s2"
 MAINS_HZ = (50.0, 60.0)
 LINES = (1.0, 2.0, 3.0, 13.0, 123.0, 12345.0)  # each digit a multiple of the mains frequency
 
-MECHANISM = Mechanism(
+MECHANISM = Tones(
     id="mains_hum",
     component="sensor chain",
     summary="50 or 60 Hz and harmonics",
@@ -17,7 +17,7 @@ MECHANISM = Mechanism(
     strength=NAME,
     trials=lambda scale: [{"mains_hz": base, "lines": lines, NAME: 0.0} for base in MAINS_HZ for lines in LINES],
     lines=lambda values: [int(k) * values["mains_hz"] for k in str(int(values["lines"]))],
-    statement=lambda values: (
+    statement=lambda values, name: (
         "The mains hums in the records: "
         + " and ".join(f"{int(k) * values['mains_hz']:.0f}" for k in str(int(values["lines"])))
         + " Hz"

@@ -1,4 +1,4 @@
-"""The lower mass turns because the contact is off its axis: A and B differ with opposite sign."""
+"""A body turns because the contact is off its axis: two sensors on it differ with opposite sign."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import math
 from dataclasses import replace
 
 from sim_backend.arrangement import Arrangement, Element, Parameter, Sensor
-from sim_backend.mechanisms.mechanism import Mechanism, Quantity, Values, geometric
+from sim_backend.mechanisms.kinds import AddedBody, Quantity, Scale, Values, geometric
+from sim_backend.mechanisms.places import Place, channels_alike, unused_name
 
 OFFSET, STIFFNESS, DAMPING, INERTIA = (
     "contact_offset_share",
@@ -14,39 +15,60 @@ OFFSET, STIFFNESS, DAMPING, INERTIA = (
     "rocking_damping_n_s_per_m",
     "rocking_inertia_kg",
 )
-TURN = "turning"
-SHARE_OF_MASS = 1 / 3  # of the lower mass: inertia of a block over the square of the accelerometers' distance
+SHARE_OF_MASS = 1 / 3  # of the body: inertia of a block over the square of the accelerometers' distance
 TRIAL_RATIO = 0.015
+LOWEST, HIGHEST = 2.5, 4.5  # resonances tried, from the lowest mode times this to the highest times this
+TRIED = 40  # resonances: neighbours lie within the width of a mount that is damped like the trial's
 
 
-def extend(rig: Arrangement, values: Values) -> Arrangement:
-    """Add the displacement that turning makes at accelerometer A; the contact drives it by its lever arm."""
-    contact = next(e for e in rig.elements if e.role == "contact")
-    a, b = rig.sensors
-    inertia = SHARE_OF_MASS * rig.declared()["m2"]
+def at(rig: Arrangement) -> list[Place]:
+    """Return a contact on a body and two channels that see this body alone."""
+    found = []
+    for group in channels_alike(rig):
+        row = rig.sensors[group[0]].row
+        if len(group) < 2 or len(row) > 1:
+            continue
+        found += [
+            (i, *group[:2]) for i, e in enumerate(rig.elements) if e.role == "contact" and row[0][0] in dict(e.row)
+        ]
+    return found
+
+
+def extend(rig: Arrangement, values: Values, place: Place) -> Arrangement:
+    """Add the displacement that turning makes at the first accelerometer; the contact drives it by its lever arm."""
+    contact, a, b = rig.elements[place[0]], rig.sensors[place[1]], rig.sensors[place[2]]
+    turn = unused_name("turning", rig.bodies)
+    body = a.row[0][0]
+    inertia = SHARE_OF_MASS * rig.declared()[rig.masses[rig.bodies.index(body)]]
+    turned = {a.name: Sensor(a.name, (*a.row, (turn, 1.0)), a.quantity)}
+    turned[b.name] = Sensor(b.name, (*b.row, (turn, -1.0)), b.quantity)
+    spring = unused_name("rocking spring", [e.name for e in rig.elements])
     return rig.extended(
-        bodies={TURN: INERTIA},
-        changed={contact.name: replace(contact, row=(*contact.row, (TURN, OFFSET)))},
-        elements=(Element("rocking spring", "body", "lower mass", ((TURN, 1.0),), STIFFNESS, DAMPING),),
+        bodies={turn: INERTIA},
+        changed={contact.name: replace(contact, row=(*contact.row, (turn, OFFSET)))},
+        elements=(Element(spring, "body", "lower mass", ((turn, 1.0),), STIFFNESS, DAMPING),),
         parameters=(
             Parameter(INERTIA, "kg", inertia, 1e-6 * inertia),
             Parameter(OFFSET, "1", values[OFFSET]),
             Parameter(STIFFNESS, "N/m", values[STIFFNESS], positive=True),
             Parameter(DAMPING, "N s/m", values[DAMPING], positive=True),
         ),
-        sensors=(Sensor(a.name, (*a.row, (TURN, 1.0)), a.quantity), Sensor(b.name, (*b.row, (TURN, -1.0)), b.quantity)),
+        sensors=tuple(turned.get(s.name, s) for s in rig.sensors),
     )
 
 
-def _trial(frequency_hz: float) -> dict[str, float]:
-    omega, inertia = 2 * math.pi * frequency_hz, 0.036
-    return {OFFSET: 1e-3, STIFFNESS: inertia * omega**2, DAMPING: 2 * TRIAL_RATIO * inertia * omega}
+def trials(scale: Scale) -> list[dict[str, float]]:
+    """Return small offsets, with resonances of turning above the rig's lowest mode."""
+    inertia = SHARE_OF_MASS * scale.mass
+    low = LOWEST * scale.frequency_hz[0]
+    high = max(min(HIGHEST * scale.frequency_hz[1], scale.shown_hz), 2 * low)
+    omegas = [2 * math.pi * f for f in geometric(low, high, TRIED)]
+    return [{OFFSET: 1e-3, STIFFNESS: inertia * w**2, DAMPING: 2 * TRIAL_RATIO * inertia * w} for w in omegas]
 
 
-MECHANISM = Mechanism(
+MECHANISM = AddedBody(
     id="rocking",
     component="lower mass",
-    acts="body",
     summary="the mass turns; A and B differ with opposite sign",
     source="rigid body with an eccentric contact",
     parameters=(
@@ -55,13 +77,13 @@ MECHANISM = Mechanism(
         Quantity(DAMPING, "N s/m", 1e-4, 1e5, "damping of turning, at the accelerometers", log=True),
     ),
     strength=OFFSET,
-    trials=lambda scale: [_trial(f) for f in geometric(900.0, 9000.0, 40)],
+    trials=trials,
     extend=extend,
+    at=at,
     body=(INERTIA, STIFFNESS, DAMPING),
     one_signed=False,
-    statement=lambda values: (
-        f"The lower mass turns as well as moves, with a resonance near "
-        f"{math.sqrt(values[STIFFNESS] / 0.036) / (2 * math.pi):.0f} Hz: A and B differ with opposite sign, "
-        "as of a contact off the axis."
+    statement=lambda values, name: (
+        f"A body at the {name} turns as well as moves, held against turning by {values[STIFFNESS]:.3g} N/m at the "
+        "accelerometers: A and B differ with opposite sign, as of a contact off the axis."
     ),
 )

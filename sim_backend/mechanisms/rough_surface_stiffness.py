@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sim_backend.mechanisms.mechanism import Mechanism, law
+from sim_backend.mechanisms.kinds import ForceLaw, law
 
 
 @law
@@ -13,18 +13,19 @@ def force_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
     return force - p[1] * d + p[0] * math.expm1(min(p[1] * d / p[0], 50.0))
 
 
-MECHANISM = Mechanism(
+MECHANISM = ForceLaw(
     id="rough_surface_stiffness",
     component="contact",
-    acts="contact",
     summary="force grows exponentially with approach, as of rough surfaces",
     source="Eq. 7 and 8; the Greenwood-Williamson family",
     parameters=(),
     strength=None,
     trials=lambda scale: [{}],
     law=force_law,
+    fits=("contact",),
+    preloaded=True,
     stiffness_exponent=(0.95, 0.06),
-    statement=lambda values: (
+    statement=lambda values, name: (
         "The contact's stiffness grows with the momentary force, as rough surfaces whose asperities come into contact "
         "one after the other: the force is exponential in the approach."
     ),

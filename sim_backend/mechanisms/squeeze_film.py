@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim_backend.mechanisms.mechanism import Mechanism, Quantity, law
+from sim_backend.mechanisms.kinds import ForceLaw, Quantity, law
 
 
 @law
@@ -12,10 +12,9 @@ def force_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
     return force + p[4] * (1.0 / gap**3 - 1.0) * v
 
 
-MECHANISM = Mechanism(
+MECHANISM = ForceLaw(
     id="squeeze_film",
     component="contact",
-    acts="contact",
     summary="lubricant film: viscous force rising as the gap closes",
     source="Reynolds: squeeze film damping over the cube of the gap",
     parameters=(
@@ -27,11 +26,13 @@ MECHANISM = Mechanism(
         {"film_share_of_c_c": 0.01, "film_height_m": scale.deformation * r} for r in (2.0, 5.0, 20.0)
     ],
     law=force_law,
+    fits=("contact",),
+    preloaded=True,
     constants=lambda values, rest: (
         values["film_share_of_c_c"] * rest.damping,
         values["film_height_m"],
     ),
-    statement=lambda values: (
+    statement=lambda values, name: (
         f"A film of about {1e9 * values['film_height_m']:.0f} nm between the surfaces resists their approach the more, "
         "the closer they are."
     ),

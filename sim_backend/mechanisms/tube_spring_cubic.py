@@ -1,8 +1,10 @@
-"""The tube springs stiffen when they are bent far."""
+"""A spring that stiffens or softens when it is deflected far, as the tube springs."""
 
 from __future__ import annotations
 
-from sim_backend.mechanisms.mechanism import Mechanism, Quantity, law
+from sim_backend.mechanisms.kinds import ForceLaw, Quantity, law
+
+NAME = "cubic_stiffness_n_per_m3"
 
 
 @law
@@ -11,20 +13,20 @@ def force_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
     return force + p[4] * d * d * d
 
 
-MECHANISM = Mechanism(
+MECHANISM = ForceLaw(
     id="tube_spring_cubic",
     component="tube springs",
-    acts="spring",
-    summary="large-deflection stiffness of the ring",
-    source="Duffing",
-    parameters=(Quantity("cubic_stiffness_n_per_m3", "N/m3", -1e25, 1e25, "coefficient of the cubed deflection"),),
-    strength="cubic_stiffness_n_per_m3",
-    trials=lambda scale: [{"cubic_stiffness_n_per_m3": 0.003 * scale.force / scale.deformation**3}],
+    summary="a force of the cubed deflection",
+    source="Duffing; large deflections of the rings",
+    parameters=(Quantity(NAME, "N/m3", -1e25, 1e25, "coefficient of the cubed deflection"),),
+    strength=NAME,
+    trials=lambda scale: [{NAME: 0.003 * scale.force / scale.deformation**3}],
     law=force_law,
-    constants=lambda values, rest: (values["cubic_stiffness_n_per_m3"],),
+    fits=("spring", "pendulum", "joint", "contact"),
+    constants=lambda values, rest: (values[NAME],),
     one_signed=False,
-    statement=lambda values: (
-        f"The tube springs are not linear: a force of {values['cubic_stiffness_n_per_m3']:.3g} N/m3 times the cubed "
-        "deflection adds to theirs."
+    statement=lambda values, name: (
+        f"With deflection the stiffness of the {name} {'grows' if values[NAME] > 0 else 'falls'}: a force of "
+        f"{values[NAME]:.4g} N/m3 times the cubed deflection adds to that of the linear stiffness."
     ),
 )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from sim_backend.mechanisms.mechanism import Mechanism, Quantity, geometric, law
-from sim_backend.modal_march import STEP
+from sim_backend.force_law import STEP
+from sim_backend.mechanisms.kinds import ForceLaw, Quantity, geometric, law
 
 STIFFNESS, TIME = "relaxing_stiffness_n_per_m", "relaxation_time_s"
 FORCE, RATE, BEGUN = range(3)  # memory
@@ -25,7 +25,7 @@ def force_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
     return force + own
 
 
-MECHANISM = Mechanism(
+MECHANISM = ForceLaw(
     id="relaxation",
     component="tube springs",
     summary="a spring in series with a damper beside the element",
@@ -42,8 +42,8 @@ MECHANISM = Mechanism(
     law=force_law,
     constants=lambda values, rest: (values[STIFFNESS], values[TIME]),
     fits=("spring", "joint", "contact", "damper"),
-    statement=lambda values: (
-        f"The {{element}} relaxes: {values[STIFFNESS]:.4g} of its stiffness does so with a time constant of "
+    statement=lambda values, name: (
+        f"The {name} relaxes: {values[STIFFNESS]:.4g} of its stiffness does so with a time constant of "
         f"{values[TIME]:.3g} s."
     ),
 )

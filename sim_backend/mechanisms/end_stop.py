@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim_backend.mechanisms.mechanism import Mechanism, Quantity, law
+from sim_backend.mechanisms.kinds import ForceLaw, Quantity, law
 
 STIFFNESS, GAP = "stop_stiffness_n_per_m", "gap_m"
 
@@ -14,7 +14,7 @@ def force_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
     return force + p[4] * beyond
 
 
-MECHANISM = Mechanism(
+MECHANISM = ForceLaw(
     id="end_stop",
     component="contact",
     summary="stiffness that begins or ends at a deflection",
@@ -26,14 +26,15 @@ MECHANISM = Mechanism(
     strength=STIFFNESS,
     trials=lambda scale: [
         {STIFFNESS: 1e-3 * scale.force / scale.deformation, GAP: share * scale.deformation}
-        for share in (-0.6, -0.3, 0.0, 0.3, 0.6)
+        for share in (-0.6, -0.3, 0.01, 0.3, 0.6)
     ],
     law=force_law,
     constants=lambda values, rest: (values[STIFFNESS], values[GAP]),
     one_signed=False,
+    preloaded=False,
     fits=("contact", "spring", "guide"),  # a joint is what does not part
-    statement=lambda values: (
-        f"The {{element}} is another beyond a deflection of {values[GAP]:.4g}: from there on its stiffness "
+    statement=lambda values, name: (
+        f"The {name} is another beyond a deflection of {values[GAP]:.4g}: from there on its stiffness "
         f"changes by {values[STIFFNESS]:+.4g}."
     ),
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim_backend.mechanisms.mechanism import Mechanism, Quantity, law
+from sim_backend.mechanisms.kinds import ForceLaw, Quantity, law
 
 NAME = "quadratic_stiffness_n_per_m2"
 
@@ -13,7 +13,7 @@ def force_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
     return force + p[4] * d * d
 
 
-MECHANISM = Mechanism(
+MECHANISM = ForceLaw(
     id="spring_asymmetry",
     component="tube springs",
     summary="a force of the squared deflection",
@@ -25,8 +25,8 @@ MECHANISM = Mechanism(
     constants=lambda values, rest: (values[NAME],),
     one_signed=False,
     fits=("spring", "contact", "joint", "pendulum"),
-    statement=lambda values: (
-        f"The {{element}} is stiffer one way than the other: a force of {values[NAME]:.4g} times the squared "
+    statement=lambda values, name: (
+        f"The {name} is stiffer one way than the other: a force of {values[NAME]:.4g} times the squared "
         "deflection adds to that of its linear stiffness."
     ),
 )

@@ -1,0 +1,150 @@
+"""All mechanisms by id: those of this package, of a user's folders, and of installed packages."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import pkgutil
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from rig.errors import MesotapError
+from sim_backend.arrangement import Arrangement
+from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
+from sim_backend.mechanisms.places import Place
+
+GROUP = "mesotap.mechanisms"
+"""Entry points of installed packages that hold a mechanism."""
+PARTS = ("catalogue", "conformance", "kinds", "places")
+"""Modules of this package that are no mechanisms."""
+
+
+class MechanismError(MesotapError, ValueError):
+    """A file holds no mechanism that can be used; a sentence with its name."""
+
+
+def catalogue(folders: Sequence[str | Path] = ()) -> dict[str, tuple[Mechanism, ...]]:
+    """Return the variants of every mechanism by id, in the order of their ids within each source.
+
+    Parameters
+    ----------
+    folders
+        Folders of a user's own mechanisms, a Python file each; files whose names begin with ``_`` are left out.
+
+    Raises
+    ------
+    MechanismError
+        A folder or file cannot be read, holds no mechanism, or one whose id exists already.
+    """
+    return dict(_catalogue(tuple(str(Path(folder).absolute()) for folder in folders)))
+
+
+def variants(known: Mapping[str, tuple[Mechanism, ...]]) -> list[Mechanism]:
+    """Return all variants of all mechanisms."""
+    return [m for family in known.values() for m in family]
+
+
+def placed(known: Iterable[Mechanism], rig: Arrangement) -> list[tuple[Mechanism, Place]]:
+    """Return every mechanism with every place in a rig.
+
+    Of a family that has places in the component it is named for, only these are returned.
+    """
+    every = [(m, place) for m in known for place in m.places(rig)]
+    at_home = {m.id for m, place in every if component(m, rig, place) == m.component}
+    return [(m, place) for m, place in every if m.id not in at_home or component(m, rig, place) == m.component]
+
+
+def component(mechanism: Mechanism, rig: Arrangement, place: Place) -> str:
+    """Return the component of the contract that a mechanism in a place belongs to."""
+    return rig.elements[place[0]].component if isinstance(mechanism, ForceLaw) else mechanism.component
+
+
+@cache
+def _catalogue(folders: tuple[str, ...]) -> dict[str, tuple[Mechanism, ...]]:
+    import sim_backend.mechanisms as package
+
+    found: dict[str, tuple[Mechanism, ...]] = {}
+    for module in sorted(m.name for m in pkgutil.iter_modules(package.__path__)):
+        if module not in PARTS:
+            _add(found, family_of(importlib.import_module(f"{package.__name__}.{module}"), module), module)
+    for folder in folders:
+        path = Path(folder)
+        if not path.is_dir():
+            raise MechanismError(f"{path}: is not a folder of mechanisms; analysis.mechanisms names it")
+        for file in sorted(path.glob("[!_]*.py")):
+            _add(found, load_file(file), str(file))
+    for entry in sorted(entry_points(group=GROUP), key=lambda e: e.name):
+        where = f"entry point {entry.name} ({entry.value})"
+        try:
+            loaded = entry.load()
+        except Exception as error:
+            raise MechanismError(f"{where}: cannot be imported: {_said(error)}") from error
+        _add(found, family_of(loaded, where), where)
+    return found
+
+
+def load_file(file: Path) -> tuple[Mechanism, ...]:
+    """Return the variants in a Python file.
+
+    Raises
+    ------
+    MechanismError
+        It cannot be imported or holds no mechanism.
+    """
+    import sim_backend.mechanisms as package
+
+    if file.resolve().parent in (Path(place).resolve() for place in package.__path__):
+        # under a second name, the law compiled here would be kept on disk for a module that no other process has
+        return family_of(importlib.import_module(f"{package.__name__}.{file.stem}"), str(file))
+    name = f"mesotap_mechanism_{file.stem}"
+    spec = importlib.util.spec_from_file_location(name, file)
+    if spec is None or spec.loader is None:
+        raise MechanismError(f"{file}: is not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # compiled laws are kept on disk by the name of their module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise MechanismError(f"{file}: cannot be imported: {_said(error)}") from error
+    return family_of(module, str(file))
+
+
+def family_of(loaded: Any, where: str) -> tuple[Mechanism, ...]:
+    """Return the variants that a module, or an entry point's value, holds; see `load_file`."""
+    held = loaded if isinstance(loaded, Mechanism | tuple) else getattr(loaded, "MECHANISM", None)
+    family = (held,) if isinstance(held, Mechanism) else held
+    if not isinstance(family, tuple) or not family or not all(isinstance(m, Mechanism) for m in family):
+        raise MechanismError(f"{where}: holds no MECHANISM, a mechanism of one of the kinds or a tuple of variants")
+    if len({(m.id, m.component) for m in family}) > 1:
+        raise MechanismError(f"{where}: its variants differ in id or component")
+    return family
+
+
+def _add(found: dict[str, tuple[Mechanism, ...]], family: tuple[Mechanism, ...], where: str) -> None:
+    name = family[0].id
+    if name in found:
+        raise MechanismError(f"{where}: {name} is the id of another mechanism already; give it one of its own")
+    found[name] = family
+
+
+def _said(error: Exception) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+def without(known: Mapping[str, tuple[Mechanism, ...]], names: Iterable[str]) -> dict[str, tuple[Mechanism, ...]]:
+    """Return the mechanisms but those named.
+
+    Raises
+    ------
+    MechanismError
+        A name is not that of a mechanism.
+    """
+    left = dict(known)
+    for name in names:
+        if left.pop(name, None) is None:
+            raise MechanismError(f"unknown mechanism {name!r}; 'mesotap mechanisms' lists the known ones")
+    return left

@@ -1,0 +1,293 @@
+"""What the program knows of a mechanism: its name, parameters, places and effect, for five kinds of physics.
+
+`ForceLaw`           a further force in an element, from its deformation, rate and history
+`AddedBody`          more bodies, springs or dampers; the rig stays linear
+`ChannelDistortion`  what a sensor chain makes of the channels, or an exciter of an input
+`Tones`              steady tones in every channel, with an amplitude and phase of their own in each record
+`SecondImpact`       a second impact, with a delay of its own in every record
+
+A *place* is where in a rig a mechanism acts, as numbers in its arrangement (`sim_backend.mechanisms.places.Place`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from sim_backend.arrangement import Arrangement, Role
+from sim_backend.force_law import LAW
+from sim_backend.mechanisms.places import Place, fitting_elements
+
+Real = NDArray[np.float64]
+Values = Mapping[str, float]
+
+law = njit(LAW, cache=True)
+"""Compiles a force law: see `sim_backend.force_law.LAW`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A parameter of a mechanism.
+
+    Attributes
+    ----------
+    low, high
+        Range in which it is admissible; a fit does not leave it.
+    log
+        Whether it is fitted as its logarithm (a positive quantity known to an order of magnitude).
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    meaning: str
+    log: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class AtRest:
+    """What a law may know of the element it acts in, at one load: preload (N), stiffness (N/m), damping (N s/m)."""
+
+    preload: float
+    stiffness: float
+    damping: float
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """How large an element's motion is in the recordings, and what it is measured by.
+
+    Attributes
+    ----------
+    deformation, rate
+        Typical amplitudes after a tap, m and m/s.
+    static
+        Preload over stiffness, m; zero without a preload.
+    force
+        Typical amplitude of the element's force, N.
+    frequency_hz
+        Lowest and highest mode of the rig.
+    duration_s
+        Length of the recording.
+    body_kg
+        Mass of the body that the first sensor sees, kg; zero where it is not known.
+    shown_hz
+        Highest frequency that the channels show well.
+    """
+
+    deformation: float
+    rate: float
+    static: float
+    force: float
+    frequency_hz: tuple[float, float]
+    duration_s: float = 1.0
+    body_kg: float = 0.0
+    shown_hz: float = math.inf
+
+    @property
+    def mass(self) -> float:
+        """Mass that moves, kg: of the body, or else what the force would need to move it as it does."""
+        return self.body_kg or self.force * self.deformation / self.rate**2
+
+
+@dataclass(frozen=True, slots=True)
+class Derived:
+    """A quantity that follows from the parameters' values; ``positive`` where it is known to a factor."""
+
+    name: str
+    unit: str
+    value: Callable[[Values], float]
+    positive: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mechanism:
+    """One piece of physics that the linear rig leaves out: what all kinds share.
+
+    Attributes
+    ----------
+    id, component
+        Names of the contract. Several mechanisms of one id are variants of one family: at most one fits a place.
+    parameters
+        Those that are fitted.
+    strength
+        The parameter that is zero where the mechanism is absent; None where there is no such thing: the mechanism is
+        there or not.
+    trials
+        From the scale of the motion to values worth screening, the strength so small that its effect is
+        proportional to it. Values that are no parameters stay fixed.
+    statement
+        A sentence about the fitted mechanism, from its values and the name of the element or channel.
+    one_signed
+        Whether only a positive strength makes sense.
+    derived
+        What is reported beside the parameters.
+    """
+
+    id: str
+    component: str
+    summary: str
+    source: str
+    parameters: tuple[Quantity, ...]
+    strength: str | None
+    trials: Callable[[Scale], Sequence[dict[str, float]]]
+    statement: Callable[[Values, str], str]
+    one_signed: bool = True
+    derived: tuple[Derived, ...] = ()
+
+    def places(self, rig: Arrangement) -> list[Place]:
+        """Return where in a rig it can act."""
+        return [()]
+
+    def named(self, rig: Arrangement, place: Place) -> str:
+        """Return the name of the element or channel in a place, as `statement` takes it."""
+        return "rig"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceLaw(Mechanism):
+    """A further force in every element of its place.
+
+    Attributes
+    ----------
+    law
+        Compiled by `law`.
+    constants
+        The law's parameters after the first four, from the values and the element at rest.
+    fits
+        Roles of the elements that it can act in, likeliest first.
+    preloaded
+        Whether the element must carry the preload (True) or must not (False).
+    shape
+        A law without memory as a function of whole arrays (deformation, rate, time, values): for score tests only.
+    last
+        Whether the law must be the last one in its element (it limits what the others make).
+    with_time
+        Whether it makes the rig change with time, not with amplitude.
+    stiffness_exponent
+        What ``d ln k_c / d ln P`` has to be where this is the contact's law, and its tolerance.
+    """
+
+    law: Any
+    fits: tuple[Role, ...]
+    constants: Callable[[Values, AtRest], Sequence[float]] = lambda values, rest: ()
+    preloaded: bool | None = None
+    shape: Callable[[Real, Real, Real, Values], Real] | None = None
+    last: bool = False
+    with_time: bool = False
+    stiffness_exponent: tuple[float, float] | None = None
+
+    def places(self, rig: Arrangement) -> list[Place]:
+        """Return one element for each distinct deformation; elements that are alike share a place."""
+        return fitting_elements(rig, self.fits, self.preloaded)
+
+    def named(self, rig: Arrangement, place: Place) -> str:
+        """Return the name of the element, or of the group of equal elements."""
+        return element_name(rig, place)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AddedBody(Mechanism):
+    """More bodies, springs or dampers. Its parameters are constants of the extended rig by the same names.
+
+    Attributes
+    ----------
+    extend
+        Returns the rig with it, for values and a place. Elements, bodies and sensors keep their numbers.
+    at
+        Places in a rig: element(s), or a body.
+    body
+        The constants that are the added body's mass, stiffness and damping; None where no body is added.
+    phase_locked
+        Whether the added body is set going by the rig alone, so that its phase is that of the rig's modes.
+    on_body
+        Whether the place is the number of a body, not of an element.
+    """
+
+    extend: Callable[[Arrangement, Values, Place], Arrangement]
+    at: Callable[[Arrangement], Sequence[Place]]
+    body: tuple[str, str, str] | None = None
+    phase_locked: bool = False
+    on_body: bool = False
+
+    def places(self, rig: Arrangement) -> list[Place]:
+        """Return what ``at`` says."""
+        return list(self.at(rig))
+
+    def named(self, rig: Arrangement, place: Place) -> str:
+        """Return the name of the body or element."""
+        return rig.bodies[place[0]] if self.on_body else element_name(rig, place)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelDistortion(Mechanism):
+    """What a sensor chain makes of channels, or an exciter of an input.
+
+    Attributes
+    ----------
+    distort
+        From the rows (k, n) of the channels in its place, the values and the sampling rate in Hz to (k, n). Among the
+        values is ``peak``, the largest magnitude in the recordings.
+    at
+        Places in a rig: channels, or an input.
+    of
+        What is distorted. The load cell is not a part of a recorded ring-down: calibrations show what it does.
+    """
+
+    distort: Callable[[Real, Values, float], Real]
+    at: Callable[[Arrangement], Sequence[Place]]
+    of: Literal["sensor", "input", "load cell"] = "sensor"
+
+    def places(self, rig: Arrangement) -> list[Place]:
+        """Return what ``at`` says."""
+        return list(self.at(rig))
+
+    def named(self, rig: Arrangement, place: Place) -> str:
+        """Return the name of the channels or the input."""
+        if self.of != "sensor":
+            return self.of if self.of == "load cell" else f"input {place[0] + 1}"
+        return " and ".join(_channel_name(rig.sensors[i].name) for i in place)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tones(Mechanism):
+    """Steady tones in every channel; the first parameter is the amplitude of the loudest.
+
+    Attributes
+    ----------
+    lines
+        Frequencies, Hz.
+    """
+
+    lines: Callable[[Values], Sequence[float]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SecondImpact(Mechanism):
+    """A second impact; the first parameter is its impulse over that of the first."""
+
+    def places(self, rig: Arrangement) -> list[Place]:
+        """Return the whole rig, unless its inputs are measured: then they show every impact."""
+        return [] if rig.inputs else [()]
+
+
+def element_name(rig: Arrangement, place: Place) -> str:
+    """Return the name of an element, or of the group of equal elements."""
+    first = rig.elements[place[0]]
+    return first.alike if len(place) > 1 and first.alike is not None else first.name
+
+
+def _channel_name(name: str) -> str:
+    return f"channel {name}" if len(name) == 1 else name
+
+
+def geometric(low: float, high: float, count: int) -> list[float]:
+    """Return ``count`` values evenly spaced in their logarithm."""
+    return [float(v) for v in np.geomspace(low, high, count)]

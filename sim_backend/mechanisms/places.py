@@ -1,0 +1,92 @@
+"""Where in a rig a mechanism can act: numbers of its elements, bodies, channels or inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from sim_backend.arrangement import Arrangement, Role, Row
+
+Place = tuple[int, ...]
+"""Numbers in an arrangement: elements, a body, channels or inputs; empty where a mechanism acts on the whole rig."""
+
+
+def fitting_elements(
+    rig: Arrangement, fits: Sequence[Role], preloaded: bool | None = None, undamped: bool = False
+) -> list[Place]:
+    """Return the elements of some roles, one for each distinct deformation; equal elements share a place.
+
+    Parameters
+    ----------
+    fits
+        Roles, likeliest first. Where the rig has an element of the first one, only such elements are returned.
+    preloaded
+        Whether the element must carry the preload (True) or must not (False).
+    undamped
+        Whether nothing on the same deformation may have a damper.
+    """
+    by_row: dict[Row, list[int]] = {}
+    for i, e in enumerate(rig.elements):
+        by_row.setdefault(e.row, []).append(i)
+    found = []
+    for group in by_row.values():
+        if undamped and any(rig.elements[i].damping is not None for i in group):
+            continue
+        own = [i for i in group if rig.elements[i].role in fits and preloaded in (None, rig.elements[i].preload)]
+        if own:
+            found.append(min(own, key=lambda i: fits.index(rig.elements[i].role)))
+    likeliest = [i for i in found if rig.elements[i].role == fits[0]]
+    return list(dict.fromkeys(_equal_to(rig, i) for i in likeliest or found))
+
+
+def _equal_to(rig: Arrangement, element: int) -> Place:
+    group = rig.elements[element].alike
+    return (element,) if group is None else tuple(i for i, e in enumerate(rig.elements) if e.alike == group)
+
+
+def seen_bodies(rig: Arrangement) -> list[Place]:
+    """Return the bodies that sensors see by themselves, each once."""
+    alone = [s.row[0][0] for s in rig.sensors if len(s.row) == 1]
+    return [(rig.bodies.index(body),) for body in dict.fromkeys(alone)]
+
+
+def channels_alike(rig: Arrangement) -> list[Place]:
+    """Return groups of channels that show the same: one quantity of one body."""
+    groups: dict[tuple[Row, str], list[int]] = {}
+    for i, s in enumerate(rig.sensors):
+        groups.setdefault((s.row, s.quantity), []).append(i)
+    return [tuple(g) for g in groups.values()]
+
+
+def last_of_alike(rig: Arrangement) -> list[Place]:
+    """Return channels that can differ from others: the last of those that show the same, else each of several."""
+    groups = channels_alike(rig)
+    return [g[-1:] for g in groups] if len(rig.sensors) > 1 else []
+
+
+def each_channel(rig: Arrangement) -> list[Place]:
+    """Return every channel by itself."""
+    return [(i,) for i in range(len(rig.sensors))]
+
+
+def each_input(rig: Arrangement) -> list[Place]:
+    """Return every measured input by itself."""
+    return [(i,) for i in range(rig.inputs)]
+
+
+def grounded_elements(rig: Arrangement, roles: Sequence[Role]) -> list[Place]:
+    """Return elements between a body and the ground: of bodies that sensors see, where there are any."""
+    seen = {rig.bodies[body] for (body,) in seen_bodies(rig)}
+    found = [i for i, e in enumerate(rig.elements) if e.role in roles and len(e.row) == 1 and _is_number(e.row)]
+    of_seen = [i for i in found if rig.elements[i].row[0][0] in seen]
+    return [(i,) for i in of_seen or found]
+
+
+def _is_number(row: Row) -> bool:
+    return all(not isinstance(coefficient, str) for _, coefficient in row)
+
+
+def unused_name(name: str, taken: Sequence[str]) -> str:
+    """Return a name that is not taken: this one, or with primes."""
+    while name in taken:
+        name += "'"
+    return name

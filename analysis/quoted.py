@@ -175,7 +175,9 @@ def _measured(numbers: dict[str, Any]) -> list[Quoted]:
         between,
     )
     rows.append(
-        row if row.comes_out else _because(row, "another run on the same samples, perhaps: 500 mN is no row of Table 5")
+        row
+        if row.comes_out
+        else _because(row, "another run on the same samples, perhaps: 500 mN is not a row of Table 5")
     )
     last = Quoted("Sec. 4.1", "sphere, resonance at 981 mN", 981.0, "Hz", 0.5, "Table 3", float(sphere.f2_hz[-1]))
     rows.append(_because(last, "the load's number stands in the place of the resonance's"))

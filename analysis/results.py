@@ -84,7 +84,7 @@ class SessionResults:
 
 @dataclass(frozen=True, slots=True)
 class Mode:
-    """One mode of a recording that is no session of the tester; amplitudes in the recording's unit, a channel each.
+    """One mode of a recording that is not a session of the tester; amplitudes in the recording's unit, a channel each.
 
     ``emac`` and ``mpc``, 0 to 1, say how well ERA continues the mode and how much its channels move in one phase.
     """

@@ -54,7 +54,7 @@ TUBE_DAMPING_SCORE = 5.0  # standard errors of zeta1 from which the system mode 
 LEAST_TUBE_DAMPING = 1e-5  # and the smallest zeta1 that does
 POOR_FIT = 1.3  # residual variance over noise variance from which the model is said to be incomplete
 
-Progress = Callable[[int, int], None]
+OnProgress = Callable[[int, int], None]
 
 
 class AnalysisError(MesotapError, ValueError):
@@ -115,7 +115,7 @@ def analyse_session(
     calibration: CalibrationSettings,
     masses: Masses,
     springs: Springs,
-    progress: Progress | None = None,
+    on_progress: OnProgress | None = None,
 ) -> SessionResults:
     """Analyse all accepted impacts of a session.
 
@@ -129,13 +129,20 @@ def analyse_session(
         Uncertainty of the weights and level of the drift test.
     masses, springs
         Their uncertainties (values are those of the session).
-    progress
+    on_progress
         Called with loads done and loads in all.
 
     Raises
     ------
     AnalysisError
         If the session's rig is unknown or it holds no impacts.
+
+    Examples
+    --------
+    >>> from daq.session_file import read_session  # doctest: +SKIP
+    >>> session = read_session("session.h5")  # doctest: +SKIP
+    >>> results = analyse_session(session, settings, calibration, masses, springs)  # doctest: +SKIP
+    >>> [load.contact_stiffness_n_per_m for load in results.loads]  # doctest: +SKIP
     """
     rig = session.rig
     if not rig.is_tester:
@@ -155,7 +162,7 @@ def analyse_session(
     load_sets = session.load_sets()
     # the matrices are small: further BLAS threads would only get in each other's way
     with threadpool_limits(limits=1, user_api="blas"):
-        modes = _modes(session, load_sets, noise, settings, progress)
+        modes = _modes(session, load_sets, noise, settings, on_progress)
     known, notes = _known_rig(session, modes, settings, masses, springs)
     gauge_reading = _gauge_reading_error(session.shots)
     impacts = [_impact(shot, modes.get(shot.number), known, history, gauge_reading, rig) for shot in session.shots]
@@ -181,7 +188,7 @@ def _modes(
     load_sets: Sequence[int],
     noise: NoiseModel,
     settings: AnalysisSettings,
-    progress: Progress | None,
+    on_progress: OnProgress | None,
 ) -> dict[int, ImpactModes]:
     """Both modes of every accepted shot, by its number."""
     modes: dict[int, ImpactModes] = {}
@@ -198,8 +205,8 @@ def _modes(
                 settings.method,
             )
             modes |= {s.number: m for s, m in zip(same, found, strict=True)}
-        if progress is not None:
-            progress(done + 1, len(load_sets))
+        if on_progress is not None:
+            on_progress(done + 1, len(load_sets))
     return modes
 
 

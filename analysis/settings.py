@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator
@@ -52,6 +53,13 @@ class AnalysisSettings(Section):
     springs: Literal["measured", "declared"] = "measured"
     spring_asymmetry_percent: NonNegative = 1.0
     contact: Contact = PRESETS["paper-flat"]
+    mechanisms: tuple[str, ...] = ()  # folders of mechanisms of one's own, beside those of the program
+
+    @field_validator("mechanisms")
+    @classmethod
+    def _from_anywhere(cls, folders: tuple[str, ...]) -> tuple[str, ...]:
+        """Make paths absolute: a session may be resumed from another folder."""
+        return tuple(str(Path(folder).absolute()) for folder in folders)
 
     @field_validator("contact", mode="before")
     @classmethod
@@ -61,6 +69,6 @@ class AnalysisSettings(Section):
             return value
         if value not in PRESETS:
             raise ValueError(
-                f"{value!r} is no preset; allowed are {', '.join(PRESETS)}, or keys with geometry: sphere or flat"
+                f"{value!r} is not a preset; allowed are {', '.join(PRESETS)}, or keys with geometry: sphere or flat"
             )
         return PRESETS[value]

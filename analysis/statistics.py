@@ -80,6 +80,13 @@ def combine(values: ArrayLike, standard_errors: ArrayLike) -> Estimate | None:
     ------
     ValueError
         Shapes that differ or a negative standard error.
+
+    Examples
+    --------
+    >>> combine([1.0, 1.2, 0.8], [0.1, 0.1, 0.1]).value
+    1.0
+    >>> combine([2.0], [0.1]).standard_error
+    0.1
     """
     x = np.atleast_1d(np.asarray(values, dtype=np.float64))
     sigma = np.atleast_1d(np.asarray(standard_errors, dtype=np.float64))

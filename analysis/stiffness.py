@@ -46,6 +46,12 @@ def contact_stiffness(f2_hz: ArrayLike, m1: float, m2: float, k1: float, k2: flo
     ------
     ResonanceError
         A resonance at or below the system resonance: there Eq. 11 has a pole or turns negative.
+
+    Examples
+    --------
+    >>> k = contact_stiffness(2000.0, m1=0.1, m2=0.1, k1=1e6, k2=1e6)
+    >>> f"{float(k):.4g}"
+    '7.396e+06'
     """
     _check_tester(m1, m2, k1, k2)
     frequency = np.asarray(f2_hz, dtype=np.float64)
@@ -59,7 +65,7 @@ def contact_stiffness(f2_hz: ArrayLike, m1: float, m2: float, k1: float, k2: flo
 def pole(f_hz: float, zeta: float) -> complex:
     """Root s (rad/s, upper half plane) with abs(s) / 2 pi = ``f_hz`` and -Re s / abs(s) = ``zeta``."""
     if not (f_hz > 0 and math.isfinite(f_hz) and -1 < zeta < 1):
-        raise ResonanceError(f"{f_hz:g} Hz with damping ratio {zeta:g} is no oscillation")
+        raise ResonanceError(f"{f_hz:g} Hz with damping ratio {zeta:g} is not an oscillation")
     return 2 * math.pi * f_hz * complex(-zeta, math.sqrt(1 - zeta**2))
 
 
@@ -80,6 +86,12 @@ def contact_from_pole(s: complex, m1: float, m2: float, k1: float, k2: float) ->
     ------
     ResonanceError
         No oscillation, at or below the system resonance, or a pole that only a negative stiffness could give.
+
+    Examples
+    --------
+    >>> k, c = contact_from_pole(-100 + 12_000j, m1=0.1, m2=0.1, k1=1e6, k2=1e6)
+    >>> f"{k:.4g}", f"{c:.3g}"
+    ('6.7e+06', '10')
     """
     contact = _contact(s, m1, m2, k1, k2)
     return contact.k_c, contact.c_c
@@ -178,6 +190,13 @@ def springs_from_system_mode(f1_hz: float, k_c: float, m1: float, m2: float, rat
         kg.
     ratio
         k2 / k1.
+
+    Examples
+    --------
+    >>> import math
+    >>> k1, k2 = springs_from_system_mode(500.0, math.inf, m1=0.1, m2=0.1)
+    >>> round(k1 + k2) == round(0.2 * (2 * math.pi * 500) ** 2)
+    True
     """
     if not (f1_hz > 0 and math.isfinite(f1_hz) and m1 > 0 and m2 > 0 and ratio > 0 and k_c >= 0):
         raise ResonanceError(
@@ -205,6 +224,11 @@ def ring_spring_stiffness(E: float, L: float, t: float, R: float) -> float:
         Young's modulus, Pa.
     L, t, R
         Length, wall and mean radius, m. 30, 0.5 and 9.25 mm in Sec. 3.1.
+
+    Examples
+    --------
+    >>> f"{ring_spring_stiffness(E=2.1e11, L=30e-3, t=0.5e-3, R=9.25e-3):.3g}"
+    '5.57e+05'
     """
     return E * L * t**3 / 12 / (RING * R**3)
 
@@ -224,7 +248,7 @@ class _Contact:
 def _contact(s: complex, m1: float, m2: float, k1: float, k2: float) -> _Contact:
     _check_tester(m1, m2, k1, k2)
     if not (math.isfinite(s.real) and math.isfinite(s.imag) and s.imag > 0):
-        raise ResonanceError(f"the pole {s:.6g} rad/s is no oscillation")
+        raise ResonanceError(f"the pole {s:.6g} rad/s is not an oscillation")
     if abs(s) ** 2 <= (k1 + k2) / (m1 + m2):
         raise ResonanceError(_below_system_mode(abs(s) / (2 * math.pi), m1, m2, k1, k2))
     A, B = m1 * s**2 + k1, m2 * s**2 + k2

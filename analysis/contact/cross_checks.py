@@ -28,6 +28,11 @@ def roughness_from_stiffness(P: ArrayLike, k_c: ArrayLike) -> FloatArray:
     ----------
     P, k_c
         Load, N, and contact stiffness, N/m, as from Eq. 11.
+
+    Examples
+    --------
+    >>> roughness_from_stiffness([1.0, 2.0], [1e6, 2e6])
+    array([3.e-06, 3.e-06])
     """
     load, stiffness = np.asarray(P, dtype=np.float64), np.asarray(k_c, dtype=np.float64)
     if not ((load > 0).all() and (stiffness > 0).all()):
@@ -75,6 +80,14 @@ def stiffness_from_approach(approach: ArrayLike, load: ArrayLike, at: float, wid
         (n,) m and N.
     at, width
         Load at which the slope is wanted and half of the window, N.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> delta = np.linspace(0, 1e-6, 50)
+    >>> found = stiffness_from_approach(delta, 1e6 * delta, at=0.5, width=0.1)
+    >>> f"{found.value:.4g}"
+    '1e+06'
     """
     x, P = np.asarray(approach, dtype=np.float64), np.asarray(load, dtype=np.float64)
     inside = np.abs(P - at) <= width
@@ -107,6 +120,13 @@ def reflection_coefficient(k: ArrayLike, f_hz: ArrayLike, z_1: float, z_2: float
         (...) frequency.
     z_1, z_2
         Acoustic impedances, density times wave speed, of both bodies, kg/(m2 s).
+
+    Examples
+    --------
+    >>> round(float(reflection_coefficient(1e30, 1e6, 46e6, 17e6)), 3)  # perfect contact: 29 / 63
+    0.46
+    >>> round(float(reflection_coefficient(1e3, 1e6, 46e6, 17e6)), 3)  # no contact
+    1.0
     """
     term = 2 * np.pi * np.asarray(f_hz, dtype=np.float64) * z_1 * z_2 / np.asarray(k, dtype=np.float64)
     return np.asarray(np.abs((z_1 - z_2 + 1j * term) / (z_1 + z_2 + 1j * term)), dtype=np.float64)
@@ -127,6 +147,14 @@ def stiffness_from_reflection(reflection: ArrayLike, f_hz: ArrayLike, z_1: float
         Acoustic impedances, kg/(m2 s).
     A_n
         Nominal area, m2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> f = np.linspace(1e6, 5e6, 20)
+    >>> found = stiffness_from_reflection(reflection_coefficient(1e13, f, 46e6, 46e6), f, 46e6, 46e6, A_n=1e-6)
+    >>> f"{found.value:.4g}"
+    '1e+07'
     """
     R, f = (np.atleast_1d(np.asarray(a, dtype=np.float64)) for a in (reflection, f_hz))
     lowest = abs(z_1 - z_2) / (z_1 + z_2)  # of surfaces in perfect contact
@@ -140,10 +168,10 @@ def stiffness_from_reflection(reflection: ArrayLike, f_hz: ArrayLike, z_1: float
     term = np.sqrt((inside**2 * (z_1 + z_2) ** 2 - (z_1 - z_2) ** 2) / (1 - inside**2))
     start = float(np.median(np.log(omega * z_1 * z_2 / term)))
 
-    def misfit(log_k: FloatArray) -> FloatArray:
+    def residual(log_k: FloatArray) -> FloatArray:
         return reflection_coefficient(np.exp(log_k[0]), f, z_1, z_2) - R
 
-    fit = optimize.least_squares(misfit, [start], x_scale=0.1)
+    fit = optimize.least_squares(residual, [start], x_scale=0.1)
     dof = len(R) - 1
     variance = 2 * fit.cost / dof if dof else math.nan
     value = math.exp(float(fit.x[0])) * A_n

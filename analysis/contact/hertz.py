@@ -19,7 +19,13 @@ def load(Delta: ArrayLike, R: float, E_star: float) -> FloatArray:
 
 
 def stiffness(P: ArrayLike, R: float, E_star: float) -> FloatArray:
-    """Contact stiffness dP / dDelta, N/m, of smooth surfaces (Eq. 2), shaped like the load ``P``, N."""
+    """Contact stiffness dP / dDelta, N/m, of smooth surfaces (Eq. 2), shaped like the load ``P``, N.
+
+    Examples
+    --------
+    >>> f"{float(stiffness(1.0, R=0.01, E_star=1e11)):.4g}"
+    '8.434e+06'
+    """
     return np.asarray(1.5 * np.cbrt(16 * R * E_star**2 / 9 * np.asarray(P, dtype=np.float64)), dtype=np.float64)
 
 

@@ -287,14 +287,14 @@ def _solve(J: float, mu: float, load: Law, slope: Law, start: _Solution, area: L
     ones = np.ones(NODES)
     for _ in range(MOST_STEPS):
         p, s = mu * load(u), mu * slope(u)
-        misfit = u - h - square - bulk @ p
-        by_misfit, by_h = linalg.solve(np.eye(NODES) + bulk * s, np.stack([misfit, ones], axis=1)).T
+        residual = u - h - square - bulk @ p
+        by_residual, by_h = linalg.solve(np.eye(NODES) + bulk * s, np.stack([residual, ones], axis=1)).T
         carried = float(weight @ p)
         ratio = J / carried if carried > 0 else math.inf
         # log J is nearly linear in h, but for a start far off
         wanted = carried * math.log(ratio) if 0.05 < ratio < 20 else J - carried
-        dh = float(weight @ (s * by_misfit) - wanted) / float(weight @ (s * by_h))
-        du = by_h * dh - by_misfit
+        dh = float(weight @ (s * by_residual) - wanted) / float(weight @ (s * by_h))
+        du = by_h * dh - by_residual
         largest = max(float(np.abs(du).max()), abs(dh))
         step = min(1.0, max(2.0, 0.3 * abs(h)) / largest) if largest > 0 else 1.0
         u, h = u + step * du, h + step * dh

@@ -1,7 +1,7 @@
 """What vibration of finite amplitude makes of a contact's stiffness: harmonic balance about the preload.
 
 Near the preload P a contact whose stiffness grows as the load^e carries P (1 + (1 - e) x / L)^(1 / (1 - e)) at the
-approach x, L = P / k_c, and nothing where that is no number: e = 1/3 is Hertz, e towards 1 the exponential law. With
+approach x, L = P / k_c, and nothing where that is not a number: e = 1/3 is Hertz, e towards 1 the exponential law. With
 x = x_0 + X cos(omega t) and the mean force kept at P by what is slow around the contact, the first harmonic F of the
 force gives the stiffness that the resonance shows, F / X.
 """
@@ -31,6 +31,11 @@ def apparent_share(exponent: ArrayLike, force_ratio: ArrayLike) -> FloatArray:
         (...) e = d log k_c / d log P; what lies outside 0 to 0.98 is taken as the nearer end.
     force_ratio
         (...) F / P; above 1.9, as 1.9.
+
+    Examples
+    --------
+    >>> round(float(apparent_share(1 / 3, 0.01)), 4)  # a small force sees the tangent stiffness
+    1.0
     """
     e = np.clip(np.asarray(exponent, dtype=np.float64), 0.0, _EXPONENTS[-1])
     ratio = np.clip(np.asarray(force_ratio, dtype=np.float64), 0.0, LARGEST_RATIO)

@@ -1,111 +1,144 @@
-"""The competitor that names nothing: forces of any shape in contact and springs, and any small change of a channel.
+"""The competitor that names nothing: forces of any shape in the elements, and any small change of a channel.
 
-A few dozen terms span what a force can depend on (deformation, its rate, momentary amplitude, time since the tap).
+A few dozen terms span what a force can depend on (deformation, its rate, momentary amplitude, time since the start).
 Where they take away much that the best named mechanism leaves, something else is at work.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Sequence
 
-import numpy as np
+from numba import njit
 
-from sim_backend.mechanisms.mechanism import Mechanism, Quantity, Real, Scale, Values
+from analysis.mismatch.parameters import Term
+from sim_backend.arrangement import Arrangement, Element
+from sim_backend.force_law import REST
+from sim_backend.mechanisms.kinds import ChannelDistortion, ForceLaw, Quantity, Real, Scale, Values, law
 
-NAME = "strength"
 SHARE = 1e-4  # of the element's force: small enough for a first-order effect
+EARLY, LATE = 0.03, 0.2  # of the duration: times with which forces fade
 SHARP = 10.0  # steepness of a rounded step
-
-Shape = Callable[[Real, Real, Real, Real], Real]
-"""Of deformation and rate (over their scales), momentary amplitude and time (s)."""
-
-CONTACT: dict[str, Shape] = {
-    "d2": lambda u, w, a, t: u * u,
-    "d3": lambda u, w, a, t: u**3,
-    "abs_d_d": lambda u, w, a, t: np.abs(u) * u,
-    "abs_d": lambda u, w, a, t: np.abs(u),
-    "d_v": lambda u, w, a, t: u * w,
-    "v2": lambda u, w, a, t: w * w,
-    "d2_v": lambda u, w, a, t: u * u * w,
-    "d_v2": lambda u, w, a, t: u * w * w,
-    "abs_v_v": lambda u, w, a, t: np.abs(w) * w,
-    "v3": lambda u, w, a, t: w**3,
-    "sign_v": lambda u, w, a, t: np.tanh(SHARP * w),
-    "a_d": lambda u, w, a, t: a * u,
-    "a_v": lambda u, w, a, t: a * w,
-    "a2_d": lambda u, w, a, t: a * a * u,
-    "a2_v": lambda u, w, a, t: a * a * w,
-    "d_small": lambda u, w, a, t: u / (1 + SHARP * a),
-    "v_small": lambda u, w, a, t: w / (1 + SHARP * a),
-    "d_early": lambda u, w, a, t: u * np.exp(-t / 3e-3),
-    "v_early": lambda u, w, a, t: w * np.exp(-t / 3e-3),
-    "d_late": lambda u, w, a, t: u * np.exp(-t / 2e-2),
-    "v_late": lambda u, w, a, t: w * np.exp(-t / 2e-2),
-}
-SPRING: dict[str, Shape] = {
-    "v": lambda u, w, a, t: w,
-    "d2": lambda u, w, a, t: u * u,
-    "d3": lambda u, w, a, t: u**3,
-    "abs_v_v": lambda u, w, a, t: np.abs(w) * w,
-    "sign_v": lambda u, w, a, t: np.tanh(SHARP * w),
-    "a_d": lambda u, w, a, t: a * u,
-}
+SHAPES = (
+    "d2", "d3", "abs_d_d", "abs_d", "d_v", "v2", "d2_v", "d_v2", "abs_v_v", "v3", "sign_v", "a_d", "a_v", "a2_d",
+    "a2_v", "d_small", "v_small", "d_early", "v_early", "d_late", "v_late", "d5", "v",
+)  # fmt: skip
+"""Of deformation d, rate v and momentary amplitude a, each over its scale, and of time."""
+OF_JOINTS = SHAPES[:21]  # where bodies meet; d5 and v are more of the same there
+OF_SPRINGS = ("v", "d2", "d3", "abs_v_v", "sign_v", "a_d")
+JOINTLY = ("d2", "d3", "d5", "a_d", "a_v", "d_v", "abs_v_v", "v3", "d2_v", "sign_v", "d_late", "v_late")
+"""Those that are fitted together."""
+SCALES = ("deformation", "rate", "duration")
+WEIGHTS, AT_SCALES = REST, REST + len(SHAPES)
+GAIN_AND_DELAY, CURVED = (0, 1), (2, 3)  # powers of a channel's change; 0 is its slope
 
 
-def _force(role: str, name: str, shape: Shape) -> Mechanism:
-    def along(d: Real, v: Real, t: Real, values: Values) -> Real:
-        u, w = d / values["deformation"], v / values["rate"]
-        return SHARE * values["force"] * shape(u, w, np.hypot(u, w), t)
+@njit(cache=True)
+def _shape(i, u, w, t):  # type: ignore[no-untyped-def]
+    """Value of one of `SHAPES`."""
+    a = math.sqrt(u * u + w * w)
+    if i < 8:
+        return (u * u, u * u * u, abs(u) * u, abs(u), u * w, w * w, u * u * w, u * w * w)[i]
+    if i < 15:
+        if i == 10:
+            return math.tanh(SHARP * w)
+        return (abs(w) * w, w * w * w, 0.0, a * u, a * w, a * a * u, a * a * w)[i - 8]
+    if i < 17:
+        return (u if i == 15 else w) / (1.0 + SHARP * a)
+    if i < 21:
+        fading = math.exp(-t / (EARLY if i < 19 else LATE))
+        return (u if i in (17, 19) else w) * fading
+    return u * u * u * u * u if i == 21 else w
 
-    def trials(scale: Scale) -> list[dict[str, float]]:
-        return [{NAME: 1.0, "deformation": scale.deformation, "rate": scale.rate, "force": scale.force}]
 
-    return Mechanism(
-        id=f"free_{role}_{name}",
-        component="contact" if role == "contact" else "tube springs",
-        acts=role,  # type: ignore[arg-type]
-        summary="a force of any shape",
-        source="free form",
-        parameters=(Quantity(NAME, "1", -1e9, 1e9, "strength"),),
-        strength=NAME,
-        trials=trials,
-        shape=along,
+@law
+def force_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
+    """Sum of the shapes, each with a weight (N), of deformation, rate and time over their scales."""
+    u, w, s = d / p[AT_SCALES], v / p[AT_SCALES + 1], t / p[AT_SCALES + 2]
+    total = 0.0
+    for i in range(len(SHAPES)):
+        if p[WEIGHTS + i] != 0.0:
+            total += p[WEIGHTS + i] * _shape(i, u, w, s)
+    return force + total
+
+
+def _any_force(component: str, names: Sequence[str]) -> ForceLaw:
+    """Return a force of these shapes."""
+    return ForceLaw(
+        id="free_force",
+        component=component,
+        summary="a force of any smooth shape",
+        source="restoring force surface",
+        parameters=tuple(Quantity(name, "N", -1e25, 1e25, "share of this shape") for name in names),
+        strength=None,
+        trials=lambda scale: [],
+        statement=lambda values, name: "",
+        law=force_law,
+        constants=lambda values, rest: tuple(values.get(name, 0.0) for name in (*SHAPES, *SCALES)),
+        fits=(),
         one_signed=False,
-        statement=lambda values: "",
     )
 
 
-def _channel(number: int, power: int) -> Mechanism:
-    def distort(y: Real, values: Values, sample_rate_hz: float) -> Real:
-        out = y.copy()
+def _channel(channel: int, power: int) -> ChannelDistortion:
+    """Return a change of one channel, as a power of it or (0) in proportion to its slope."""
+
+    def distort(rows: Real, values: Values, sample_rate_hz: float) -> Real:
+        out = rows.copy()
         if power:
-            out[number] += (
-                values[NAME] * SHARE * y[number] ** power / max(float(np.abs(y).max()), 1e-300) ** (power - 1)
-            )
+            out += values["strength"] * rows**power / max(abs(values["peak"]), 1e-300) ** (power - 1)
         else:
-            out[number, 1:] += values[NAME] * SHARE * np.diff(y[number])
+            out[:, 1:] += values["strength"] * (rows[:, 1:] - rows[:, :-1])
         return out
 
-    return Mechanism(
-        id=f"free_channel_{number}_{power}",
+    return ChannelDistortion(
+        id=f"free_channel_{power}",
         component="sensor chain",
         summary="a change of one channel",
         source="free form",
-        parameters=(Quantity(NAME, "1", -1e9, 1e9, "strength"),),
-        strength=NAME,
-        trials=lambda scale: [{NAME: 1.0}],
+        parameters=(Quantity("strength", "1", -1e9, 1e9, "of the change"),),
+        strength="strength",
+        trials=lambda scale: [{"strength": SHARE}],
+        statement=lambda values, name: "",
         distort=distort,
+        at=lambda rig: [(channel,)],
         one_signed=False,
-        statement=lambda values: "",
     )
 
 
-def free_terms(channels: int) -> list[Mechanism]:
-    """Return the terms of the competitor for rigs with so many channels."""
-    found = [_force("contact", name, shape) for name, shape in CONTACT.items()]
-    found += [_force("spring", name, shape) for name, shape in SPRING.items()]
-    found += [_force("guide", name, shape) for name, shape in SPRING.items()]
-    if channels > 1:
-        found += [_channel(channels - 1, power) for power in (0, 1)]
-        found += [_channel(c, power) for c in range(channels) for power in (2, 3)]
-    return found
+def free_places(rig: Arrangement) -> list[int]:
+    """Return elements, one for each deformation, that forces of any shape are tried in."""
+    rows: dict[object, int] = {}
+    for i, element in enumerate(rig.elements):
+        if element.role != "body":
+            rows.setdefault(element.row, i)
+    return list(rows.values())
+
+
+def free_trials(rig: Arrangement, place: int, scale: Scale) -> list[Term]:
+    """Return a small force of each shape in an element, one term each."""
+    element = rig.elements[place]
+    names = OF_JOINTS if _joins(element) else OF_SPRINGS
+    scales = {"deformation": scale.deformation, "rate": scale.rate, "duration": scale.duration_s}
+    return [
+        Term(_any_force(element.component, (name,)), {name: SHARE * scale.force, **scales}, (place,)) for name in names
+    ]
+
+
+def joint_term(rig: Arrangement, place: int, scale: Scale) -> Term:
+    """Return the force of any shape in an element whose weights are fitted together."""
+    scales = {"deformation": scale.deformation, "rate": scale.rate, "duration": scale.duration_s}
+    mechanism = _any_force(rig.elements[place].component, JOINTLY)
+    return Term(mechanism, dict.fromkeys(JOINTLY, SHARE * scale.force) | scales, (place,))
+
+
+def channel_trials(channels: int) -> list[Term]:
+    """Return small changes of each channel; of the last one of several against the others too."""
+    found = [(channels - 1, power) for power in GAIN_AND_DELAY] if channels > 1 else []
+    found += [(c, power) for c in range(channels) for power in CURVED]
+    return [Term(_channel(c, power), {"strength": SHARE}, (c,)) for c, power in found]
+
+
+def _joins(element: Element) -> bool:
+    """Whether bodies meet in an element."""
+    return element.role in ("contact", "joint")

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.mismatch.fit import Fit, fit, relieved_of_laws
-from sim_backend.mechanisms.mechanism import Derived, Quantity
+from analysis.mismatch.answer import Interval
+from analysis.mismatch.problem import Fit
+from analysis.mismatch.ring_downs.fit import Start, fit, without_added
+from analysis.mismatch.ring_downs.problem import RingDownFit
+from sim_backend.mechanisms.kinds import AddedBody, Derived, Quantity
 
 Real = NDArray[np.float64]
 
@@ -22,21 +25,11 @@ MOST_TRIES = 10
 STRIDE, LONGEST_STRIDE = math.log(1.6), math.log(4.0)  # of the first step along a profile, of any
 
 
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """An estimate with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-    unit: str
-
-
 def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
     """Return the intervals of the parameters of a fit's term, and of what follows from them.
 
     Added bodies that the data hold only loosely get theirs from the profile: where chi-squared has risen to its 95 %
-    point with the first parameter held and all else, but for what force laws add to the records, fitted anew.
+    point with the first parameter held and all else, but for what force laws add to the segments, fitted again.
     """
     term = fitted.terms[number]
     quantities = [q for q in term.mechanism.parameters if q.name in term.values]
@@ -51,7 +44,8 @@ def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
             low, high = q.low, q.high  # the data do not hold it at all
         found[q.name] = Interval(value, max(low, q.low), min(high, q.high), q.unit)
     reached: list[dict[str, float]] = []
-    if term.mechanism.extend is not None and quantities and quantities[0].log and errors[0] > UNSURE:
+    loose = isinstance(term.mechanism, AddedBody) and quantities and quantities[0].log and errors[0] > UNSURE
+    if loose and isinstance(fitted, RingDownFit):
         linear, place = _relieved(fitted, number)
         lower, lowest, least = _end(linear, place, quantities[0], -1.0, linear.objective)
         upper, _, most = _end(linear, place, quantities[0], 1.0, lowest)
@@ -64,12 +58,12 @@ def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
     return found
 
 
-def _relieved(fitted: Fit, number: int) -> tuple[Fit, int]:
-    """Return the fit of all that is linear to what force laws leave of the records, and the place of a term in it."""
-    if not any(t.nonlinear for t in fitted.terms):
+def _relieved(fitted: RingDownFit, number: int) -> tuple[RingDownFit, int]:
+    """Return the fit of all that is linear to what force laws leave of the segments, and the place of a term in it."""
+    if not fitted.nonlinear:
         return fitted, number
     linear = [t for t in fitted.terms if not t.nonlinear]
-    return fit(relieved_of_laws(fitted), linear, begin=fitted), linear.index(fitted.terms[number])
+    return fit(without_added(fitted), linear, fitted), linear.index(fitted.terms[number])
 
 
 def _derived(more: Derived, values: dict[str, float], quantities: list[Quantity], covariance: Real) -> Interval:
@@ -97,9 +91,9 @@ def _between(value: float, ends: list[dict[str, float] | None], q: Quantity) -> 
 
 
 def _end(
-    fitted: Fit, number: int, along: Quantity, direction: float, lowest: float
+    fitted: RingDownFit, number: int, along: Quantity, direction: float, lowest: float
 ) -> tuple[dict[str, float] | None, float, dict[str, float]]:
-    """Follow the profile in a direction, each fit begun at the last one that is still inside.
+    """Follow the profile in a direction, each fit started from the last one that is still inside.
 
     Return the parameters where it has risen enough (None where it does not within reach), the lowest objective met, and
     the parameters at the furthest place that is not outside.
@@ -133,8 +127,8 @@ def _end(
     return (end if math.isfinite(far) else None), lowest, here(inside)
 
 
-def _fixed_at(fitted: Fit, number: int, along: Quantity, factor: float) -> Fit | None:
-    """Return the fit with one parameter of an added body held at a multiple of its value, begun with all scaled."""
+def _fixed_at(fitted: RingDownFit, number: int, along: Quantity, factor: float) -> RingDownFit | None:
+    """Return the fit with a parameter of an added body held at a multiple of its value, and all scaled at the start."""
     term = fitted.terms[number]
     scaled = {q.name: term.values[q.name] * factor for q in term.mechanism.parameters if q.log}
     inside = min(max(scaled[along.name], along.low), along.high)
@@ -145,6 +139,6 @@ def _fixed_at(fitted: Fit, number: int, along: Quantity, factor: float) -> Fit |
     begin = replace(fitted, constants=replace(fitted.constants, rig=rig))
     terms = [replace(t, values={**t.values, **scaled}) if i == number else t for i, t in enumerate(fitted.terms)]
     try:
-        return fit(fitted.problem, terms, begin=begin, kept=(along.name,))
+        return fit(fitted.problem, terms, begin, Start(kept=(along.name,)))
     except (ValueError, np.linalg.LinAlgError):
         return None

@@ -1,122 +1,228 @@
-"""What is fitted: recordings, the rig that should have made them, its filter, and the mechanisms added to it."""
+"""What every engine part asks of an experiment: recorded segments, the rig compared with them, and how they are fitted.
+
+A free decay (`ring_down`) and a recording that is simulated from end to end (`simulated`) are the two kinds there are.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.mismatch.records import Record, Recordings
-from sim_backend.arrangement import Arrangement, Element
-from sim_backend.mechanisms.mechanism import AtRest, Mechanism
-from sim_backend.state_space import StateSpace
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.policy import SelectionPolicy
+from sim_backend.arrangement import LOAD, Arrangement, Element
+from sim_backend.mechanisms.catalogue import placed
+from sim_backend.mechanisms.kinds import AtRest, ForceLaw, Mechanism, Scale, SecondImpact
+
+if TYPE_CHECKING:
+    from analysis.mismatch.score_test import Score
 
 Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+OnProgress = Callable[[str], None]
+
+
+def silent(stage: str) -> None:
+    """Report no progress."""
 
 
 @dataclass(slots=True)
-class Effort:
+class ComputeBudget:
     """Work done, in samples through which an extra force was carried; it is the same whatever the machine."""
 
     spent: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
-    """Recordings and the linear rig they are held against.
+class Constants:
+    """Values of a rig's constants: ``rig`` those with one value, ``load`` (groups, k) those with one at each load."""
 
-    Attributes
-    ----------
-    analog
-        Declared filter.
-    slow
-        Poles that every channel may ring on by itself: an offset and the declared high-pass.
-    start
-        (groups, k) starting values of the constants that differ from load to load.
-    scattered
-        Whether these differ from impact to impact instead: every record is a group of its own.
-    rig_start
-        Starting values of constants of the rig for the linear rig alone, where the declared ones are too far off.
-    effort
-        What has been spent on the problem and on all its parts.
-    """
-
-    recordings: Recordings
     arrangement: Arrangement
-    analog: StateSpace
-    slow: Complex
-    start: Real
-    scattered: bool = False
-    rig_start: Mapping[str, float] = field(default_factory=dict)
-    effort: Effort = field(default_factory=Effort, compare=False)
+    rig: Real
+    load: Real
 
-    @property
-    def samples(self) -> int:
-        """Samples of a channel, all records together."""
-        return sum(r.y.shape[1] for r in self.recordings.records)
+    def names(self) -> tuple[list[str], list[str]]:
+        """Names of the constants in ``rig`` and in a row of ``load``."""
+        p = self.arrangement.parameters
+        return [q.name for q in p if q.scope != LOAD], [q.name for q in p if q.scope == LOAD]
 
-    def apart(self) -> Problem:
-        """Return the same problem with constants of its own for every impact in the place of every load."""
-        records = tuple(replace(r, group=i) for i, r in enumerate(self.recordings.records))
-        loads = tuple(r.preload_n for r in records)
-        start = self.start[[r.group for r in self.recordings.records]]
-        recordings = replace(self.recordings, records=records, loads_n=loads)
-        return replace(self, recordings=recordings, start=start, scattered=True)
+    def at(self, group: int) -> dict[str, float]:
+        """All constants at one load."""
+        rig, load = self.names()
+        return dict(zip(rig, self.rig.tolist(), strict=True)) | dict(zip(load, self.load[group].tolist(), strict=True))
 
-    def only(self, kept: Sequence[int]) -> Problem:
-        """Return the same problem with these records alone."""
-        records = tuple(self.recordings.records[i] for i in kept)
-        return replace(self, recordings=replace(self.recordings, records=records))
-
-    def later(self, skipped: int) -> Problem:
-        """Return the same problem with every record beginning so many samples later."""
-        rate = self.recordings.sample_rate_hz
-        records = tuple(
-            replace(
-                r,
-                y=r.y[:, skipped:],
-                raw=r.raw[:, skipped:],
-                start_s=r.start_s + skipped / rate,
-                pulse=np.concatenate([r.pulse, r.raw[:, :skipped]], axis=1) if r.pulse.size else r.pulse,
-                second=r.second - skipped,
-            )
-            for r in self.recordings.records
-        )
-        return replace(self, recordings=replace(self.recordings, records=records))
+    def stacked(self) -> dict[str, Real]:
+        """All constants, (groups,) of each."""
+        rig, load = self.names()
+        own = np.broadcast_to(self.rig[:, None], (self.rig.size, len(self.load)))
+        return dict(zip(rig, own, strict=True)) | dict(zip(load, self.load.T, strict=True))
 
 
 @dataclass(frozen=True, slots=True)
-class Term:
-    """A mechanism with values of its parameters (and of what stays fixed in it)."""
+class Fit:
+    """A fitted model.
 
-    mechanism: Mechanism
-    values: Mapping[str, float]
+    Attributes
+    ----------
+    terms
+        Mechanisms with their fitted values.
+    arrangement
+        Of the rig with the bodies and elements that they add.
+    residuals
+        Of each segment (c, n), whitened (of a simulated recording: over the channels' rms).
+    chi_squared
+        Sum of squares of the residuals; ``penalty`` is what the declared constants add to it.
+    covariance
+        Of the constants with one value, those of each load, and the terms' parameters, in this order; zero where it
+        was not asked for.
+    term_covariances
+        For each term: covariance (k, k) of its parameters (of the logarithm where one is fitted as such).
+    """
+
+    terms: tuple[Term, ...]
+    arrangement: Arrangement
+    constants: Constants
+    residuals: tuple[Real, ...]
+    chi_squared: float
+    penalty: float
+    covariance: Real
+    term_covariances: tuple[Real, ...]
+
+    @property
+    def objective(self) -> float:
+        """What was minimised."""
+        return self.chi_squared + self.penalty
+
+    @property
+    def reduced_chi_squared(self) -> float:
+        """Sum of squares of a sample: 1 where nothing but noise is left."""
+        return self.chi_squared / sum(r.size for r in self.residuals)
 
     @property
     def nonlinear(self) -> bool:
-        """Whether the rig with it is no longer linear, or a channel no longer shows it as it is."""
-        m = self.mechanism
-        return m.law is not None or m.distort is not None or m.blow
+        """Whether the rig with the terms is no longer linear, or a channel no longer shows it as it is."""
+        return any(t.nonlinear for t in self.terms)
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """What a segment's whitened residual is compared with.
+
+    Attributes
+    ----------
+    where, slopes
+        (k,) places of the constants that act on it among all of them, and (N, k) what a unit of each does.
+    made
+        (N, t) what each tried term does.
+    residual
+        (N,).
+    own
+        (N, m) orthonormal basis of the nuisance parameters of the segment: its initial state, its offsets.
+    ringing
+        Of a candidate term that adds a free vibration of its own: (w, N) waves of free amplitude, and (N,) its effect
+        on the rest.
+    """
+
+    where: NDArray[np.intp]
+    slopes: Real
+    made: Real
+    residual: Real
+    own: Real
+    ringing: Callable[[int], tuple[Real, Real]]
+
+
+FitOf = TypeVar("FitOf", bound=Fit)
+
+
+class Problem(ABC, Generic[FitOf]):
+    """Recorded segments and the rig that should have made them.
+
+    Attributes
+    ----------
+    noise_known
+        Whether the residual's variance is known to be one, so that gains are chi-squared; otherwise it is estimated.
+    """
+
+    arrangement: Arrangement
+    policy: SelectionPolicy
+    budget: ComputeBudget
+    noise_known: bool
+
+    @property
+    @abstractmethod
+    def samples(self) -> int:
+        """Samples of a channel that are fitted, all segments together."""
+
+    @abstractmethod
+    def scale_of(self, fitted: FitOf, place: int) -> Scale:
+        """Return how far an element moves."""
+
+    @abstractmethod
+    def columns(self, fitted: FitOf, terms: Sequence[Term], ringing: Sequence[Term]) -> Iterable[Iterable[Columns]]:
+        """Return the columns of all segments, in parts that may be summed side by side."""
+
+    @abstractmethod
+    def known_size(self, fitted: FitOf) -> int:
+        """Return how many constants `columns` places."""
+
+    @abstractmethod
+    def precision(self, fitted: FitOf) -> Real:
+        """Return (k,) the inverse variance of the first constants' declared values, in units of the residual's."""
+
+    @abstractmethod
+    def second_impact(self, fitted: FitOf, mechanism: SecondImpact) -> Score:
+        """Return the score of a second impact."""
+
+    @abstractmethod
+    def unmodelled(self, fitted: FitOf) -> tuple[list[float], float]:
+        """Return p-values that the residual is noise, by tests that know no mechanism, and the excess they see."""
+
+    def allows(self, mechanism: Mechanism) -> bool:
+        """Whether the recordings can show a mechanism at all."""
+        return True
+
+    def trials(self, fitted: FitOf, known: Iterable[Mechanism]) -> list[Term]:
+        """Return every mechanism in every place with every set of values worth screening."""
+        found: list[Term] = []
+        scales: dict[int, Scale] = {}
+        present = {t.key for t in fitted.terms}
+        for mechanism, place in placed([m for m in known if self.allows(m)], self.arrangement):
+            if (mechanism.id, place) in present:
+                continue
+            at = place[0] if isinstance(mechanism, ForceLaw) else 0
+            if at not in scales:
+                scales[at] = self.scale_of(fitted, at)
+            found += [Term(mechanism, values, place) for values in mechanism.trials(scales[at])]
+        return found
+
+    def exhausted(self, selections: float = 1.0) -> bool:
+        """Whether the budget that so many selections of these recordings are worth is spent."""
+        p = self.policy
+        return self.budget.spent > selections * p.budget * max(self.samples, p.usual_samples)
 
 
 def at_rest(element: Element, values: Mapping[str, float], preload: float) -> AtRest:
     """Return what a law may know of an element."""
     return AtRest(
-        preload if element.role == "contact" else 0.0,
+        preload if element.preload else 0.0,
         values[element.stiffness] if element.stiffness else 0.0,
         values[element.damping] if element.damping else 0.0,
     )
 
 
-def law_parameters(term: Term, element: Element, values: Mapping[str, float], record: Record, h: float) -> Real:
-    """Return the compiled law's parameters for a record."""
-    rest = at_rest(element, values, record.preload_n)
-    return np.array([rest.preload, rest.stiffness, rest.damping, h, *term.mechanism.constants(term.values, rest)])
+def law_parameters(term: Term, element: Element, values: Mapping[str, float], preload: float, h: float) -> Real:
+    """Return a compiled law's parameters in an element with these constants, at a preload (N) and a step (s)."""
+    rest, mechanism = at_rest(element, values, preload), term.mechanism
+    if not isinstance(mechanism, ForceLaw):
+        raise TypeError(f"{mechanism.id} is not a force law")
+    return np.array([rest.preload, rest.stiffness, rest.damping, h, *mechanism.constants(term.values, rest)])
 
 
-def acted_on(term: Term, arrangement: Arrangement) -> list[int]:
-    """Places of the elements that a term's law acts in."""
-    return [i for i, e in enumerate(arrangement.elements) if e.role == term.mechanism.acts]
+def p_of(smallest: float, tests: float) -> float:
+    """Return the p-value of the smallest of so many independent p-values."""
+    return float(-math.expm1(tests * math.log1p(-min(smallest, 1 - 1e-12))))

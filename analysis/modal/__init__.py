@@ -3,10 +3,10 @@
 `identify_ring_down`
     Any sampled ring-down, number of modes unknown: ERA over many orders, stabilisation, maximum likelihood.
 `identify_free_decays`
-    Many free decays of one structure with a known number of modes, each by itself, by maximum likelihood; fast.
+    Many free decays of one structure with a known number of modes, each separately, by maximum likelihood; fast.
 `identify_impacts`
-    Whole taps of the tester: noise colour, end of the pulse and the recorder's filter included.
-`hankel`, `realise`
+    Whole taps of the tester: noise model, end of the pulse and the recorder's filter included.
+`hankel_svd`, `realise`
     The Eigensystem Realization Algorithm itself, with indicators and uncertainties.
 `fit_exponentials`
     Least squares with damped exponentials from given starting poles.
@@ -17,7 +17,7 @@
 """
 
 from analysis.modal.amplitude import along_the_decay
-from analysis.modal.era import hankel, realise
+from analysis.modal.era import hankel_svd, realise
 from analysis.modal.exponentials import FitFailure, fit_exponentials
 from analysis.modal.free_decay import identify_free_decays
 from analysis.modal.identify import identify_ring_down
@@ -28,7 +28,7 @@ __all__ = [
     "FitFailure",
     "along_the_decay",
     "fit_exponentials",
-    "hankel",
+    "hankel_svd",
     "identify_free_decays",
     "identify_impacts",
     "identify_ring_down",

@@ -70,6 +70,16 @@ def along_the_decay(
     -------
     list of AmplitudePoint
         In time order; windows that say nothing about the damping are left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(2000) / 1e4
+    >>> y = np.exp(-20 * t) * np.sin(2 * np.pi * 300 * t) + 1e-4 * np.random.default_rng(1).standard_normal(t.size)
+    >>> pole = np.exp(np.array([-20 + 2j * np.pi * 300]) / 1e4)
+    >>> points = along_the_decay(y[None], 1e4, pole, mode=0)
+    >>> bool(all(abs(p.frequency_hz.value - 300) < 5 for p in points))
+    True
     """
     y = np.atleast_2d(np.asarray(y, np.float64))
     others = np.delete(poles, mode)

@@ -85,7 +85,7 @@ def _hankel_products(y: Real, lags: int, columns: int) -> tuple[Real, Real]:
 
 
 @dataclass(frozen=True, slots=True)
-class Hankel:
+class HankelSvd:
     """Singular vectors of the Hankel matrix of one record, from which any order is realised.
 
     Attributes
@@ -110,8 +110,8 @@ class Hankel:
     columns: int
 
 
-def hankel(y: Real, lags: int | None = None) -> Hankel:
-    """Decompose the block Hankel matrix of a ring-down, or of several ring-downs side by side.
+def hankel_svd(y: Real, lags: int | None = None) -> HankelSvd:
+    """Return the singular vectors and values of the block Hankel matrix of one ring-down, or of several side by side.
 
     Parameters
     ----------
@@ -124,6 +124,15 @@ def hankel(y: Real, lags: int | None = None) -> Hankel:
     ------
     FitFailure
         If the record is too short for the lags or holds nothing but zeros.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(2000) / 1e4
+    >>> y = np.exp(-20 * t) * np.sin(2 * np.pi * 300 * t)
+    >>> singular = hankel_svd(y).singular_values
+    >>> int(np.count_nonzero(singular > 1e-6 * singular[0]))
+    2
     """
     y = np.ascontiguousarray(np.atleast_2d(y), dtype=np.float64)
     several = y if y.ndim == 3 else y[None]
@@ -141,20 +150,30 @@ def hankel(y: Real, lags: int | None = None) -> Hankel:
     singular = np.sqrt(np.clip(values[::-1], 0.0, None))
     if not singular[0] > 0:
         raise FitFailure("the record holds nothing but zeros")
-    return Hankel(np.ascontiguousarray(vectors[:, ::-1]), singular, g1, several[0], rows, columns)
+    return HankelSvd(np.ascontiguousarray(vectors[:, ::-1]), singular, g1, several[0], rows, columns)
 
 
-def realise(decomposed: Hankel, order: int, noise_variance: float = 0.0) -> Realisation:
+def realise(decomposed: HankelSvd, order: int, noise_variance: float = 0.0) -> Realisation:
     """ERA of one model order.
 
     Parameters
     ----------
     decomposed
-        From `hankel`.
+        From `hankel_svd`.
     order
         Number of states.
     noise_variance
         Variance of the white noise on each channel, for the covariance of the poles.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(2000) / 1e4
+    >>> y = np.exp(-20 * t) * np.sin(2 * np.pi * 300 * t)
+    >>> pole = realise(hankel_svd(y), order=2).poles[0]
+    >>> s = np.log(pole) * 1e4
+    >>> round(s.real, 3), round(s.imag / (2 * np.pi), 3)
+    (np.float64(-20.0), np.float64(300.0))
     """
     c = decomposed.record.shape[0]
     u, s = decomposed.vectors[:, :order], decomposed.singular_values[:order]
@@ -191,7 +210,7 @@ def realise(decomposed: Hankel, order: int, noise_variance: float = 0.0) -> Real
     )
 
 
-def _first_column(decomposed: Hankel, u: Real, root: Real) -> Real:
+def _first_column(decomposed: HankelSvd, u: Real, root: Real) -> Real:
     """State at the first sample: S^-1/2 U^T times the first column of H0."""
     column = decomposed.record[:, : decomposed.lags].T.reshape(-1)
     state: Real = (u.T @ column) / root
@@ -217,7 +236,7 @@ def _phase_collinearity(shapes: Complex) -> Real:
     return mpc if shapes.shape[0] > 1 else np.ones(shapes.shape[1])
 
 
-def _pole_covariance(decomposed: Hankel, u: Real, root: Real, left: Complex, right: Complex, pole: complex) -> Real:
+def _pole_covariance(decomposed: HankelSvd, u: Real, root: Real, left: Complex, right: Complex, pole: complex) -> Real:
     """Covariance of log z for unit white noise: first-order perturbation of an eigenvalue of ERA.
 
     ``dz = p^T (dH1 - z dH0) q`` with ``p = U S^-1/2 l`` and ``q = V S^-1/2 r`` is linear in the noise samples;

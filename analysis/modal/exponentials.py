@@ -279,6 +279,16 @@ def fit_exponentials(
     ------
     FitFailure
         If the record is too short or the normal equations are singular.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(2000) / 1e4
+    >>> y = np.exp(-20 * t) * np.sin(2 * np.pi * 300 * t)
+    >>> start = np.exp(np.array([-30 + 2j * np.pi * 305]) / 1e4)
+    >>> s = np.log(fit_exponentials(y[None], start).poles[0]) * 1e4
+    >>> round(s.real, 3), round(s.imag / (2 * np.pi), 3)
+    (np.float64(-20.0), np.float64(300.0))
     """
     y = np.ascontiguousarray(np.atleast_2d(y), dtype=np.float64)
     start = np.atleast_1d(np.asarray(start, np.complex128))
@@ -324,7 +334,7 @@ def exponentials(fit: ExponentialFit, k: NDArray[np.int64], fixed: Complex | Non
     return out
 
 
-def foretell(fit: ExponentialFit, k: NDArray[np.int64], n: int, fixed: Complex | None = None) -> tuple[Real, Real]:
+def predict(fit: ExponentialFit, k: NDArray[np.int64], n: int, fixed: Complex | None = None) -> tuple[Real, Real]:
     """Extrapolate a one-channel fit to samples ``k``, with the covariance of the extrapolation per unit noise variance.
 
     Parameters
@@ -340,6 +350,16 @@ def foretell(fit: ExponentialFit, k: NDArray[np.int64], n: int, fixed: Complex |
     -------
     values, covariance
         (len(k),) and (len(k), len(k)).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> k = np.arange(500)
+    >>> y = 0.99**k * np.cos(0.2 * k)
+    >>> fit = fit_exponentials(y[None], np.array([0.98 * np.exp(0.21j)]))
+    >>> value, _ = predict(fit, np.array([-1]), k.size)
+    >>> bool(np.isclose(value[0], 0.99**-1 * np.cos(0.2)))
+    True
     """
     known = np.zeros(0, np.complex128) if fixed is None else fixed
     z = _all_poles(fit.poles, known)

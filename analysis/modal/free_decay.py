@@ -4,7 +4,7 @@ The likelihood of damped exponentials sees the data only through ``sum y_k z^k``
 cut into blocks and one pole z0 near all the others, ``z = z0 exp(delta)``, those sums over a block are a short power
 series in delta whose coefficients are the block's moments: one matrix product forms the moments of all records, and
 every later step of the search works on them instead of the samples. The search begins with a realisation (ERA) of a
-few lags and lengthens the stretch it looks at, so that a coarse start still finds the right cycle.
+few lags and extends the fitted segment step by step, so that a coarse start does not skip a cycle.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from analysis.modal.era import Hankel, hankel, realise
+from analysis.modal.era import HankelSvd, hankel_svd, realise
 from analysis.modal.exponentials import (
     CONVERGED,
     LARGEST_CANCELLATION,
@@ -87,7 +87,7 @@ def identify_free_decays(y: Real, sample_rate_hz: float, modes: int = 2, known: 
     Parameters
     ----------
     y
-        (m, c, n) m records of c channels; (c, n) is one record of c channels. No noise colour, no pulse: a free decay.
+        (m, c, n) m records of c channels; (c, n) is one record of c channels. White noise and no pulse: a free decay.
     sample_rate_hz
         Samples a second.
     modes
@@ -104,6 +104,17 @@ def identify_free_decays(y: Real, sample_rate_hz: float, modes: int = 2, known: 
     ------
     FitFailure
         If the records are too short or hold no such modes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(2000) / 1e4
+    >>> y = np.exp(-20 * t) * np.sin(2 * np.pi * 300 * t)
+    >>> y += 0.5 * np.exp(-60 * t) * np.sin(2 * np.pi * 900 * t)
+    >>> y += 1e-4 * np.random.default_rng(1).standard_normal(t.size)
+    >>> found = identify_free_decays(y[None], 1e4)
+    >>> np.round(np.abs(np.log(found.poles[0])) * 1e4 / (2 * np.pi))
+    array([300., 900.])
     """
     y = np.asarray(y, np.float64)
     if y.ndim == 2:
@@ -220,20 +231,20 @@ def _starts(y: Real, modes: int) -> Iterator[Complex]:
     """Poles of a short realisation of the strongest channel; then of longer ones of all records together."""
     energy = np.einsum("mcn,mcn->mc", y, y)
     record, channel = np.unravel_index(int(np.argmax(energy)), energy.shape)
-    poles = _strongest(hankel(y[record, channel], min(SHORT_LAGS, y.shape[2] // 3)), modes)
+    poles = _strongest(hankel_svd(y[record, channel], min(SHORT_LAGS, y.shape[2] // 3)), modes)
     if poles is not None:
         yield poles
     for lags in (SHORT_LAGS, 2 * SHORT_LAGS, 5 * SHORT_LAGS):
         if y.shape[2] < 3 * lags:
             break
         for stretch in (min(y.shape[2], 8 * lags), y.shape[2]):
-            together = hankel(y[:, channel : channel + 1, :stretch], lags)
+            together = hankel_svd(y[:, channel : channel + 1, :stretch], lags)
             poles = _strongest(together, modes)
             if poles is not None:
                 yield poles
 
 
-def _strongest(decomposed: Hankel, modes: int) -> Complex | None:
+def _strongest(decomposed: HankelSvd, modes: int) -> Complex | None:
     """The strongest oscillating poles of a realisation, from the lowest order that has enough of them."""
     for order in (2 * modes, 2 * modes + 2, 2 * modes + 4):
         realised = realise(decomposed, order)
@@ -364,7 +375,7 @@ def _search(
         fenced = fenced or not within
         if within:
             new, amp, grad, hess = _project(moments, square, reference, trial, known, blocks, n)
-            # what rounding can do to a sum of squares of this size is no rise
+            # what rounding can do to a sum of squares of this size is not a rise
             if new <= total + 1e-13 * square:
                 fall = total - new
                 # the search ends with a step of a hundredth of a standard error

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.modal.era import hankel, realise
+from analysis.modal.era import hankel_svd, realise
 from analysis.modal.exponentials import ExponentialFit, FitFailure, exponentials, fit_exponentials
 
 Complex = NDArray[np.complex128]
@@ -74,7 +74,7 @@ def _candidate(decays: Sequence[Decay], known: Complex) -> complex | None:
             return None  # nothing but rounding is left
         left = d.y[d.start : d.start + length] - exponentials(d.fit, np.arange(length), known)[0]
         rest.append(left / np.sqrt(d.fit.noise_variance[0]))
-    decomposed = hankel(np.array(rest)[:, None, :], LAGS)
+    decomposed = hankel_svd(np.array(rest)[:, None, :], LAGS)
     edge = np.sqrt(len(rest) * decomposed.columns) + np.sqrt(LAGS)
     if decomposed.singular_values[1] < MARGIN * edge:
         return None

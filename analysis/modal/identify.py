@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.modal.era import Realisation, hankel, realise
+from analysis.modal.era import Realisation, hankel_svd, realise
 from analysis.modal.exponentials import ExponentialFit, FitFailure, fit_exponentials
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
 
@@ -94,6 +94,15 @@ def identify_ring_down(
     ------
     FitFailure
         If the record is too short, or empty.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(2000) / 1e4
+    >>> y = np.exp(-20 * t) * np.sin(2 * np.pi * 300 * t)
+    >>> found = identify_ring_down(y[None], 1e4, start=0)
+    >>> [round(m.frequency_hz.value) for m in found.modes]
+    [300]
     """
     y = np.atleast_2d(np.asarray(y, np.float64))
     y = y - y.mean(axis=1, keepdims=True)
@@ -130,7 +139,7 @@ def indicators(diagram: Sequence[StablePole], frequency_hz: float) -> tuple[floa
 
 
 def decay_start(y: Real, sample_rate_hz: float) -> int:
-    """First sample after the blow: where the running energy is largest, and a millisecond or two periods on."""
+    """First sample after the impact: where the running energy is largest, and a millisecond or two periods on."""
     energy = (y**2 / np.maximum((y**2).mean(axis=1, keepdims=True), 1e-300)).sum(axis=0)
     peak = int(np.argmax(energy))
     later = peak + max(2, int(1e-3 * sample_rate_hz))
@@ -140,7 +149,7 @@ def decay_start(y: Real, sample_rate_hz: float) -> int:
 def _realisations(tail: Real, largest_order: int) -> list[Realisation]:
     stretch = tail[:, :COLUMNS]
     lags = int(np.clip(stretch.shape[1] // 4, 8, 600 // tail.shape[0]))
-    decomposed = hankel(stretch, lags)
+    decomposed = hankel_svd(stretch, lags)
     top = min(largest_order, lags * tail.shape[0] // 2)
     return [realise(decomposed, order) for order in range(2, top + 1, 2)]
 

@@ -1,4 +1,4 @@
-"""Colour of the recorder's noise, read off the samples before the trigger, and how to undo it.
+"""Autoregressive model of the recorder's noise, fitted to the samples before the trigger, and whitening by it.
 
 An autoregressive model whitens the record: a ring-down filtered by it is a ring-down with the same poles, and
 least squares on what comes out is maximum likelihood.
@@ -50,12 +50,21 @@ WHITE = NoiseModel(np.ones(1), float("nan"))
 
 
 def noise_model(stretches: Sequence[Real], largest_order: int = LARGEST_ORDER) -> NoiseModel:
-    """Fit the noise's colour to stretches without signal (Yule-Walker; order by Bayes' information criterion).
+    """Fit the noise model to segments without signal (Yule-Walker; order by the Bayesian information criterion).
 
     Parameters
     ----------
     stretches
         One-dimensional records of noise; each is taken about its own mean.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> white = np.random.default_rng(1).standard_normal(100_000)
+    >>> from scipy.signal import lfilter
+    >>> found = noise_model([lfilter([1.0], [1.0, -0.8], white)], largest_order=1)
+    >>> np.round(found.coefficients, 2)
+    array([ 1. , -0.8])
     """
     usable = [np.asarray(s, np.float64) - np.mean(s) for s in stretches if len(s) >= 4 * largest_order]
     total = sum(s.size for s in usable)

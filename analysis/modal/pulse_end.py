@@ -1,7 +1,7 @@
 """Where the pulse of a tap has ended, found from all taps of a load together.
 
 From a start that is surely late each fit is extrapolated backwards. As long as the record is a free decay, what the
-extrapolation misses it by is white noise of unit variance: innovations, each foretold by all samples after it. The end
+extrapolation misses it by is white noise of unit variance: innovations, each predicted from all later samples. The end
 of a pulse is smooth, so that the first samples that still belong to it stand out of the noise of one record too little
 to be seen there, and yet enough to move the poles by more than their standard errors. The taps of one impactor end
 alike, counted from the trigger: their innovations together show what one alone hides, and a start that is
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, stats
 
-from analysis.modal.exponentials import ExponentialFit, foretell
+from analysis.modal.exponentials import ExponentialFit, predict
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
@@ -35,7 +35,7 @@ ROUNDING = 1e-16  # of a record's power: less noise than that is taken for this 
 def innovations(
     y: Real, trigger: int, safe: int, fit: ExponentialFit, known: Complex, noise_variance: float, refit: Refit
 ) -> Real:
-    """How far each sample before ``safe`` is from what all samples after it foretell, in standard deviations.
+    """Return how far each sample before ``safe`` is from the prediction by all later ones, in standard deviations.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def innovations(
 
     Returns
     -------
-    (t,) innovations of the samples ``safe - 1``, ``safe - 2``, ...; ends with the first that is no noise.
+    (t,) innovations of the samples ``safe - 1``, ``safe - 2``, ...; ends with the first that is not noise.
     """
     start = safe
     variance = max(float(fit.noise_variance[0]), ROUNDING * float(np.mean(y[start:] ** 2)))
@@ -64,10 +64,10 @@ def innovations(
     while start > trigger + 2:
         block = min(max(2, (start - trigger) // 6), start - trigger - 1)
         k = -np.arange(1, block + 1)
-        foretold, covariance = foretell(fit, k, y.size - start, known)
+        predicted, covariance = predict(fit, k, y.size - start, known)
         # the rows of the Cholesky factor condition each sample on those after it
         root = linalg.cholesky(variance * (np.eye(block) + covariance), lower=True)
-        score = linalg.solve_triangular(root, y[start + k] - foretold, lower=True)
+        score = linalg.solve_triangular(root, y[start + k] - predicted, lower=True)
         broken = np.flatnonzero(~(np.abs(score) <= LONE_BREAK))
         if broken.size:
             found += score[: broken[0] + 1].tolist()
@@ -83,7 +83,7 @@ def innovations(
 def samples_before(scores: Sequence[Real], ahead: int) -> list[int]:
     """How many samples before the safe one each record may begin, from the innovations of all of them.
 
-    Records whose innovations break off much later than those of most (a second blow, say) stand for themselves.
+    Records whose innovations break off much later than those of most (a second impact, say) are judged on their own.
 
     Parameters
     ----------
@@ -112,8 +112,8 @@ def _usable(scores: Sequence[Real], ahead: int) -> int:
     end = int(broken[0]) if broken.size else length
     # what is not seen of a pulse is no longer than what is
     first = max(0, end - max(SHORTEST_TAIL, ahead - end))
-    # a fit that takes in the first traces of the pulse foretells more of it: the misfit of all samples up to where it
-    # is seen counts together, not that of the last one
+    # a fit that takes in the first traces of the pulse predicts more of it: the chi-squared of all samples up to where
+    # it is seen counts, not that of the last one
     usable = min(
         first + int(np.argmin(np.append(0.0, np.cumsum(square[first:end] - stats.chi2.isf(SUSPECT, dof)))))
         for square, dof in ((shared, 1), (each, m))

@@ -23,7 +23,7 @@ WINDOW_END = 1e-2  # of the exponential window at the end of a record
 HALF_WIDTHS = 3.0  # of the resonance to each side
 SMOOTH_DEGREE = 3
 FEWEST_LINES = 3 * (SMOOTH_DEGREE + 1)
-ROUNDS = 12
+MOST_STEPS = 12
 SETTLED = 1e-4
 PADDING = 2
 SMOOTHED_LINES = 5
@@ -52,6 +52,16 @@ def spectral_mode(decays: Sequence[Real], sample_rate_hz: float, from_hz: float,
     -------
     SpectralMode or None
         None where fewer than three decays are there or the band holds no peak that can be read.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20_000) / 1e4
+    >>> y = np.exp(-20 * t) * np.sin(2 * np.pi * 300 * t)
+    >>> rng = np.random.default_rng(1)
+    >>> found = spectral_mode([y + 1e-3 * rng.standard_normal(t.size) for _ in range(4)], 1e4, 200.0, 400.0)
+    >>> round(found.frequency_hz.value)
+    300
     """
     length = min((len(d) for d in decays), default=0)
     if length < 64 or len(decays) < 3:
@@ -67,7 +77,7 @@ def spectral_mode(decays: Sequence[Real], sample_rate_hz: float, from_hz: float,
     if guess is None:
         return None
     pole = guess
-    for _ in range(ROUNDS):
+    for _ in range(MOST_STEPS):
         sums = _sums(omega, spectra, band, pole)
         if sums is None:
             return None

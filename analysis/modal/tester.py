@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.modal.era import Realisation, hankel, realise
+from analysis.modal.era import Realisation, hankel_svd, realise
 from analysis.modal.exponentials import ExponentialFit, FitFailure, fit_exponentials
 from analysis.modal.further import Decay, with_further_modes
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole, sampled_pole
@@ -252,7 +252,7 @@ def _candidates(y: Real, expected_hz: float, sample_rate_hz: float, known: Compl
     highest = HIGHEST_SHARE * sample_rate_hz
     contact: list[complex] = []
     try:
-        decomposed = hankel(y)
+        decomposed = hankel_svd(y)
         for order in (4, 6, 10):
             contact += _contact_poles(realise(decomposed, order), expected_hz, sample_rate_hz)
     except FitFailure:
@@ -341,7 +341,7 @@ def _determined(mode: ModeEstimate) -> bool:
 def _era_modes(y: Real, fit: ExponentialFit, sample_rate_hz: float) -> list[ModeEstimate] | None:
     """ERA of the same stretch; its order is the number of singular values above the noise's largest."""
     try:
-        decomposed = hankel(y)
+        decomposed = hankel_svd(y)
     except FitFailure:
         return None
     variance = float(fit.noise_variance[0])

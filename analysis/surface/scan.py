@@ -81,6 +81,11 @@ def read_scan(path: Path, unit: str | None = None, spacing_um: float | None = No
         What is wrong with what is in the file, and where.
     RecordingError
         It cannot be read.
+
+    Examples
+    --------
+    >>> scan = read_scan(Path("scan.sdf"))  # doctest: +SKIP
+    >>> analyse_scan(scan).parameters  # doctest: +SKIP
     """
     return read_limited(scan_in, path, unit, spacing_um, kinds=(Scan,), errors=(ScanError, RecordingError))
 
@@ -91,7 +96,7 @@ def scan_in(path: Path, unit: str | None, spacing_um: float | None) -> Scan:
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise ScanError(f"{path}: is no text file; export the scan as CSV") from None
+        raise ScanError(f"{path}: is not a text file; export the scan as CSV") from None
     return parse_scan(text, str(path), unit, spacing_um)
 
 
@@ -139,7 +144,7 @@ def _declared(text: str, source: str) -> tuple[dict[str, str], list[tuple[int, s
                 declared[name] = value.strip()
         elif line:
             if "\0" in line:
-                raise ScanError(f"{source}: line {number} is no text; export the scan as CSV")
+                raise ScanError(f"{source}: line {number} is not text; export the scan as CSV")
             lines.append((number, raw.rstrip("\r\n ") if "\t" in raw else line))
     return declared, lines
 
@@ -188,7 +193,7 @@ def _table(rows: list[tuple[int, str]], separator: str | None, source: str) -> F
     for number, line in rows:
         values = _numbers(line, separator)
         if values is None:
-            raise ScanError(f"{source}: line {number} holds something that is no number: {line[:60]!r}")
+            raise ScanError(f"{source}: line {number} holds something that is not a number: {line[:60]!r}")
         if table and len(values) != len(table[0]):
             raise ScanError(f"{source}: line {number} has {len(values)} numbers, the lines above have {len(table[0])}")
         table.append(values)
@@ -223,7 +228,7 @@ def _declared_spacing(declared: dict[str, str], source: str) -> float | None:
     except ValueError:
         spacing = -1.0
     if not 0 < spacing < np.inf:
-        raise ScanError(f"{source}: spacing_um is {text!r}, which is no spacing")
+        raise ScanError(f"{source}: spacing_um is {text!r}, which is not a spacing")
     return spacing
 
 
@@ -242,7 +247,7 @@ def _columns(table: FloatArray, names: list[str], source: str, line: int, unit: 
             raise ScanError(f"{source}: line {line} names {axis} twice")
         found[axis] = index, UNITS[said.lower()]
     if "z" not in found or "x" not in found:
-        raise ScanError(f"{source}: line {line} is no header with x and z (and y for a map), such as 'x_um,z_nm'")
+        raise ScanError(f"{source}: line {line} is not a header with x and z (and y for a map), such as 'x_um,z_nm'")
     if len(names) != table.shape[1]:
         raise ScanError(f"{source}: line {line} names {len(names)} columns, the lines below have {table.shape[1]}")
     axes = {axis: table[:, index] * scale for axis, (index, scale) in found.items()}

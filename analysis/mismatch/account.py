@@ -1,0 +1,172 @@
+"""What an experiment says of a selection: how likely each candidate is, where the recordings hold more, what next.
+
+Impacts (`impact_account`) and blocks of a recording (`block_account`) each tell it in their own way; `diagnosis` makes
+one answer of it.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Generic
+
+from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Interval, Location, Named, NextExperiment
+from analysis.mismatch.intervals import intervals
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.problem import FitOf
+from analysis.mismatch.score_test import Screening
+from analysis.mismatch.selection import Candidate, Selection
+from sim_backend.arrangement import Arrangement
+from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, SecondImpact, Tones
+
+UNLISTED = "something else"
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """How likely the candidates of a step are.
+
+    Attributes
+    ----------
+    of
+        By id, over the likeliest.
+    total
+        What all of them, what is not listed and nothing at all add up to.
+    alike
+        Ids that these data cannot tell from the accepted one.
+    remark
+        What is to be said of it beside the mechanism's own statement.
+    """
+
+    of: Mapping[str, float]
+    total: float
+    alike: tuple[str, ...] = ()
+    remark: str = ""
+
+    def probability(self, name: str) -> float:
+        """Return how likely a candidate is."""
+        return min(self.of.get(name, 0.0) / self.total, 1.0) if self.total > 0 else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Account(ABC, Generic[FitOf]):
+    """See the module."""
+
+    selection: Selection[FitOf]
+
+    @property
+    @abstractmethod
+    def rig(self) -> str:
+        """Name of the rig."""
+
+    @property
+    @abstractmethod
+    def linear(self) -> str:
+        """What the linear rig is called in sentences."""
+
+    @property
+    @abstractmethod
+    def parts(self) -> Sequence[str]:
+        """Components of the contract that the rig has."""
+
+    @abstractmethod
+    def weights(self, number: int) -> Weights:
+        """Return how likely the candidates of the step are that accepted the mechanism of this number."""
+
+    @abstractmethod
+    def location(self, named: Sequence[Named]) -> Location:
+        """Return where the recordings hold more than the linear rig."""
+
+    @abstractmethod
+    def left_at(self, model: FitOf, screening: Screening) -> Location:
+        """Return where the recordings hold more than a model."""
+
+    @abstractmethod
+    def summary(self, chosen: FitOf | None) -> FitSummary:
+        """Return how well held-out segments are predicted."""
+
+    @abstractmethod
+    def held_out_rms(self, fitted: FitOf) -> float:
+        """Return the error on held-out segments; NaN where there are none."""
+
+    @abstractmethod
+    def compared(self, candidate: Candidate[FitOf], best: Candidate[FitOf]) -> str:
+        """Say in a sentence how a rival compares with the best candidate."""
+
+    @abstractmethod
+    def next_experiment(self, named: Sequence[Named]) -> NextExperiment | None:
+        """Return what would part the best explanations."""
+
+    @abstractmethod
+    def fitted(self) -> FittedRig | None:
+        """Return the rig as fitted."""
+
+    @property
+    def groups(self) -> Mapping[str, float]:
+        """Load (N) of each group by its label."""
+        return {}
+
+    @property
+    def far_off(self) -> bool:
+        """Whether the rig as declared misses most of the motion, so that its own constants must be wrong."""
+        return False
+
+    @property
+    def decay(self) -> tuple[AtAmplitude, ...]:
+        """Frequency and damping against amplitude, of a free decay of one body."""
+        return ()
+
+    def unit(self, unit: str) -> str:
+        """Return a unit of N and m in the rig's own units."""
+        return unit
+
+    def parameters(self, fitted: FitOf, number: int) -> tuple[Term, dict[str, Interval]]:
+        """Return a term of a fit, and its parameters with their intervals."""
+        found = intervals(fitted, number)
+        return fitted.terms[number], {k: Interval(v.value, v.low, v.high, self.unit(v.unit)) for k, v in found.items()}
+
+    def named(self, fitted: FitOf, number: int) -> Named:
+        """Return what is said of a mechanism that was accepted."""
+        weights = self.weights(number)
+        term, parameters = self.parameters(fitted, number)
+        rig, mechanism = self.selection.problem.arrangement, term.mechanism
+        name = mechanism.named(rig, term.place)
+        return Named(
+            mechanism.id,
+            weights.probability(mechanism.id),
+            self.component(term),
+            mechanism.statement(term.values, name) + weights.remark,
+            parameters,
+            weights.alike,
+            term.fixed,
+            name if isinstance(mechanism, ForceLaw) and len(term.place) == 1 else self.element(term, name),
+        )
+
+    def element(self, term: Term, name: str) -> str | None:
+        """Return the rig's own name of what a term that is not a law of one element acts on."""
+        return None
+
+    def component(self, term: Term) -> str:
+        """Return the class of the component that a term stands for."""
+        m = term.mechanism
+        if m.component in self.parts:
+            return m.component
+        if isinstance(m, ForceLaw):
+            return self.selection.problem.arrangement.elements[term.place[0]].component
+        if isinstance(m, ChannelDistortion):
+            return m.of
+        return {AddedBody: "body", Tones: "sensor", SecondImpact: "input"}[type(m)]
+
+
+def element_of_component(rig: Arrangement, component: str) -> str | None:
+    """Return the element that is a component of its own; None where several are or none is."""
+    own = [e.name for e in rig.elements if e.component == component]
+    return own[0] if len(own) == 1 else None
+
+
+def relative(evidence: Mapping[str, float], temperature: float = 1.0) -> dict[str, float]:
+    """Return how likely each is over the likeliest, from twice the logarithms."""
+    top = max(evidence.values(), default=0.0)
+    return {k: math.exp((v - top) / 2 / temperature) for k, v in evidence.items()}

@@ -1,0 +1,245 @@
+"""Damped Gauss-Newton with variable projection: what belongs to one segment alone is eliminated in every step.
+
+The solver knows nothing of physics. A model gives residuals and their derivatives: with respect to a segment's own
+coefficients ``q @ r``, and with respect to the common parameters ``q @ cross + common``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
+
+TIES = 1e-6  # rise of the objective that still counts as none
+LEAST_DAMPING, MOST_DAMPING, FORGOTTEN_DAMPING = 1e-3, 1e5, 1e-2
+SLOW_START = 4  # linearisations after which slopes are computed in full
+
+
+@dataclass(frozen=True, slots=True)
+class Tangent:
+    """Derivatives of a segment's residual: of its own coefficients ``q @ r``, of the common ones at ``where``."""
+
+    where: NDArray[np.intp]
+    q: Real
+    r: Real
+    cross: Real
+    common: Real
+
+    @classmethod
+    def of(cls, where: NDArray[np.intp], own: Real, common: Real, basis: tuple[Real, Real] | None = None) -> Tangent:
+        """Split derivatives (n, k) of the common parameters into what a segment's own (n, m) can mimic and the rest."""
+        q, r = np.linalg.qr(own) if basis is None else basis
+        cross = q.T @ common
+        return cls(where, q, r, cross, common - q @ cross)
+
+
+@dataclass(frozen=True, slots=True)
+class Linearisation:
+    """Of all segments; ``normal`` (k, k) holds the prior's part, ``basis`` what steps of the constants mean."""
+
+    basis: Real
+    normal: Real
+    tangents: tuple[Tangent, ...]
+
+
+Point = TypeVar("Point")
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation(Generic[Point]):
+    """Residuals (c, n) of every segment at a point; ``penalty`` is the part of ``objective`` that priors add."""
+
+    point: Point
+    objective: float
+    penalty: float
+    residuals: tuple[Real, ...]
+
+
+class Fitted(Protocol[Point]):
+    """What the solver asks of a model.
+
+    ``approximates`` says whether it has cheaper derivatives that leave out the model's own nonlinearity; ``reuses``,
+    whether derivatives are so costly that they serve for a second step where the first went as expected.
+    """
+
+    fixed: NDArray[np.bool_]
+    approximates: bool
+    reuses: bool
+
+    def linearise(self, at: Evaluation[Point], exact: bool) -> Linearisation:
+        """Return the derivatives of every segment."""
+
+    def prior_slope(self, at: Evaluation[Point], basis: Real) -> Real:
+        """Return (k,) half the negative slope of the penalty."""
+
+    def bounds(self, at: Evaluation[Point]) -> tuple[Real, Real]:
+        """Return how far a step may go down and up, (k,) each."""
+
+    def moved(self, at: Evaluation[Point], step: Real, own: Sequence[Real], iteration: int) -> Evaluation[Point] | None:
+        """Return the evaluation after a step; None where the model has none there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stopping:
+    """When to end.
+
+    Attributes
+    ----------
+    most
+        Linearisations.
+    gain
+        Fall of the objective below which a fit has converged; ``share`` likewise, of the objective.
+    damping
+        Of the first step.
+    tries
+        Of one step, each damped ten times more.
+    reference
+        Objective of the fit that this one competes with: it ends where steps gain little beside their difference.
+    to_beat
+        Objective that a competing fit has to reach to matter.
+    """
+
+    most: int
+    gain: float
+    share: float = 0.0
+    damping: float = 0.0
+    tries: int = 6
+    reference: float | None = None
+    to_beat: float = math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class Race:
+    """When a competing fit is given up or counts as done; see `SelectionPolicy`."""
+
+    little: float
+    little_share: float
+    hopeless: float
+    hopeless_after: int
+    beaten: float
+    beaten_after: int
+    as_expected: float
+
+
+def minimise(
+    model: Fitted[Point], start: Evaluation[Point], stopping: Stopping, race: Race, exact: bool = False
+) -> tuple[Evaluation[Point], bool]:
+    """Step until nothing is gained.
+
+    Parameters
+    ----------
+    exact
+        Whether full derivatives are used from the start.
+
+    Returns
+    -------
+    tuple
+        The evaluation at the minimum, and whether full derivatives were used in the end.
+    """
+    at, damping, stalled, iteration, gain = start, stopping.damping, 0, 0, math.inf
+    exact = exact or not model.approximates
+    slopes: Linearisation | None = None
+    while iteration < stopping.most and not _given_up(at.objective, gain, iteration, stopping, race):
+        fresh = slopes is None
+        if slopes is None:
+            slopes = model.linearise(at, exact)
+            iteration += 1
+        trial, damping, expected = _tried(model, at, slopes, damping, iteration, stopping.tries if fresh else 1)
+        if trial is None:
+            if fresh and exact:
+                break
+            exact, damping, slopes = exact or fresh, 0.0, None
+            continue
+        gain = at.objective - trial.objective
+        as_expected = model.reuses and exact and damping == 0 and gain > race.as_expected * expected
+        at, damping = trial, 0.0 if damping < FORGOTTEN_DAMPING else damping / 10
+        enough = gain >= _enough(at.objective, stopping, race)
+        stalled += not enough and (fresh or as_expected)
+        if not enough and stalled >= (1 if exact else 2):
+            break
+        exact = exact or (enough and iteration > SLOW_START)
+        slopes = slopes if as_expected else None
+    return at, exact
+
+
+def _tried(
+    model: Fitted[Point], at: Evaluation[Point], slopes: Linearisation, damping: float, iteration: int, tries: int
+) -> tuple[Evaluation[Point] | None, float, float]:
+    """Step with more and more damping; return the first that does not rise, its damping, and the fall it promised."""
+    gradient, targets = _gradient(model, slopes, at)
+    for _ in range(tries):
+        step = bounded_step(slopes.normal, gradient, damping, model.fixed, model.bounds(at))
+        trial = model.moved(at, step, _own_steps(slopes, targets, step), iteration)
+        if trial is not None and trial.objective <= at.objective + TIES:
+            return trial, damping, float(gradient @ step) + sum(float(t @ t) for t in targets)
+        damping = max(10 * damping, LEAST_DAMPING)
+        if damping > MOST_DAMPING:
+            break
+    return None, damping, 0.0
+
+
+def _given_up(objective: float, gain: float, iteration: int, stopping: Stopping, race: Race) -> bool:
+    """Whether a competing fit has no prospect."""
+    if stopping.reference is None:
+        return False
+    if iteration >= race.hopeless_after and objective > race.hopeless * stopping.reference:
+        return True
+    return iteration >= race.beaten_after and objective - race.beaten * gain > stopping.to_beat
+
+
+def _enough(objective: float, stopping: Stopping, race: Race) -> float:
+    """Fall of the objective below which nothing much is gained."""
+    least = max(stopping.gain, stopping.share * objective)
+    if stopping.reference is None:
+        return least
+    return max(least, min(race.little_share * abs(stopping.reference - objective), race.little))
+
+
+def _gradient(model: Fitted[Point], slopes: Linearisation, at: Evaluation[Point]) -> tuple[Real, list[Real]]:
+    """Return the gradient (k,), and what of each segment's residual its own coefficients can take up."""
+    gradient, targets = model.prior_slope(at, slopes.basis), []
+    for tangent, residual in zip(slopes.tangents, at.residuals, strict=True):
+        gradient[tangent.where] += tangent.common.T @ residual.ravel()
+        targets.append(tangent.q.T @ residual.ravel())
+    return gradient, targets
+
+
+def _own_steps(slopes: Linearisation, targets: Sequence[Real], step: Real) -> list[Real]:
+    """Return the step of each segment's own coefficients that belongs to a step of the common parameters."""
+    return [
+        np.asarray(np.linalg.lstsq(t.r, target - t.cross @ step[t.where], rcond=1e-12)[0], np.float64)
+        for t, target in zip(slopes.tangents, targets, strict=True)
+    ]
+
+
+def bounded_step(
+    normal: Real, gradient: Real, damping: float, fixed: NDArray[np.bool_], bounds: tuple[Real, Real]
+) -> Real:
+    """Return the damped step (k,); parameters that it would lead too far end at their bound, and the others know it."""
+    lowest, highest = bounds
+    step = np.zeros(gradient.size)
+    free = ~fixed
+    while free.any():
+        at, ended = np.flatnonzero(free), np.flatnonzero(~free)
+        scale = np.sqrt(np.maximum(np.diag(normal)[at], 1e-300))
+        scaled = normal[np.ix_(at, at)] / np.outer(scale, scale) + damping * np.eye(at.size)
+        left = gradient[at] - normal[np.ix_(at, ended)] @ step[ended]
+        step[at] = np.linalg.lstsq(scaled, left / scale, rcond=1e-13)[0] / scale
+        beyond = at[(step[at] < lowest[at]) | (step[at] > highest[at])]
+        if beyond.size == 0:
+            break
+        step[beyond] = np.clip(step[beyond], lowest[beyond], highest[beyond])
+        free[beyond] = False
+    return step
+
+
+def covariance(normal: Real) -> Real:
+    """Return the inverse (k, k) of a normal matrix, whatever the scales of its parameters."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    return np.asarray(np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale), np.float64)

@@ -1,0 +1,112 @@
+"""What is fitted: free parameters with their scales, bounds and priors, and mechanisms with values and a place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, Mechanism, Quantity, SecondImpact
+from sim_backend.mechanisms.places import Place
+
+Real = NDArray[np.float64]
+UNBOUNDED = 1e20  # width of a range that bounds nothing
+MOST_EXPONENT = 300.0  # of a logarithm: beyond, numbers overflow
+
+
+@dataclass(frozen=True, slots=True)
+class FreeParameter:
+    """A number that is fitted as ``x``: its value is ``scale * exp(x)`` or ``scale * x``.
+
+    Attributes
+    ----------
+    prior
+        Declared value and standard error in ``x``; None where nothing is known.
+    scope
+        What has a value of its own: the rig, each group (load), each segment, or a mechanism.
+    owner
+        Number of the mechanism among the terms of a fit, or of the segment.
+    """
+
+    name: str
+    unit: str
+    scale: float = 1.0
+    log: bool = False
+    low: float = -math.inf
+    high: float = math.inf
+    prior: tuple[float, float] | None = None
+    scope: Literal["rig", "group", "segment", "mechanism"] = "rig"
+    owner: int = 0
+
+    @classmethod
+    def of(cls, quantity: Quantity, owner: int, value: float) -> FreeParameter:
+        """Return the parameter of a mechanism; what is no logarithm is scaled by its value, or by its range if zero."""
+        q = quantity
+        scale = 1.0 if q.log else abs(value) or cls(q.name, q.unit, low=q.low, high=q.high).span
+        return cls(q.name, q.unit, scale, q.log, q.low, q.high, scope="mechanism", owner=owner)
+
+    @property
+    def span(self) -> float:
+        """Width of the range in units of the scale; one where it is as good as unbounded."""
+        width = self.high - self.low
+        return width / self.scale if width < UNBOUNDED else 1.0
+
+    def outward(self, x: float) -> float:
+        """Return the value, within its bounds."""
+        value = self.scale * math.exp(min(x, MOST_EXPONENT)) if self.log else self.scale * x
+        return min(max(value, self.low), self.high)
+
+    def inward(self, value: float) -> float:
+        """Return the number that is fitted."""
+        return math.log(max(value / self.scale, 1e-300)) if self.log else value / self.scale
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Range of ``x``."""
+        if self.log:
+            low = math.log(self.low / self.scale) if self.low > 0 else -math.inf
+            return low, math.log(self.high / self.scale) if math.isfinite(self.high) else math.inf
+        low, high = sorted((self.low / self.scale, self.high / self.scale))
+        return low, high
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """A mechanism at work in a place, with values of its parameters (and of what stays fixed in it).
+
+    ``freed`` lets an added body ring in every segment as it will, though it is set going by the rig alone.
+    """
+
+    mechanism: Mechanism
+    values: Mapping[str, float]
+    place: Place = ()
+    freed: bool = False
+
+    @property
+    def key(self) -> tuple[str, Place]:
+        """What makes two terms the same: mechanism and place."""
+        return self.mechanism.id, self.place
+
+    @property
+    def nonlinear(self) -> bool:
+        """Whether the rig with it is no longer linear, or a channel no longer shows it as it is."""
+        return isinstance(self.mechanism, ForceLaw | ChannelDistortion | SecondImpact)
+
+    @property
+    def phase_locked(self) -> bool:
+        """Whether it adds a body whose ringing is that of the rig's modes, unless `freed` of it."""
+        return isinstance(self.mechanism, AddedBody) and self.mechanism.phase_locked and not self.freed
+
+    @property
+    def fixed(self) -> dict[str, float]:
+        """Values that are no parameters."""
+        fitted = {q.name for q in self.mechanism.parameters}
+        return {k: float(v) for k, v in self.values.items() if k not in fitted}
+
+    def moved(self, values: Mapping[str, float]) -> Term:
+        """Return the same mechanism with other values."""
+        return replace(self, values={**self.values, **values})

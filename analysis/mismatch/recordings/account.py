@@ -1,0 +1,356 @@
+"""What blocks of a recording have to say of a selection."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.mismatch.account import UNLISTED, Account, Weights, relative
+from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Interval, Location, Named, NextExperiment
+from analysis.mismatch.intervals import NORMAL_95
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.recordings.decay import decay_of
+from analysis.mismatch.recordings.fit import SimulatedFit
+from analysis.mismatch.recordings.judge import BlockJudge, held_out_rms, mean_of, with_time
+from analysis.mismatch.recordings.recorded import CHOOSE, HELD, UNUSED, level
+from analysis.mismatch.recordings.signatures import innovation_rms
+from analysis.mismatch.remainder import frequency_words
+from analysis.mismatch.rig_description import DescribedRig
+from analysis.mismatch.score_test import Screening
+from analysis.mismatch.selection import Candidate, SelectionStep
+from sim_backend.mechanisms.kinds import ForceLaw, Tones
+
+Real = NDArray[np.float64]
+
+MOST_ENERGY = 0.9  # of a residual, by which it is located
+STRONGER = 3.0  # tap over the one made, that parts amplitude from time
+SEEN = 0.1  # of the largest gain of a channel, from which on a channel shows what is missing
+
+
+@dataclass(frozen=True, slots=True)
+class BlockAccount(Account[SimulatedFit]):
+    """See `Account`."""
+
+    @property
+    def judge(self) -> BlockJudge:
+        """What judged."""
+        judge = self.selection.judge
+        if not isinstance(judge, BlockJudge):
+            raise TypeError("recordings are judged by a BlockJudge")
+        return judge
+
+    @property
+    def described(self) -> DescribedRig:
+        """The rig as described."""
+        return self.judge.problem.rig
+
+    @property
+    def rig(self) -> str:
+        """Name of the rig."""
+        return self.described.name
+
+    @property
+    def linear(self) -> str:
+        """What the linear rig is called in sentences."""
+        return "the rig as described"
+
+    def parameters(self, fitted: SimulatedFit, number: int) -> tuple[Term, dict[str, Interval]]:
+        """Return a term and its parameters; how loud tones are is read from what the recordings hold of them."""
+        term = fitted.terms[number]
+        if not isinstance(term.mechanism, Tones) or term.mechanism.strength is None:
+            return Account.parameters(self, fitted, number)
+        loudest, error, unit = 0.0, 0.0, ""
+        for recorded, own, residual in zip(fitted.problem.recordings, fitted.own, fitted.residuals, strict=True):
+            rms = np.sqrt(np.mean(residual**2, axis=1)) * level(recorded)
+            amplitudes = np.hypot(own.tones[:, ::2], own.tones[:, 1::2]).max(axis=1)
+            if amplitudes[at := int(np.argmax(amplitudes))] > loudest:
+                loudest, unit = float(amplitudes[at]), self.described.seen[at].unit
+                error = float(rms[at]) * math.sqrt(2 / residual.shape[1])
+        known = Interval(loudest, loudest - NORMAL_95 * error, loudest + NORMAL_95 * error, unit)
+        return term.moved({term.mechanism.strength: loudest}), {term.mechanism.strength: known}
+
+    @property
+    def parts(self) -> Sequence[str]:
+        """Components of the contract that the rig has."""
+        return self.described.parts
+
+    @property
+    def settled(self) -> bool:
+        """Whether steady responses tell amplitude from time."""
+        return self.judge.steady is not None
+
+    @property
+    def rival(self) -> Candidate[SimulatedFit] | None:
+        """The best explanation by time, where amplitude and time go together in one decay."""
+        return None if self.settled else self.judge.rival_in_time(self.selection.steps)
+
+    @property
+    def far_off(self) -> bool:
+        """Whether a channel's error is most of what it shows, and could have been predicted from the error itself.
+
+        A rig that is far from the one recorded hardly moves where the recording does. What it misses is then the
+        motion, which an autoregression takes away as it takes away noise, and the score tests see nothing.
+        """
+        return self.selection.chosen is None and _far_off(self.selection.best)
+
+    @property
+    def decay(self) -> tuple[AtAmplitude, ...]:
+        """Frequency and damping against amplitude, of a free decay of one body."""
+        problem = self.judge.problem
+        if not problem.one_decay or len(problem.arrangement.bodies) != 1:
+            return ()
+        return decay_of(problem.recordings[0], problem.recordings[0].outputs[0])
+
+    def unit(self, unit: str) -> str:
+        """Return a unit of N and m in the rig's own units."""
+        rig = self.described
+        if (rig.length_unit, rig.force_unit) == ("m", "N"):
+            return unit
+        length, force = (f"({u})" if "/" in u else u for u in (rig.length_unit, rig.force_unit))
+        return re.sub(r"\bN\b", force, re.sub(r"\bm(?=\d|\b)", length, unit))
+
+    def element(self, term: Term, name: str) -> str | None:
+        """Return the rig's own name of the channel or body."""
+        return name
+
+    def weights(self, number: int) -> Weights:
+        """Return how likely the candidates of a step are, and what is not listed."""
+        selection = self.selection
+        step = selection.accepted[number] if selection.accepted else selection.steps[0]
+        if step.accepted is None:
+            return Weights({}, 1.0)
+        evidence = self._evidence(step, number)
+        of = relative(evidence)
+        return Weights(of, sum(of.values()), self._alike(step, evidence, number), self._remark(step, number))
+
+    def _evidence(self, step: SelectionStep[SimulatedFit], number: int) -> dict[str, float]:
+        """Return twice the logarithm of how likely each candidate of a step is, over the accepted one."""
+        accepted, policy = step.accepted, self.judge.problem.policy
+        if accepted is None:
+            return {}
+        found = self._by_amplitude(step, accepted)
+        rival = self.rival
+        if rival is not None and accepted.id != rival.id and number == 0:
+            losses = (f.by_block(CHOOSE) for f in (self.selection.best, self.selection.steps[0].before))
+            whole, base = map(mean_of, losses)
+            # one decay cannot say which of two that predict it alike: they are as likely as each other
+            other, alike = mean_of(rival.losses), max(policy.in_time * whole, policy.equal_in_time * base)
+            found[rival.id] = 0.0 if other < alike else -len(rival.losses) * math.log(other / whole)
+        if not self.settled and self.judge.problem.one_decay and with_time(accepted.mechanism):
+            before = policy.counts_beside_time * mean_of(step.before.by_block(CHOOSE))
+            for c in step.candidates:
+                if c.fit is not None and not with_time(c.mechanism) and mean_of(c.losses) < before:
+                    found.setdefault(c.id, c.evidence - accepted.evidence)
+            found[accepted.id] = 0.0
+        share = self.selection.left.share / policy.left_over_blocks
+        return found | {UNLISTED: policy.unlisted_by_blocks * (1 - min(share, 1.0))}
+
+    def _by_amplitude(self, step: SelectionStep[SimulatedFit], accepted: Candidate[SimulatedFit]) -> dict[str, float]:
+        """Return the evidence of each candidate over the accepted one, with that of steady responses where they are."""
+        own_steady = step.steady.get(step.candidates.index(accepted), 0.0)
+        found: dict[str, float] = {}
+        for i, c in enumerate(step.candidates):
+            if c.fit is None or (with_time(c.mechanism) and self.judge.problem.one_decay):
+                continue  # time is weighed by itself
+            if step.steady and i not in step.steady:
+                continue  # too far behind to be held against the steady responses
+            value = c.evidence - accepted.evidence + (step.steady[i] - own_steady if step.steady else 0.0)
+            found[c.id] = max(value, found.get(c.id, -math.inf))
+        return found
+
+    def _alike(self, step: SelectionStep[SimulatedFit], evidence: dict[str, float], number: int) -> tuple[str, ...]:
+        """Return what these recordings cannot tell from the accepted candidate."""
+        accepted, rival = step.accepted, self.rival
+        if accepted is None:
+            return ()
+        policy = self.judge.problem.policy
+        least = policy.told_apart if step.steady else -math.inf
+        own = mean_of(accepted.losses)
+        found = {
+            c.id for c in step.candidates
+            if c.fit is not None and c.id != accepted.id and mean_of(c.losses) < policy.alike_losses * own
+            and evidence.get(c.id, -math.inf) > least
+        }  # fmt: skip
+        if rival is not None and accepted.id != rival.id and number == 0:
+            found.add(rival.id)
+        return tuple(sorted(found))
+
+    def _remark(self, step: SelectionStep[SimulatedFit], number: int) -> str:
+        """Say whether amplitude is told from time."""
+        rival, accepted = self.rival, step.accepted
+        if accepted is None or number or not self.judge.problem.one_decay:
+            return ""
+        if rival is not None and accepted.id != rival.id:
+            return (
+                " In one decay amplitude and time go together: a stiffness and damping that change with time "
+                f"({rival.id.replace('_', ' ')}) predict the recording as well, and only impacts of different strength "
+                "or a steady excitation at several levels can part the two."
+            )
+        if self.settled and not with_time(accepted.mechanism):
+            return (
+                " One decay cannot part amplitude from time; the steady responses can: they change with amplitude at "
+                "steady levels, so that amplitude is the cause."
+            )
+        return ""
+
+    def held_out_rms(self, fitted: SimulatedFit) -> float:
+        """Return the error on held-out blocks, in the recordings' unit."""
+        return held_out_rms(fitted)[0]
+
+    def summary(self, chosen: SimulatedFit | None) -> FitSummary:
+        """Return how well held-out blocks are predicted."""
+        recordings, judge = self.judge.problem.recordings, self.judge
+        before, by_name, pieces = held_out_rms(self.selection.baseline)
+        after, after_by = (None, {}) if chosen is None else held_out_rms(chosen)[:2]
+        off, _ = self.selection.best.off(0)
+        noise = innovation_rms(off[0]) * float(level(recordings[0])[0])
+        segments = sum(np.unique(r.block).size for r in recordings)
+        steady = None
+        if judge.steady is not None:
+            steady = (judge.steady.held_rms, None if chosen is None else judge.with_terms(chosen.terms).held_rms)
+        return FitSummary(
+            self.described.seen[0].unit, noise, before, after, pieces, max(int(segments), pieces), len(recordings),
+            {name: (value, after_by.get(name)) for name, value in by_name.items()}, steady,
+        )  # fmt: skip
+
+    def location(self, named: Sequence[Named]) -> Location:
+        """Return where most of the linear rig's residual lies."""
+        base, best, rig = self.selection.baseline, self.selection.best, self.described
+        time, frequency = residual_band(base)
+        shares = np.sum(base.off(0)[0] ** 2, axis=1) - np.sum(best.off(0)[0] ** 2, axis=1)
+        seen = [s.sensor.name for s in rig.seen]
+        channels = tuple(n for n, s in zip(seen, shares, strict=False) if s > SEEN * shares.max())
+        if named:
+            element, component = named[0].element, named[0].where
+            missed = mean_of(self.selection.steps[0].before.by_block(CHOOSE))
+            left = mean_of(self.selection.best.by_block(CHOOSE))
+            what = f"what is named explains {min(100 * (1 - left / missed), 99.99):.4g} % of it"
+        else:
+            element, component = self._suspected(self.selection.screening)
+            what = "nothing listed explains it"
+            if self.far_off:
+                what = "is most of the motion: check the stiffness and mass described, their units, and the channels"
+        why = f"The residual of the linear rig lies from {frequency[0]:.4g} to {frequency[1]:.4g} Hz, and {what}."
+        return Location(component, element, channels or (seen[0],), time, frequency, (), why + self._along_the_decay())
+
+    def _along_the_decay(self) -> str:
+        decay = self.decay
+        if not decay:
+            return ""
+        first, last = decay[0], decay[-1]
+        return (
+            f" Along the decay from {first.amplitude:.3g} to {last.amplitude:.3g} {self.described.seen[0].unit} the "
+            f"frequency goes from {first.frequency_hz:.5g} to {last.frequency_hz:.5g} Hz and the damping ratio from "
+            f"{100 * first.damping_ratio:.3g} to {100 * last.damping_ratio:.3g} %."
+        )
+
+    def _suspected(self, screening: Screening) -> tuple[str, str]:
+        """Return the element, and its component, whose best listed law would take away most."""
+        laws = (s.term for s in screening.scores if isinstance(s.term.mechanism, ForceLaw))
+        elements = self.judge.problem.arrangement.elements
+        element = elements[next((t.place[0] for t in laws), 0)]
+        return element.name, element.component
+
+    def left_at(self, model: SimulatedFit, screening: Screening) -> Location:
+        """Return where most of a model's residual lies."""
+        time, frequency = residual_band(model)
+        element, component = self._suspected(screening)
+        return Location(
+            component, element, (self.described.seen[0].sensor.name,), time, frequency, (),
+            f"What is left lies {frequency_words(frequency)}; of all listed mechanisms, one in {element} would take "
+            "away most of it.",
+        )  # fmt: skip
+
+    def compared(self, candidate: Candidate[SimulatedFit], best: Candidate[SimulatedFit]) -> str:
+        """Say in a sentence how a rival compares with the best candidate."""
+        if not candidate.losses or not best.losses:
+            return f"Its score test promises less than {best.id.replace('_', ' ')}; it was not fitted in full."
+        ratio = math.sqrt(mean_of(candidate.losses) / max(mean_of(best.losses), 1e-300))
+        return f"Its error on the blocks that choose is {ratio:.3g} times that of {best.id.replace('_', ' ')} alone."
+
+    def next_experiment(self, named: Sequence[Named]) -> NextExperiment | None:
+        """Return what would part the best explanations."""
+        if not named or not self.selection.steps:
+            return None
+        fits = [c for c in self.selection.steps[0].candidates if c.fit is not None]
+        return self._amplitude_or_time(named, fits) if self.rival is not None else self._stronger(named, fits)
+
+    def _amplitude_or_time(
+        self, named: Sequence[Named], fits: Sequence[Candidate[SimulatedFit]]
+    ) -> NextExperiment | None:
+        rival = self.rival
+        by_amplitude = [n.id for n in named if rival is None or n.id != rival.id]
+        by_amplitude += [c.id for c in fits if not with_time(c.mechanism)]
+        if rival is None or not by_amplitude:
+            return None
+        return NextExperiment(
+            None,
+            STRONGER,
+            (by_amplitude[0], rival.id),
+            "In one decay amplitude and time are confounded. Taps of different strength settle it (one "
+            f"{STRONGER:g} times stronger or weaker than this one): what goes with amplitude then comes earlier or "
+            "later in the decay, what goes with time does not move. So does a steady excitation at two or more levels.",
+            ("tap", "input"),
+        )
+
+    def _stronger(self, named: Sequence[Named], fits: Sequence[Candidate[SimulatedFit]]) -> NextExperiment | None:
+        close = self.judge.problem.policy.close_losses
+        own = next((mean_of(c.losses) for c in fits if c.id == named[0].id), 0.0)
+        listed = [c for c in fits if not (self.settled and with_time(c.mechanism))]
+        others = [c.id for c in listed if c.id != named[0].id and mean_of(c.losses) < close * own]
+        if not others:
+            return None
+        return NextExperiment(
+            None,
+            STRONGER / 2,
+            (named[0].id, others[0]),
+            f"The two best explanations differ most at the largest amplitude: a recording {STRONGER / 2:g} times as "
+            "strong would part them further.",
+            ("input",) if self.described.drives else ("tap",),
+        )
+
+    def fitted(self) -> FittedRig | None:
+        """Return the rig as fitted."""
+        units = {p.name: p.unit for p in self.judge.problem.arrangement.parameters}
+        values = self.selection.best.values
+        return FittedRig({k: (v, self.unit(units[k])) for k, v in values.items() if k in units})
+
+
+def residual_band(fitted: SimulatedFit) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return times (s) and frequencies (Hz) between which most of the residual of the first recording lies."""
+    recorded = fitted.problem.recordings[0]
+    off, at = fitted.off(0)
+    t = recorded.start_s + np.arange(at.start, at.stop) / recorded.rate_hz
+    spectrum = np.sum(np.abs(np.fft.rfft(off * np.hanning(off.shape[1]), axis=1)) ** 2, axis=0)
+    lines = np.asarray(np.fft.rfftfreq(off.shape[1], 1 / recorded.rate_hz), np.float64)
+    return _middle(np.sum(off**2, axis=0), t), _middle(spectrum, lines)
+
+
+def _middle(energy: Real, at: Real) -> tuple[float, float]:
+    """Return between which places most of the energy lies."""
+    grown = np.cumsum(energy) / max(float(np.sum(energy)), 1e-300)
+    edge = (1 - MOST_ENERGY) / 2
+    low, high = np.searchsorted(grown, [edge, 1 - edge])
+    return float(at[low]), float(at[min(high, at.size - 1)])
+
+
+def _far_off(fitted: SimulatedFit) -> bool:
+    policy = fitted.problem.policy
+    for number, recorded in enumerate(fitted.problem.recordings):
+        off, at = fitted.off(number, whole=True)
+        part = recorded.part[at]
+        moved = recorded.outputs[:, at] / level(recorded)[:, None]
+        for row, shown in zip(off, moved, strict=True):
+            innovation = innovation_rms(row[recorded.fitted])
+            for kept in (part != UNUSED, part == HELD):
+                error = math.sqrt(float(np.mean(row[kept] ** 2))) if np.any(kept) else 0.0
+                # a decay has faded where it is held out: there it is held against the whole of the recording
+                all_of_it = max(float(np.std(shown[kept])), 1.0) if np.any(kept) else 1.0
+                if error > policy.missed * all_of_it and error > policy.predictable * innovation:
+                    return True
+    return False

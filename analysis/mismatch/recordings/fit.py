@@ -1,0 +1,272 @@
+"""Recordings that are simulated from end to end: with measured inputs, or decays of which only a band is looked at.
+
+These are a few long segments. The noise is not known beforehand: residuals are in units of the channels' rms, and what
+is left of them says how large it is. Free are the rig's constants, each recording's state where fitting begins, the
+mechanisms' parameters; the recordings are cut into blocks that fit, that choose, and that are held out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.mismatch.least_squares import Evaluation, Stopping, covariance, minimise
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.policy import POLICY, SelectionPolicy
+from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Problem
+from analysis.mismatch.recordings.model import Point, SimulationModel, residual
+from analysis.mismatch.recordings.recorded import FIT, Recorded, duration, level
+from analysis.mismatch.recordings.signatures import columns_of, correlation
+from analysis.mismatch.recordings.simulation import Own, Simulation
+from analysis.mismatch.recordings.start_values import start_values
+from analysis.mismatch.rig_description import DescribedRig
+from analysis.mismatch.score_test import Score
+from sim_backend.arrangement import Arrangement
+from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, Mechanism, Scale, SecondImpact, Tones
+
+Real = NDArray[np.float64]
+
+ROUGH_STEPS, FINE_STEPS = 30, 100
+ROUGH, FINE = 1e-4, 1e-8  # relative fall at which a fit that only ranks rivals ends, and one that is used
+FIRST_DAMPING, MOST_TRIES = 1e-3, 8
+SHOWN = 0.4  # of the sampling rate, up to which a recording shows what there is
+STAGES = (0.05, 0.15, 0.4)  # of a free decay: its phase is followed before all of it is fitted
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedRecordings(Problem["SimulatedFit"]):
+    """Recordings and the described rig they are held against.
+
+    Attributes
+    ----------
+    constants, highest_hz, states
+        Starting values of all constants, highest mode (Hz), (2n,) state of each recording where fitting begins.
+    """
+
+    rig: DescribedRig
+    recordings: tuple[Recorded, ...]
+    constants: Mapping[str, float]
+    highest_hz: float
+    states: tuple[Real, ...]
+    policy: SelectionPolicy = POLICY
+    budget: ComputeBudget = field(default_factory=ComputeBudget, compare=False)
+    noise_known: bool = False
+
+    @property
+    def arrangement(self) -> Arrangement:  # type: ignore[override]
+        """What the rig is made of."""
+        return self.rig.arrangement
+
+    @property
+    def samples(self) -> int:
+        """Samples of a channel that are fitted."""
+        return sum(r.fitted.stop - r.fitted.start for r in self.recordings)
+
+    @property
+    def banded(self) -> bool:
+        """Whether the recordings were cut down to a band."""
+        return any(r.band is not None for r in self.recordings)
+
+    @property
+    def one_decay(self) -> bool:
+        """Whether amplitude and time go together in all there is: one free decay."""
+        return len(self.recordings) == 1 and self.recordings[0].free
+
+    def allows(self, mechanism: Mechanism) -> bool:
+        """Whether the recordings can show it: a band has no harmonics, which tell a bent scale from a bent spring."""
+        if isinstance(mechanism, SecondImpact):
+            return False  # when the first impact was, such a recording does not tell
+        return not (self.banded and isinstance(mechanism, ChannelDistortion | Tones | AddedBody))
+
+    def scale_of(self, fitted: SimulatedFit, place: int) -> Scale:
+        """Return how far an element moves in the recordings."""
+        reach, speed = 1e-300, 1e-300
+        for number in range(len(self.recordings)):
+            d, v = fitted.simulation.deformations(fitted.x, fitted.own[number], number)
+            reach, speed = max(reach, float(np.abs(d[place]).max())), max(speed, float(np.abs(v[place]).max()))
+        values = fitted.values
+        element = self.arrangement.elements[place]
+        mass, _, _ = self.arrangement.matrices(values)
+        moved = float(np.mean(mass)) * speed**2 / reach
+        stiffness = values[element.stiffness] if element.stiffness else 0.0
+        static = self.rig.preload_n / stiffness if element.preload and stiffness else 0.0
+        hz = speed / reach / (2 * math.pi)
+        longest = max(duration(r) for r in self.recordings)
+        seen = self.arrangement.bodies.index(self.arrangement.sensors[0].row[0][0])
+        return Scale(
+            reach, speed, static, max(stiffness * reach, moved), (hz, max(self.highest_hz, hz)), longest,
+            float(mass[seen]), SHOWN * min(r.rate_hz for r in self.recordings),
+        )  # fmt: skip
+
+    def columns(self, fitted: SimulatedFit, terms: Sequence[Term], ringing: Sequence[Term]) -> list[Iterator[Columns]]:
+        """Return the columns of all recordings, whitened by an autoregression of the residual."""
+        return [iter([columns_of(fitted, number, terms, ringing) for number in range(len(self.recordings))])]
+
+    def known_size(self, fitted: SimulatedFit) -> int:
+        """Return how many parameters `columns` places."""
+        return int(fitted.x.size)
+
+    def precision(self, fitted: SimulatedFit) -> Real:
+        """Return nothing: what is declared is not weighed against a residual whose noise is not known."""
+        return np.zeros(0)
+
+    def second_impact(self, fitted: SimulatedFit, mechanism: SecondImpact) -> Score:
+        """Never asked for; see `allows`."""
+        raise NotImplementedError
+
+    def unmodelled(self, fitted: SimulatedFit) -> tuple[list[float], float]:
+        """Return nothing: without a known noise a residual's power says nothing."""
+        return [], 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedFit(Fit):
+    """A fit of simulated recordings.
+
+    Attributes
+    ----------
+    x, own
+        The parameters as they are fitted, and what is each recording's own.
+    scatter
+        Mean square of the residuals fitted, in levels of the channels.
+    """
+
+    problem: SimulatedRecordings
+    simulation: Simulation
+    x: Real
+    own: tuple[Own, ...]
+    scatter: float
+
+    @property
+    def values(self) -> dict[str, float]:
+        """All the rig's constants."""
+        return self.simulation.read(self.x)[0]
+
+    def state(self, number: int) -> Real:
+        """Return (2n,) the state of the rig's own bodies where fitting of a recording begins."""
+        n, m, own = len(self.problem.arrangement.bodies), self.simulation.n, self.own[number].state
+        return np.concatenate([own[:n], own[m : m + n]])
+
+    def off(self, number: int, whole: bool = False) -> tuple[Real, slice]:
+        """Return simulation minus recording over the channels' levels, (c, n), and of which samples."""
+        return residual(self.simulation, self.x, self.own[number], number, whole)
+
+    def by_block(self, part: int) -> tuple[float, ...]:
+        """Return the mean square of the residual on each block of a part, in levels of the channels."""
+        found = []
+        for number, recorded in enumerate(self.problem.recordings):
+            off, at = self.off(number)
+            kept, block = recorded.part[at] == part, recorded.block[at]
+            found += [float(np.mean(off[:, kept & (block == b)] ** 2)) for b in np.unique(block[kept])]
+        return tuple(found)
+
+    def pinned(self) -> bool:
+        """Whether a parameter of a mechanism ends at a bound of its range."""
+        for p, x in zip(self.simulation.parameters, self.x, strict=True):
+            if p.scope == "mechanism":
+                near = (math.isfinite(b) and abs(x - b) < 1e-6 * max(abs(b), 1.0) for b in p.bounds)
+                if any(near):
+                    return True
+        return False
+
+
+def fit(
+    problem: SimulatedRecordings,
+    terms: Sequence[Term] = (),
+    begin: SimulatedFit | None = None,
+    parts: Sequence[int] = (FIT,),
+    staged: bool = False,
+    fine: bool = False,
+) -> SimulatedFit:
+    """Fit a simulation to the samples of these parts.
+
+    Parameters
+    ----------
+    terms
+        Mechanisms with starting values.
+    begin
+        A fit to start from: its constants and states.
+    staged
+        Follow free decays from their beginning on before all of them is fitted: for a start whose frequencies are not
+        yet known to within a cycle.
+    fine
+        Go on until it has converged, not only until rivals can be ranked.
+    """
+    simulation = Simulation(
+        problem.rig, problem.recordings, problem.constants if begin is None else begin.values, problem.highest_hz, terms
+    )
+    states = problem.states if begin is None else [begin.state(i) for i in range(len(begin.own))]
+    own = [simulation.own(s) for s in states]
+    if begin is not None and begin.simulation.lines == simulation.lines:
+        own = [replace(o, tones=b.tones) for o, b in zip(own, begin.own, strict=True)]
+    model = SimulationModel(simulation, own, parts, 1.0)
+    point = Point(np.clip(simulation.begin(), model.low, model.high), tuple(own))
+    stopping = Stopping(FINE_STEPS if fine else ROUGH_STEPS, 0.0, FINE if fine else ROUGH, FIRST_DAMPING, MOST_TRIES)
+    for share in (*(STAGES if staged else ()), 1.0):
+        model = SimulationModel(simulation, point.own, parts, share)
+        first = model.evaluate(point)
+        model.noise = first.objective / sum(r.size for r in first.residuals)
+        found, _ = minimise(model, model.evaluate(point), stopping, problem.policy.race())
+        point = found.point
+    return _finished(problem, model, found)
+
+
+def _finished(problem: SimulatedRecordings, model: SimulationModel, found: Evaluation[Point]) -> SimulatedFit:
+    simulation, point = model.simulation, found.point
+    sums = found.objective - found.penalty
+    scatter = sums / max(sum(r.size for r in found.residuals), 1)
+    widened = max((correlation(row) for r in found.residuals for row in r), default=1.0)
+    spread = covariance(model.linearise(found, True).normal) * scatter * widened
+    values, terms = simulation.read(point.x)
+    covariances = []
+    for i, term in enumerate(terms):
+        at = [
+            k for q in term.mechanism.parameters for k, p in enumerate(simulation.parameters)
+            if p.scope == "mechanism" and (p.owner, p.name) == (i, q.name)
+        ]  # fmt: skip
+        scale = np.array([1.0 if simulation.parameters[k].log else simulation.parameters[k].scale for k in at])
+        covariances.append(spread[np.ix_(at, at)] * np.outer(scale, scale))
+    names = [p.name for p in simulation.arrangement.parameters]
+    constants = Constants(simulation.arrangement, np.array([values[n] for n in names]), np.zeros((1, 0)))
+    return SimulatedFit(
+        terms, simulation.arrangement, constants, found.residuals, sums, found.penalty, spread, tuple(covariances),
+        problem, simulation, point.x, point.own, scatter,
+    )  # fmt: skip
+
+
+def problem_of(
+    rig: DescribedRig, recordings: Sequence[Recorded], policy: SelectionPolicy = POLICY
+) -> SimulatedRecordings:
+    """Return the problem of recordings of a described rig, with starting values for what nobody knows.
+
+    Raises
+    ------
+    AnalysisError
+        The rig as described cannot have made them.
+    """
+    values, highest = start_values(rig, list(recordings))
+    states = tuple(_first_state(rig, r, values, highest) for r in recordings)
+    return SimulatedRecordings(rig, tuple(recordings), values, highest, states, policy)
+
+
+def _first_state(rig: DescribedRig, recorded: Recorded, values: Mapping[str, float], highest_hz: float) -> Real:
+    """Return the state (2n,) that the linear rig must have had for the first periods, by linear least squares."""
+    n = len(rig.arrangement.bodies)
+    if not recorded.free:
+        return np.zeros(2 * n)
+    count = min(max(round(4 * recorded.rate_hz / highest_hz), 40), recorded.samples - 2 * recorded.edge)
+    window = slice(recorded.edge, recorded.edge + count)
+    simulation = Simulation(rig, [recorded], values, highest_hz)
+    scale = np.repeat([1.0, 2 * math.pi * highest_hz], n)
+    columns = []
+    for j in range(2 * n):
+        own = simulation.own(np.eye(2 * n)[j] * scale)
+        shown, _ = simulation.run(simulation.begin(), own, 0, samples=window.stop + recorded.edge + 2)
+        columns.append((shown[:, window] / level(recorded)[:, None]).ravel())
+    target = (recorded.outputs[:, window] / level(recorded)[:, None]).ravel()
+    found = np.linalg.lstsq(np.stack(columns, axis=1), target, rcond=1e-6)[0]
+    return np.asarray(found * scale, np.float64)

@@ -1,0 +1,264 @@
+"""Candidates judged by blocks of the recordings: some fit, others choose, others are held out.
+
+Further mechanisms are added as long as the choosing blocks get better by more than chance and by a share of all that
+the linear rig missed; a force of any shape is always among the competitors, and where it takes away much that what is
+named leaves, nothing is named.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import t as student
+
+from analysis.mismatch.free_form import free_places, joint_term
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.problem import OnProgress, silent
+from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, level
+from analysis.mismatch.recordings.regression import regressed
+from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
+from analysis.mismatch.score_test import Score
+from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of
+from sim_backend.force_law import SLOTS
+from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
+
+STRONGEST_START, WEAKEST_START = 30.0, 0.1  # trial strengths that a fit begins with at most and at least
+FREE_PLACES = 2  # elements in which forces of any shape are tried together
+
+Candidates = tuple[Candidate[SimulatedFit], ...]
+
+
+def with_time(mechanism: Mechanism) -> bool:
+    """Whether a mechanism makes the rig change with time, not with amplitude."""
+    return isinstance(mechanism, ForceLaw) and mechanism.with_time
+
+
+@dataclass(frozen=True, slots=True)
+class BlockJudge(Judge[SimulatedFit]):
+    """See `Judge`.
+
+    Attributes
+    ----------
+    sweeps
+        Steady responses of the same rig, in which amplitude is at work without time; ``steady`` is the linear rig's
+        fit to them.
+    """
+
+    problem: SimulatedRecordings
+    known: Sequence[Mechanism]
+    on_progress: OnProgress = silent
+    sweeps: tuple[Sweep, ...] = ()
+    steady: SteadyFit | None = None
+    selections: float = 1.0
+
+    @classmethod
+    def of(
+        cls,
+        problem: SimulatedRecordings,
+        known: Sequence[Mechanism],
+        on_progress: OnProgress = silent,
+        sweeps: Sequence[Sweep] = (),
+    ) -> BlockJudge:
+        """Fit the linear rig to the sweeps, if there are any."""
+        steady = fit_sweeps(problem.rig, sweeps) if sweeps else None
+        return cls(problem, known, on_progress, tuple(sweeps), steady)
+
+    @property
+    def training(self) -> SimulatedRecordings:  # type: ignore[override]
+        """All of it: parts of the recordings take part."""
+        return self.problem
+
+    def baseline(self) -> SimulatedFit:
+        """Return the linear rig fitted to the fitting blocks."""
+        return fit(self.problem, staged=any(r.free for r in self.problem.recordings), fine=True)
+
+    def exhausted(self) -> bool:
+        """A recording is simulated as long as it takes."""
+        return False
+
+    def candidates(self, state: State[SimulatedFit]) -> Candidates:
+        """Fit the best screened mechanisms in full; those that rank first until they have converged."""
+        policy = self.problem.policy
+        first: dict[tuple[str, tuple[int, ...]], Score] = {}
+        for score in state.screening.scores:
+            first.setdefault(score.term.key, score)
+        ranked = list(first.values())
+        # far from the truth a score test says little of size and sign: what is small in it may be large in full
+        found = []
+        for score in ranked[: policy.finalists_by_blocks]:
+            self.on_progress(f"fitting {name_of(score.term.mechanism)}")
+            found.append(self._judged(state, score, self._joined(state.current, score)))
+        found.sort(key=lambda c: -c.evidence)
+        for place, c in enumerate(found[: policy.polished]):
+            if c.fit is not None:
+                polished = fit(self.problem, c.fit.terms, c.fit, fine=True)
+                found[place] = self._judged(state, c.score, polished)
+        found.sort(key=lambda c: -c.evidence)
+        rest: Candidates = tuple(Candidate(s, None, -math.inf) for s in ranked[policy.finalists_by_blocks :])
+        return (*found, *rest)
+
+    def _judged(self, state: State[SimulatedFit], score: Score, fitted: SimulatedFit) -> Candidate[SimulatedFit]:
+        """Return a candidate whose evidence is blocks times the logarithm of how much better they are predicted."""
+        losses, before = fitted.by_block(CHOOSE), state.current.by_block(CHOOSE)
+        # worse where it takes a parameter at the end of what is admissible
+        mean = mean_of(losses) * (self.problem.policy.in_time if fitted.pinned() else 1.0)
+        evidence = len(losses) * math.log(mean_of(before) / max(mean, 1e-300))
+        return Candidate(score, fitted, evidence, losses=losses)
+
+    def _joined(self, current: SimulatedFit, score: Score) -> SimulatedFit:
+        """Fit a mechanism together with what stands already, from several starts."""
+        term = started(score)
+        terms = (*current.terms, term)
+        tried = [fit(self.problem, terms, current)]
+        if not current.terms and any(r.free for r in self.problem.recordings):
+            # the linear rig has lost the phase somewhere along the decay
+            tried.append(fit(self.problem, terms, current, staged=True))
+        start = regressed(current.simulation, current.values, terms)
+        if start is not None:
+            states = tuple(current.state(i) for i in range(len(current.own)))
+            tried.append(fit(replace(self.problem, constants=start[0], states=states), start[1]))
+        return min(tried, key=lambda f: f.scatter)
+
+    def accepts(
+        self, state: State[SimulatedFit], candidates: Sequence[Candidate[SimulatedFit]]
+    ) -> tuple[Candidate[SimulatedFit] | None, Mapping[int, float]]:
+        """Accept the best candidate if the choosing blocks get better by more than chance.
+
+        Where all there is is one decay, only what goes with amplitude; steady responses count as well.
+        """
+        one_decay = self.problem.one_decay
+        allowed = [c for c in candidates if c.fit is not None and not (one_decay and with_time(c.mechanism))]
+        steady: dict[int, float] = {}
+        if self.sweeps and allowed:
+            self.on_progress("holding the best against the steady responses")
+            best_few = allowed[: self.problem.policy.held_against_sweeps]
+            steady = {candidates.index(c): self.against_sweeps(c.fit) for c in best_few}
+            allowed = [candidates[max(steady, key=lambda i: candidates[i].evidence + steady[i])]]
+        best = allowed[0] if allowed else None
+        if best is None or not self._better(state, best.losses):
+            return None, steady
+        return best, steady
+
+    def against_sweeps(self, fitted: SimulatedFit | None) -> float:
+        """Return the evidence of a fit's mechanisms in the steady responses: how much better these are predicted."""
+        if fitted is None or self.steady is None:
+            return 0.0
+        return len(self.sweeps) * math.log(self.steady.mean_square / self.with_terms(fitted.terms).mean_square)
+
+    def with_terms(self, terms: Sequence[Term]) -> SteadyFit:
+        """Return the fit of mechanisms to the sweeps, from the values they have; time changes nothing there."""
+        acting = [t for t in terms if isinstance(t.mechanism, ForceLaw) and not t.mechanism.with_time]
+        if not acting and self.steady is not None:
+            return self.steady
+        return fit_sweeps(self.problem.rig, self.sweeps, acting)
+
+    def _better(self, state: State[SimulatedFit], after: Sequence[float]) -> bool:
+        """Whether choosing blocks got better by more than chance, and by enough of what the linear rig missed."""
+        policy, before = self.problem.policy, state.current.by_block(CHOOSE)
+        base = state.steps[0].before.by_block(CHOOSE) if state.steps else before
+        gained, missed = mean_of(before) - mean_of(after), mean_of(base) - mean_of(after)
+        if gained <= 0 or gained < policy.least_share * missed:
+            return False
+        change = np.log(np.array(before) / np.array(after))
+        spread = float(np.std(change, ddof=1)) / math.sqrt(change.size)
+        return float(student.sf(float(np.mean(change)) / max(spread, 1e-300), change.size - 1)) < policy.chance
+
+    def after(self, state: State[SimulatedFit], accepted: Candidate[SimulatedFit]) -> tuple[State[SimulatedFit], bool]:
+        """Look at what an accepted mechanism leaves; nothing further once no share that counts is left."""
+        if accepted.fit is None:
+            return state, False
+        base = mean_of(state.steps[0].before.by_block(CHOOSE))
+        if mean_of(accepted.losses) < self.problem.policy.least_share * base:
+            return State(accepted.fit, state.screening, state.steps), False
+        self.on_progress("looking at what is left")
+        known = [m for m in self.known if not (self.problem.one_decay and with_time(m))]
+        return State(accepted.fit, self.screen(accepted.fit, known), state.steps), True
+
+    def outcome(self, baseline: State[SimulatedFit], state: State[SimulatedFit]) -> Selection[SimulatedFit]:
+        """Return the selection: what goes with time may win, forces of any shape are tried beside it."""
+        policy, steps, current = self.problem.policy, state.steps, state.current
+        rival = self.rival_in_time(steps)
+        if rival is not None and rival.fit is not None and self._time_wins(current, rival):
+            current, steps = rival.fit, (replace(steps[0], accepted=rival),)
+        share = 0.0
+        base, best = mean_of(baseline.current.by_block(CHOOSE)), mean_of(current.by_block(CHOOSE))
+        if steps and best > policy.left_over_blocks * base:
+            self.on_progress("trying forces of any shape")
+            free = self._free_loss(current)
+            share = max(best - free, 0.0) / max(base - free, 1e-300)
+        self.on_progress("fitting once more with all that is not held out")
+        final = fit(self.problem, (), baseline.current, parts=(FIT, CHOOSE), fine=True)
+        fitted = fit(self.problem, current.terms, current, parts=(FIT, CHOOSE), fine=True) if current.terms else final
+        last = self.screen(fitted)
+        chosen = fitted if fitted.terms and share <= policy.left_over_blocks else None
+        if not share and steps:  # so little that forces of any shape were not fitted: their score test tells
+            taken = -math.expm1(-last.unexplained / max(self.problem.samples * len(self.problem.rig.seen), 1))
+            share = best * taken / max(base - best * (1 - taken), 1e-300)
+        over = LeftOver(last.unexplained, last.p_value, share)
+        return Selection(self, final, baseline.screening, steps, chosen, fitted, last, over)
+
+    def rival_in_time(self, steps: Sequence[SelectionStep[SimulatedFit]]) -> Candidate[SimulatedFit] | None:
+        """Return the best candidate that goes with time, where amplitude and time are confounded."""
+        if not self.problem.one_decay or not steps:
+            return None
+        return next((c for c in steps[0].candidates if c.fit is not None and with_time(c.mechanism)), None)
+
+    def _time_wins(self, current: SimulatedFit, rival: Candidate[SimulatedFit]) -> bool:
+        """Whether a change with time explains more than what goes with amplitude; by far, where one decay is all."""
+        losses, other = current.by_block(CHOOSE), mean_of(rival.losses)
+        if not self.sweeps:
+            return mean_of(losses) > self.problem.policy.in_time * other
+        amplitude = len(losses) * math.log(mean_of(losses)) - self.against_sweeps(current)
+        return amplitude > len(losses) * math.log(other) - self.against_sweeps(rival.fit)
+
+    def _free_loss(self, current: SimulatedFit) -> float:
+        """Return the choosing blocks' mean square with forces of any shape added; no worse than before."""
+        before = mean_of(current.by_block(CHOOSE))
+        laws = sum(len(t.place) for t in current.terms if isinstance(t.mechanism, ForceLaw))
+        rig = self.problem.arrangement
+        places = free_places(rig)[: min(FREE_PLACES, SLOTS - laws)]
+        added = [joint_term(rig, p, self.problem.scale_of(current, p)) for p in places]
+        if not added:
+            return before
+        return min(mean_of(fit(self.problem, (*current.terms, *added), current).by_block(CHOOSE)), before)
+
+
+def started(score: Score) -> Term:
+    """Return the screened term with the strength that the score test found, within what it can tell."""
+    term, m = score.term, score.term.mechanism
+    if m.strength is None:
+        return term
+    factor = math.copysign(min(max(abs(score.strength), WEAKEST_START), STRONGEST_START), score.strength)
+    q = next(q for q in m.parameters if q.name == m.strength)
+    return term.moved({q.name: min(max(term.values[q.name] * factor, q.low), q.high)})
+
+
+def mean_of(losses: Sequence[float]) -> float:
+    """Return the mean square over blocks."""
+    return float(np.mean(losses))
+
+
+def held_out_rms(fitted: SimulatedFit) -> tuple[float, dict[str, float], int]:
+    """Return the error on what was held out, in the recordings' unit: all, by declared stretch, how many pieces.
+
+    The recordings are simulated from end to end: nothing is refitted on what was held out.
+    """
+    total, count, pieces = 0.0, 0, 0
+    named: dict[str, list[float]] = {}
+    for number, recorded in enumerate(fitted.problem.recordings):
+        off, at = fitted.off(number, whole=True)
+        off = off * level(recorded)[:, None]
+        kept = recorded.part[at] == HELD
+        total, count = total + float(np.sum(off[:, kept] ** 2)), count + int(kept.sum()) * len(off)
+        pieces += len(recorded.stretches) or np.unique(recorded.block[at][kept]).size
+        for name, where in recorded.stretches:
+            named.setdefault(name, []).append(float(np.mean(off[:, where] ** 2)))
+    return (
+        math.sqrt(total / count) if count else math.nan,
+        {name: math.sqrt(float(np.mean(v))) for name, v in named.items()},
+        pieces,
+    )

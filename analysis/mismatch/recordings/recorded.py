@@ -1,0 +1,232 @@
+"""A recording made ready: channels picked, filtered, decimated, cut into blocks to fit, to choose by, to hold out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from analysis.mismatch.rig_description import DescribedRig
+from analysis.session import AnalysisError
+from daq.exchange import Recording
+from sim_backend.arrangement import LOAD
+
+Real = NDArray[np.float64]
+
+FIT, CHOOSE, HELD, UNUSED = 0, 1, 2, -1
+BLOCKS: Final = 24
+LONGEST_STRETCH = 20_000  # samples that are simulated in fitting; all of a recording is in the end
+PER_PERIOD = 10  # samples kept of the highest frequency
+FULL_BAND_ENERGY = 0.999  # of a recording, below its highest frequency
+FILTER_ORDER = 4
+EDGE_PERIODS = 3.0  # of the band's width that a filter's edge takes
+FEWEST = 400  # samples that a recording must have
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """A recording as it is simulated.
+
+    Attributes
+    ----------
+    outputs, inputs
+        (channels, n) and (inputs, n).
+    start_s
+        Time of the first sample in the file, s.
+    band
+        Second-order sections that the outputs went through, both ways; None without.
+    edge
+        Samples at either end that the filter spoils.
+    part
+        (n,) `FIT`, `CHOOSE`, `HELD` or `UNUSED`.
+    block
+        (n,) number of the block a sample belongs to.
+    fitted
+        What is simulated in fitting.
+    stretches
+        Held-out stretches by name.
+    """
+
+    source: str
+    rate_hz: float
+    start_s: float
+    outputs: Real
+    inputs: Real
+    band: Real | None
+    edge: int
+    part: NDArray[np.int64]
+    block: NDArray[np.int64]
+    fitted: slice
+    stretches: tuple[tuple[str, slice], ...]
+
+    @property
+    def samples(self) -> int:
+        """Length."""
+        return self.outputs.shape[1]
+
+    @property
+    def free(self) -> bool:
+        """Whether nothing measured drives it."""
+        return len(self.inputs) == 0
+
+
+def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
+    """Return a recording ready for this rig.
+
+    Raises
+    ------
+    AnalysisError
+        A channel is not there, the recording is too short or shows nothing, or the rig takes values from a session.
+    """
+    source, rate = recording.source, recording.rate_hz
+    _refuse_what_sessions_tell(rig, source)
+    outputs = np.array([recording.data[_column(recording, s.channel)] for s in rig.seen])
+    inputs = np.array([recording.data[_column(recording, d.channel)] for d in rig.drives])
+    inputs = inputs.reshape(len(rig.drives), recording.data.shape[1])
+    if np.any(np.std(outputs, axis=1) == 0):
+        raise AnalysisError(f"{source}: a channel of {rig.name} is constant: it shows nothing")
+    n = outputs.shape[1]
+    first = 0 if rig.from_s is None else round(rig.from_s * rate)
+    last = n if rig.to_s is None else min(round(rig.to_s * rate), n)
+    if last - first < FEWEST:
+        raise AnalysisError(
+            f"{source}: only {max(last - first, 0)} of its {n} samples are between the times that {rig.name} names; "
+            f"a diagnosis needs {FEWEST}"
+        )
+    if rig.band_hz is not None and 2 * EDGE_PERIODS / (rig.band_hz[1] - rig.band_hz[0]) >= (last - first) / rate:
+        raise AnalysisError(
+            f"{source}: the band of {rig.name}, {rig.band_hz[0]:g} to {rig.band_hz[1]:g} Hz, is too narrow for "
+            f"{(last - first) / rate:.3g} s: its filter takes longer; give recording.band_hz in Hz, and wider"
+        )
+    band, edge = None, 0
+    if rig.drives:
+        outputs, inputs = outputs[:, first:last], inputs[:, first:last]
+    else:
+        if rig.band_hz is not None and rig.band_hz[1] >= 0.45 * rate:
+            raise AnalysisError(
+                f"{source}: the band of {rig.name} ends at {rig.band_hz[1]:g} Hz, too close to half the rate of "
+                f"{rate:g} Hz"
+            )
+        factor = _decimation_factor(outputs[:, first:last], rate, rig.band_hz)
+        if factor > 1:
+            sections = signal.butter(8, 0.8 / factor, output="sos")
+            outputs = signal.sosfiltfilt(sections, outputs, axis=1)[:, ::factor]
+            rate, first, last = rate / factor, first // factor, last // factor
+        if rig.band_hz is not None:
+            band = signal.butter(FILTER_ORDER, rig.band_hz, "bandpass", fs=rate, output="sos")
+            outputs = signal.sosfiltfilt(band, outputs, axis=1)
+            edge = round(EDGE_PERIODS * rate / (rig.band_hz[1] - rig.band_hz[0]))
+        if rig.from_s is None:
+            first = _after_impact(outputs[:, :last], edge)
+        outputs = outputs[:, first:last]
+        inputs = inputs[:, : outputs.shape[1]]
+        if outputs.shape[1] < FEWEST // 2 + 2 * edge:
+            raise AnalysisError(f"{source}: too little is left of the recording after its largest deflection")
+    return _divided(
+        source, rate, first / rate, np.ascontiguousarray(outputs), np.ascontiguousarray(inputs), band, edge, rig
+    )
+
+
+def _refuse_what_sessions_tell(rig: DescribedRig, source: str) -> None:
+    arrangement = rig.arrangement
+    told = [p.name for p in arrangement.parameters if p.name in rig.header or p.scope == LOAD]
+    if rig.preload_n <= 0:
+        told += [f"preload of {e.name}" for e in arrangement.elements if e.preload]
+    if told:
+        raise AnalysisError(
+            f"{source}: is no session, and {rig.name} takes from one its {', '.join(told)}; give values in the rig file"
+        )
+
+
+def _column(recording: Recording, channel: str | int) -> int:
+    if isinstance(channel, str) and channel in recording.names:
+        return recording.names.index(channel)
+    if isinstance(channel, int) and 0 <= channel < len(recording.names):
+        return channel
+    raise AnalysisError(f"{recording.source}: has no channel {channel}; it holds {', '.join(recording.names[:20])}")
+
+
+def _decimation_factor(outputs: Real, rate: float, band: tuple[float, float] | None) -> int:
+    """Return the factor by which the sampling rate may be divided."""
+    if band is not None:
+        highest = band[1]
+    else:
+        power = np.abs(np.fft.rfft((outputs - outputs.mean(axis=1, keepdims=True)) * np.hanning(outputs.shape[1]))) ** 2
+        grown = np.cumsum(power / power.sum(axis=1, keepdims=True), axis=1)
+        place = max(int(np.searchsorted(row, FULL_BAND_ENERGY)) for row in grown)
+        highest = max(place, 1) * rate / outputs.shape[1]
+    return max(int(rate / (PER_PERIOD * highest)), 1)
+
+
+def _after_impact(outputs: Real, edge: int) -> int:
+    """Return the sample from which on a decay is free: after the largest deflection and the filter's edge."""
+    level = np.abs(outputs / np.abs(outputs).max(axis=1, keepdims=True)).max(axis=0)
+    return int(np.argmax(level)) + edge + 1
+
+
+def _divided(
+    source: str, rate: float, start: float, outputs: Real, inputs: Real, band: Real | None, edge: int, rig: DescribedRig
+) -> Recorded:
+    n = outputs.shape[1]
+    part = np.full(n, UNUSED, np.int64)
+    block = np.arange(n) * BLOCKS // n
+    stretches = []
+    if rig.held_out:
+        held = np.zeros(n, bool)
+        for s in rig.held_out:
+            first, last = (round(min(max((edge_s - start) * rate, 0.0), float(n))) for edge_s in (s.from_s, s.to_s))
+            at = slice(first, last)
+            if at.stop <= at.start:
+                raise AnalysisError(f"{source}: the held-out stretch {s.name!r} lies outside the recording")
+            held[at] = True
+            stretches.append((s.name, at))
+        fitted = _longest(~held)
+        if fitted.stop - fitted.start < FEWEST // 2:
+            raise AnalysisError(f"{source}: the held-out stretches of {rig.name} leave too little to fit")
+        part[held] = HELD
+        inside = np.arange(fitted.stop - fitted.start) * BLOCKS // (fitted.stop - fitted.start)
+        part[fitted] = np.where(inside % 3 == 2, CHOOSE, FIT)
+        block[fitted] = inside
+    else:
+        fitted = slice(0, n) if not inputs.size else _strongest(outputs)
+        block = (np.arange(n) - fitted.start) * BLOCKS // (fitted.stop - fitted.start)
+        part[:] = np.where(block % 4 == 3, HELD, np.where(block % 4 == 1, CHOOSE, FIT))
+        part[: fitted.start] = part[fitted.stop :] = HELD
+    if edge:
+        part[:edge] = UNUSED
+        part[n - edge :] = UNUSED
+    return Recorded(source, rate, start, outputs, inputs, band, edge, part, block, fitted, tuple(stretches))
+
+
+def _strongest(outputs: Real) -> slice:
+    """Return the stretch, no longer than what is simulated in fitting, in which most happens."""
+    n = outputs.shape[1]
+    size = min(n, LONGEST_STRETCH)
+    grown = np.concatenate([[0.0], np.cumsum(np.sum((outputs - outputs.mean(axis=1, keepdims=True)) ** 2, axis=0))])
+    starts = np.unique(np.append(np.arange(0, n - size + 1, max(size // 4, 1)), n - size))
+    first = int(starts[np.argmax(grown[starts + size] - grown[starts])])
+    return slice(first, first + size)
+
+
+def _longest(free: NDArray[np.bool_]) -> slice:
+    """Return the longest run of True, cut to what is simulated in fitting."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], free.astype(np.int8), [0]])))
+    runs = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    if not runs:
+        return slice(0, 0)
+    first, last = max(runs, key=lambda r: r[1] - r[0])
+    return slice(first, min(last, first + LONGEST_STRETCH))
+
+
+def duration(recorded: Recorded) -> float:
+    """Return the length in seconds."""
+    return recorded.samples / recorded.rate_hz
+
+
+def level(recorded: Recorded) -> Real:
+    """Return (channels,) the rms of each channel about its mean, never zero."""
+    return np.maximum(np.std(recorded.outputs, axis=1), math.ulp(1.0))

@@ -1,0 +1,99 @@
+"""What a recording's residual is compared with in a score test, whitened by an autoregression of the residual."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+from scipy.linalg import solve_toeplitz
+
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.problem import Columns
+from analysis.mismatch.recordings.model import STEP, residual
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT
+from analysis.mismatch.recordings.simulation import Own
+from sim_backend.mechanisms.kinds import Tones
+
+if TYPE_CHECKING:
+    from analysis.mismatch.recordings.fit import SimulatedFit
+
+Real = NDArray[np.float64]
+
+AUTOREGRESSION = 16  # order of the noise model
+MOST_CORRELATED = 0.05  # correlation of a residual that still counts when standard errors are widened
+
+
+def columns_of(fitted: SimulatedFit, number: int, terms: Sequence[Term], ringing: Sequence[Term]) -> Columns:
+    """Return what a recording's residual is compared with; held-out samples take no part."""
+    simulation, recorded = fitted.simulation, fitted.problem.recordings[number]
+    own = fitted.own[number]
+    off, at = fitted.off(number)
+    used = np.isin(recorded.part[at], (FIT, CHOOSE))
+    filters = [autoregression(np.where(used, row, 0.0)) for row in off]
+
+    def white(y: Real) -> Real:
+        return np.concatenate([signal.lfilter(a, [1.0], row)[used] for a, row in zip(filters, y, strict=True)])
+
+    def changed(x: Real, moved: Own) -> Real:
+        return white(residual(simulation, x, moved, number)[0] - off)
+
+    def made(term: Term) -> Real:
+        other = simulation.with_terms((*fitted.terms, term), fitted.values)
+        state = replace(other.own(fitted.state(number)), tones=own.tones)
+        return white(residual(other, other.begin(), state, number)[0] - off)
+
+    def rings(index: int) -> tuple[Real, Real]:
+        term, none = ringing[index], np.zeros((0, int(used.sum()) * len(off)))
+        if isinstance(term.mechanism, Tones):
+            waves = simulation.waves(number, at, term.mechanism.lines(term.values))
+            rows = [white(np.where(np.arange(len(off))[:, None] == c, w, 0.0)) for c in range(len(off)) for w in waves]
+            return np.array(rows), np.zeros(none.shape[1])
+        return none, made(term)
+
+    slopes, own_slopes = [], []
+    for i in range(fitted.x.size):
+        moved = fitted.x.copy()
+        step = STEP * max(1.0, abs(moved[i]))
+        moved[i] += step
+        slopes.append(changed(moved, own) / step)
+    scale = np.concatenate([simulation.state_scale(number, own.state), np.ones(own.tones.size)])
+    for j in range(own.size):
+        step_ = np.zeros(own.size)
+        step_[j] = STEP * scale[j]
+        own_slopes.append(changed(fitted.x, own.moved(step_)) / STEP)
+    q, _ = np.linalg.qr(np.array(own_slopes).T)
+    size = int(used.sum()) * len(off)
+    return Columns(
+        np.arange(fitted.x.size), np.array(slopes).reshape(-1, size).T,
+        np.array([made(t) for t in terms]).reshape(-1, size).T, -white(off), q, rings,
+    )  # fmt: skip
+
+
+def correlation(row: Real) -> float:
+    """Return samples over independent ones, of a residual that is no white noise."""
+    r = signal.correlate(row - row.mean(), row - row.mean(), method="fft")[row.size - 1 :]
+    r = r / r[0] if r[0] > 0 else np.ones(1)
+    end = int(np.argmax(np.abs(r) < MOST_CORRELATED)) or r.size
+    return max(1.0, 1 + 2 * float(np.sum(r[1 : max(4 * end, 2)] ** 2)))
+
+
+def autoregression(row: Real) -> Real:
+    """Return the whitening filter of a signal (n,), by Yule and Walker's equations."""
+    n = row.size
+    power = np.abs(np.fft.rfft(row, 2 ** math.ceil(math.log2(2 * n)))) ** 2
+    r = np.fft.irfft(power)[: AUTOREGRESSION + 1] / n
+    if not r[0] > 0:
+        return np.ones(1)
+    r[0] *= 1 + 1e-9
+    return np.concatenate([[1.0], -solve_toeplitz(r[:-1], r[1:])])
+
+
+def innovation_rms(row: Real) -> float:
+    """Return the rms of what an autoregression cannot predict of a signal (n,)."""
+    a = autoregression(row)
+    return float(np.std(signal.lfilter(a, [1.0], row)[AUTOREGRESSION:]))

@@ -1,0 +1,340 @@
+"""A described rig simulated along a recording, with any mechanisms in it, as a function of its free parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+from scipy.fft import next_fast_len
+
+from analysis.mismatch.parameters import FreeParameter, Term
+from analysis.mismatch.problem import law_parameters
+from analysis.mismatch.recordings.recorded import Recorded
+from analysis.mismatch.rig_description import DescribedRig
+from analysis.mismatch.ring_downs.added_response import lines_of
+from analysis.mismatch.ring_downs.linear import DERIVATIVES
+from sim_backend.arrangement import Row
+from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw
+from sim_backend.propagate import Clock, Given, Laws, Rigs, laws_of, propagate
+
+Real = NDArray[np.float64]
+Values = Mapping[str, float]
+
+PER_PERIOD: Final = 56  # substeps in a period of the rig's highest mode, at least
+FEWEST_SUBSTEPS: Final = 3  # dry friction turns at once, however slow the rig
+MOST_SUBSTEPS: Final = 8
+MIRRORED: Final = 64  # samples put before and after an input so that its interpolation does not ring
+SHORTEST_FILTERED: Final = 60  # samples that a band's filter can be run over
+SINGULAR: Final = 1e9  # condition of a stiffness matrix that says nothing of where the rig rests
+
+
+@dataclass(frozen=True, slots=True)
+class Own:
+    """What is each recording's own: the state (2n,) where fitting begins, and of tones (channels, 2 lines)."""
+
+    state: Real
+    tones: Real
+
+    @property
+    def size(self) -> int:
+        """Numbers in it."""
+        return self.state.size + self.tones.size
+
+    def moved(self, step: Real) -> Own:
+        """Return it after a step (size,)."""
+        n = self.state.size
+        return Own(self.state + step[:n], self.tones + step[n:].reshape(self.tones.shape))
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """States (samples, 2n), extra forces (samples, elements), inputs' forces on the bodies, and whether they hold."""
+
+    states: Real
+    extra: Real
+    force: Real
+    held: bool
+
+
+class Simulation:
+    """Recordings of one rig, simulated with terms.
+
+    Parameters
+    ----------
+    constants
+        Values of all the rig's constants, for scales and where they are not free.
+    highest_hz
+        Highest mode, which sets the substeps.
+    """
+
+    def __init__(
+        self,
+        rig: DescribedRig,
+        recordings: Sequence[Recorded],
+        constants: Values,
+        highest_hz: float,
+        terms: Sequence[Term] = (),
+    ):
+        self.rig, self.recordings, self.terms = rig, tuple(recordings), tuple(terms)
+        self.highest_hz = highest_hz
+        self.arrangement = rig.arrangement
+        for term in terms:
+            if isinstance(term.mechanism, AddedBody):
+                self.arrangement = term.mechanism.extend(self.arrangement, term.values, term.place)
+        self.n = len(self.arrangement.bodies)
+        self.constants = {**self.arrangement.declared(), **constants}
+        self.lines = lines_of(terms)
+        self.substeps = [
+            min(max(math.ceil(PER_PERIOD * highest_hz / r.rate_hz), FEWEST_SUBSTEPS), MOST_SUBSTEPS)
+            for r in self.recordings
+        ]
+        self.parameters = tuple(self._parameters())
+        self._inputs = [self._between(r, s) for r, s in zip(self.recordings, self.substeps, strict=True)]
+
+    def with_terms(self, terms: Sequence[Term], constants: Values) -> Simulation:
+        """Return a simulation of the same recordings with other mechanisms and starting values."""
+        return Simulation(self.rig, self.recordings, constants, self.highest_hz, terms)
+
+    def _parameters(self) -> list[FreeParameter]:
+        found = []
+        offsets = self._offset_scale()
+        added = {
+            q.name: i for i, t in enumerate(self.terms) if isinstance(t.mechanism, AddedBody)
+            for q in t.mechanism.parameters
+        }  # fmt: skip
+        quantities = {q.name: q for t in self.terms for q in t.mechanism.parameters}
+        for p in self.arrangement.parameters:
+            if p.uncertainty == 0.0:
+                continue
+            value = self.constants[p.name]
+            if p.name in added:
+                found.append(FreeParameter.of(quantities[p.name], added[p.name], value))
+                continue
+            scale = abs(value) if value else (abs(p.value) if math.isfinite(p.value) and p.value else 1.0)
+            prior, low = None, -math.inf
+            if p.name in offsets:  # weakly held: a linear rig cannot tell an input's offset from its sensor's
+                scale, prior = offsets[p.name], (0.0, 1.0)
+            elif math.isfinite(p.uncertainty):
+                inner = math.log(p.value / scale) if p.positive else p.value / scale
+                prior = (inner, p.uncertainty / (p.value if p.positive else scale))
+            elif p.unit == "N s/m":
+                low = 0.0
+            found.append(FreeParameter(p.name, p.unit, scale, p.positive, low, prior=prior))
+        for i, term in enumerate(self.terms):
+            if term.nonlinear:
+                found += [FreeParameter.of(q, i, term.values[q.name]) for q in term.mechanism.parameters]
+        return found
+
+    def _offset_scale(self) -> dict[str, float]:
+        """Return how large offsets may well be: as large as what they are added to."""
+        sizes = {d.offset: _rms(self.recordings[0].inputs[i]) for i, d in enumerate(self.rig.drives)}
+        sizes |= {s.offset: _rms(self.recordings[0].outputs[c]) for c, s in enumerate(self.rig.seen)}
+        return {name: max(size, 1e-300) for name, size in sizes.items()}
+
+    def state_scale(self, number: int, state: Real) -> Real:
+        """Return (2n,) how large displacements and speeds are."""
+        recorded, seen = self.recordings[number], self.rig.seen[0]
+        order = DERIVATIVES[seen.sensor.quantity]
+        gain = abs(self.constants[seen.gain]) or 1.0
+        reach = float(np.std(recorded.outputs[0])) / gain / (2 * math.pi * self.highest_hz) ** order
+        size = max(float(np.abs(state[: self.n]).max()), reach, 1e-300)
+        speed = max(float(np.abs(state[self.n :]).max()), size * 2 * math.pi * self.highest_hz)
+        return np.repeat([size, speed], self.n)
+
+    def own(self, state: Real) -> Own:
+        """Return what is a recording's own, for a state of the rig without the terms' bodies."""
+        n = len(self.rig.arrangement.bodies) if state.size < 2 * self.n else self.n
+        full = np.zeros(2 * self.n)
+        full[:n], full[self.n : self.n + n] = state[:n], state[n:]
+        return Own(full, np.zeros((len(self.rig.seen), 2 * len(self.lines))))
+
+    def begin(self) -> Real:
+        """Return the starting point of a fit."""
+        values = {(i, name): v for i, t in enumerate(self.terms) for name, v in t.values.items()}
+        return np.array(
+            [
+                p.inward(self.constants[p.name] if p.name in self.constants else values[p.owner, p.name])
+                for p in self.parameters
+            ]
+        )
+
+    def read(self, x: Real) -> tuple[dict[str, float], tuple[Term, ...]]:
+        """Return constants and terms that the fit's numbers mean."""
+        constants = dict(self.constants)
+        changed: list[dict[str, float]] = [{} for _ in self.terms]
+        for p, value in zip(self.parameters, x.tolist(), strict=True):
+            if p.name in constants:
+                constants[p.name] = p.outward(value)
+            if p.scope == "mechanism":
+                changed[p.owner][p.name] = p.outward(value)
+        return constants, tuple(t.moved(c) for t, c in zip(self.terms, changed, strict=True))
+
+    def run(
+        self, x: Real, own: Own, number: int, whole: bool = False, samples: int | None = None
+    ) -> tuple[Real, slice]:
+        """Return what the channels (c, n) show along a recording, and of which of its samples.
+
+        Parameters
+        ----------
+        whole
+            From its first sample to its last, at rest under the mean input where the fit did not begin there; else
+            what is fitted.
+        samples
+            So many only.
+        """
+        recorded = self.recordings[number]
+        first = 0 if whole else recorded.fitted.start
+        last = recorded.samples if whole else recorded.fitted.stop
+        last = last if samples is None else min(last, first + samples)
+        constants, terms = self.read(x)
+        moved = self.motion(x, own, number, slice(first, last), whole)
+        if moved is None:
+            return np.full((len(self.rig.seen), last - first), np.nan), slice(first, last)
+        shown = self._shown(constants, moved, self.substeps[number])
+        for term in terms:
+            m = term.mechanism
+            if isinstance(m, ChannelDistortion) and m.of == "sensor":
+                rows = list(term.place)
+                peak = float(np.abs(recorded.outputs[rows]).max())
+                shown[rows] = m.distort(shown[rows], {**term.values, "peak": peak}, recorded.rate_hz)
+        if self.lines:
+            shown += own.tones @ self.waves(number, slice(first, last))
+        if recorded.band is not None and np.all(np.isfinite(shown)) and shown.shape[1] > SHORTEST_FILTERED:
+            shown = signal.sosfiltfilt(recorded.band, shown, axis=1)
+        return shown, slice(first, last)
+
+    def waves(self, number: int, at: slice, lines: Sequence[float] | None = None) -> Real:
+        """Return (2 lines, n) cosines and sines of the tones at some samples of a recording."""
+        t = np.arange(at.start, at.stop) / self.recordings[number].rate_hz
+        phase = 2 * np.pi * np.outer(self.lines if lines is None else lines, t)
+        return np.stack([np.cos(phase), np.sin(phase)], axis=1).reshape(-1, t.size)
+
+    def deformations(self, x: Real, own: Own, number: int) -> tuple[Real, Real]:
+        """Return (elements, n) deformations and their rates along what is fitted of a recording."""
+        moved = self.motion(x, own, number, self.recordings[number].fitted, False)
+        if moved is None:
+            return (np.zeros((len(self.arrangement.elements), 1)),) * 2
+        rows = self._rows(self.read(x)[0])
+        return rows @ moved.states[:, : self.n].T, rows @ moved.states[:, self.n :].T
+
+    def _rows(self, constants: Values) -> Real:
+        arrangement = self.arrangement
+        return np.array([arrangement.vector(e.row, constants) for e in arrangement.elements]).reshape(-1, self.n)
+
+    def motion(self, x: Real, own: Own, number: int, at: slice, whole: bool) -> Motion | None:
+        """Return the motion between two samples; None where there is no such rig."""
+        constants, terms = self.read(x)
+        recorded, sub = self.recordings[number], self.substeps[number]
+        mass, damping, stiffness = self.arrangement.matrices(constants)
+        if not _sensible(mass, damping, stiffness, recorded.rate_hz):
+            return None
+        h = 1 / recorded.rate_hz / sub
+        force, held = self._force(constants, mass, terms, number, at)
+        start = own.state
+        if whole and recorded.fitted.start > 0:
+            start = self._at_rest(constants, mass, stiffness, number)
+        rigs = Rigs(mass[None], damping[None], stiffness[None], self._rows(constants)[None], np.eye(self.n)[None])
+        clock = Clock(np.array([at.start / recorded.rate_hz]), h, (at.stop - 1 - at.start) * sub, sub)
+        inputs = force.T[None]
+        begin, end = (inputs, inputs) if held else (inputs[..., :-1], inputs[..., 1:])
+        given = Given(begin, end, np.zeros(begin.shape), sub if held else 1)
+        found = propagate(rigs, self._laws(terms, constants, h), start[None], clock, given)
+        return Motion(found.states[0], found.forces[0, :, ::sub].T, force, held)
+
+    def _at_rest(self, constants: Values, mass: Real, stiffness: Real, number: int) -> Real:
+        recorded = self.recordings[number]
+        force = np.zeros(self.n)
+        for i, drive in enumerate(self.rig.drives):
+            mean = constants[drive.gain] * (float(recorded.inputs[i].mean()) + constants[drive.offset])
+            force += mean * self._pushed(drive.row, drive.base, constants, mass)
+        state = np.zeros(2 * self.n)
+        if np.linalg.cond(stiffness) < SINGULAR:
+            state[: self.n] = np.linalg.solve(stiffness, force)
+        return state
+
+    def _pushed(self, row: Row, base: bool, constants: Values, mass: Real) -> Real:
+        vector = self.arrangement.vector(row, constants)
+        return np.asarray(-mass * vector if base else vector, np.float64)
+
+    def _between(self, recorded: Recorded, sub: int) -> Real:
+        """Return the inputs at the substeps (at the samples where they are held)."""
+        if recorded.free or self.rig.hold == "zero":
+            return recorded.inputs
+        samples = recorded.samples
+        at = np.arange((samples - 1) * sub + 1)
+        if self.rig.hold == "first":
+            return np.array([np.interp(at / sub, np.arange(samples), u) for u in recorded.inputs])
+        return np.array([_band_limited(u, sub)[: at.size] for u in recorded.inputs])
+
+    def _force(self, constants: Values, mass: Real, terms: Sequence[Term], number: int, at: slice) -> tuple[Real, bool]:
+        """Return the forces on the bodies between two samples, and whether they are held."""
+        recorded, sub = self.recordings[number], self.substeps[number]
+        held = self.rig.hold == "zero" and not recorded.free
+        size = at.stop - at.start if held else (at.stop - 1 - at.start) * sub + 1
+        force = np.zeros((size, self.n))
+        for i, drive in enumerate(self.rig.drives):
+            u = self._inputs[number][i][at] if held else self._inputs[number][i][at.start * sub :][:size]
+            u = u + constants[drive.offset]
+            for term in terms:
+                m = term.mechanism
+                if isinstance(m, ChannelDistortion) and m.of == "input" and i in term.place:
+                    peak = float(np.abs(recorded.inputs[i]).max())
+                    u = m.distort(u[None], {**term.values, "peak": peak}, recorded.rate_hz * (1 if held else sub))[0]
+            force += np.outer(u, constants[drive.gain] * self._pushed(drive.row, drive.base, constants, mass))
+        return force, held
+
+    def _laws(self, terms: Sequence[Term], constants: Values, h: float) -> Laws:
+        acting = [(t, t.mechanism, e) for t in terms if isinstance(t.mechanism, ForceLaw) for e in t.place]
+        acting.sort(key=lambda one: one[1].last)
+        elements, preload = self.arrangement.elements, self.rig.preload_n
+        rows = [law_parameters(t, elements[e], constants, preload, h) for t, _, e in acting]
+        return laws_of([(m.law, e) for _, m, e in acting], [rows])
+
+    def _shown(self, constants: Values, moved: Motion, sub: int) -> Real:
+        n, arrangement = self.n, self.arrangement
+        x, v = moved.states[:, :n], moved.states[:, n:]
+        shown = np.empty((len(self.rig.seen), len(moved.states)))
+        sensors = arrangement.sensors  # a body that is added may be seen too
+        with np.errstate(over="ignore", invalid="ignore"):  # of a mechanism that runs away: it counts as lost
+            for c, (seen, sensor) in enumerate(zip(self.rig.seen, sensors, strict=True)):
+                row = arrangement.vector(sensor.row, constants)
+                if sensor.quantity == "acceleration":
+                    own = self._acceleration(constants, moved, sub) @ row
+                else:
+                    own = (x if sensor.quantity == "displacement" else v) @ row
+                shown[c] = constants[seen.gain] * own + constants[seen.offset]
+        return shown
+
+    def _acceleration(self, constants: Values, moved: Motion, sub: int) -> Real:
+        """Return (samples, n) the bodies' accelerations, from their equations."""
+        mass, damping, stiffness = self.arrangement.matrices(constants)
+        x, v = moved.states[:, : self.n], moved.states[:, self.n :]
+        force = moved.force if moved.held else moved.force[::sub]
+        found: Real = (force - x @ stiffness.T - v @ damping.T - moved.extra @ self._rows(constants)) / mass
+        return found
+
+
+def _sensible(mass: Real, damping: Real, stiffness: Real, rate: float) -> bool:
+    """Whether the rig can be stepped at all: the extra forces aside, no mode faster than the sampling allows."""
+    if not (np.all(np.isfinite(mass)) and np.all(mass > 0) and np.all(np.isfinite(stiffness))):
+        return False
+    fastest = math.sqrt(float(np.abs(stiffness / mass[:, None]).sum(axis=1).max()))
+    return fastest < 40 * rate and float(np.abs(damping / mass[:, None]).sum(axis=1).max()) < 100 * rate
+
+
+def _band_limited(u: Real, sub: int) -> Real:
+    """Return an input at the substeps, such that straight lines between them have its spectrum up to half the rate."""
+    long = np.concatenate([2 * u[0] - u[MIRRORED:0:-1], u, 2 * u[-1] - u[-2 : -MIRRORED - 2 : -1]])
+    size = int(next_fast_len(long.size + 1, real=True))
+    long = np.concatenate([long, np.linspace(long[-1], long[0], size - long.size + 2)[1:-1]])
+    spectrum = np.fft.rfft(long) / np.sinc(np.fft.rfftfreq(size) / sub) ** 2
+    return np.asarray(signal.resample(np.fft.irfft(spectrum, size), size * sub)[MIRRORED * sub :], np.float64)
+
+
+def _rms(row: Real) -> float:
+    return float(np.sqrt(np.mean(row**2)))

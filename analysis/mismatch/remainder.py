@@ -1,0 +1,65 @@
+"""What a model leaves over: where it lies, and how that is said."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.mismatch.answer import Location
+
+Real = NDArray[np.float64]
+
+NARROW = 0.15  # of its middle frequency: a band narrower than this is reported by its centre frequency
+MOST = 0.9  # of the excess power, by which it is located
+BEYOND_NOISE = 1e-3  # p-value below which a remainder counts
+SURE = 1e-12  # p-values below are not worth their digits
+
+
+def spread_of(edges: Real, power: Real, sure: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return between which edges most of the power beyond noise lies.
+
+    Parameters
+    ----------
+    edges
+        (n + 1,) of the bins.
+    power, sure
+        (channels, n) power over that of the noise, and where it is certainly more; without any such bin all count.
+    """
+    beyond = np.maximum(power - 1, 0.0)
+    excess = np.where(sure, beyond, 0.0).sum(axis=0) if np.any(sure) else beyond.sum(axis=0)
+    if not excess.sum() > 0:
+        return float(edges[0]), float(edges[-1])
+    grown = np.cumsum(excess) / excess.sum()
+    low, high = np.searchsorted(grown, [(1 - MOST) / 2, (1 + MOST) / 2])
+    return float(edges[low]), float(edges[min(high, excess.size - 1) + 1])
+
+
+def frequency_words(band_hz: tuple[float, float]) -> str:
+    """Say where a band lies, such as ``at 4.1 kHz`` or ``from 3.3 to 4.1 kHz``."""
+    low, high = band_hz
+    scale, unit = (1e-3, "kHz") if high >= 1000 else (1.0, "Hz")
+    middle = (low + high) / 2
+    if high - low <= NARROW * middle:
+        return f"at {scale * middle:.3g} {unit}"
+    return f"from {scale * low:.3g} to {scale * high:.3g} {unit}"
+
+
+def p_words(p_value: float) -> str:
+    """Write a p-value; one that is certainty anyway without its digits."""
+    return f"p = {p_value:.2g}" if p_value > SURE else f"p < {SURE:g}"
+
+
+def place_words(where: Location) -> str:
+    """Say where something lies, such as ``in the lower mass at 4.1 kHz``."""
+    element = f" ({where.element})" if where.element not in (None, where.component) else ""
+    return f"in the {where.component}{element} {frequency_words(where.frequency_hz)}"
+
+
+def remainder_statement(linear: str, share: float, chi_squared: float, p_value: float, where: Location | None) -> str:
+    """Say what is left over in a sentence; ``linear`` is how the linear rig is called."""
+    if where is None:
+        return f"Nothing beyond noise is left ({p_words(p_value)})."
+    return (
+        f"Forces or channels of any shape would still take away a chi-squared of {chi_squared:.0f}, "
+        f"{100 * share:.2g} % of what {linear} misses ({p_words(p_value)}); it lies {place_words(where)}."
+    )

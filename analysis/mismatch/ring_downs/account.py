@@ -1,0 +1,281 @@
+"""What impacts have to say of a selection."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.mismatch.account import Account, Weights, element_of_component, relative
+from analysis.mismatch.answer import (
+    FitSummary,
+    FittedRig,
+    Interval,
+    Location,
+    Named,
+    NextExperiment,
+    group_labels,
+)
+from analysis.mismatch.chi_squared import odds_of_nothing
+from analysis.mismatch.evidence.excess import excess_by_frequency, excess_by_time
+from analysis.mismatch.intervals import NORMAL_95
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.remainder import frequency_words, spread_of
+from analysis.mismatch.ring_downs.candidates import stiffness_evidence
+from analysis.mismatch.ring_downs.corrected import contact_at_rest
+from analysis.mismatch.ring_downs.judge import ImpactJudge
+from analysis.mismatch.ring_downs.problem import RingDownFit
+from analysis.mismatch.ring_downs.tones import tone_amplitude
+from analysis.mismatch.score_test import Screening
+from analysis.mismatch.selection import Candidate, SelectionStep
+from sim_backend.mechanisms.kinds import Tones
+
+Real = NDArray[np.float64]
+
+STRONGER_TAP = 1.5  # over the strongest so far, for the next experiment
+MOST_FORCE_RATIO = 0.9  # of the preload: beyond, the surfaces would part
+OF_A_GROUP = 0.1  # of the largest excess of a load, from which on a load counts as one that shows something
+FORCE_SAMPLES = 60  # after the pulse, in which the largest contact force is looked for
+RIVALRY = 0.02  # of the accepted one's weight, from which on a candidate is a rival
+
+
+@dataclass(frozen=True, slots=True)
+class ImpactAccount(Account[RingDownFit]):
+    """See `Account`."""
+
+    @property
+    def judge(self) -> ImpactJudge:
+        """What judged."""
+        judge = self.selection.judge
+        if not isinstance(judge, ImpactJudge):
+            raise TypeError("impacts are judged by an ImpactJudge")
+        return judge
+
+    @property
+    def rig(self) -> str:
+        """Name of the rig."""
+        return self.judge.problem.name
+
+    @property
+    def linear(self) -> str:
+        """What the linear rig is called in sentences."""
+        return "Eq. 9" if self.judge.problem.is_tester else "the rig as described"
+
+    @property
+    def parts(self) -> Sequence[str]:
+        """Components of the contract that the rig has."""
+        return self.judge.problem.parts
+
+    @property
+    def groups(self) -> Mapping[str, float]:
+        """Load (N) of each group by its label."""
+        return group_labels(self.judge.problem.experiment.loads_n)
+
+    def weights(self, number: int) -> Weights:
+        """Return how likely the candidates of a step are, what is not listed and nothing at all among them."""
+        selection = self.selection
+        step = selection.accepted[number] if selection.accepted else selection.steps[0]
+        strength = {
+            c.id: c.evidence + stiffness_evidence(c.mechanism, c.fit) for c in reversed(step.candidates) if c.fit
+        }
+        of = relative(strength, self.judge.problem.policy.temperature)
+        if step.accepted is None:
+            return Weights(of, max(sum(of.values()), 1.0))
+        own = of[step.accepted.id]
+        something_else = own * self._odds_of_something_else(step)
+        total = (sum(of.values()) + something_else) * (1 + odds_of_nothing(selection.p_value))
+        rivals = [k for k in of if k != step.accepted.id and of[k] > RIVALRY * own]
+        return Weights(of, total, self._looking_alike(step, step.accepted.id, rivals))
+
+    def _odds_of_something_else(self, step: SelectionStep[RingDownFit]) -> float:
+        """Return how likely it is that what is not listed is at work, over that the mechanism accepted in a step is.
+
+        The weaker an effect, the more there is that looks like it: of a small chi-squared nearly anything does.
+        """
+        policy, selection, left = self.judge.problem.policy, self.selection, self.selection.left
+        if step.accepted is None or step.accepted.fit is None:
+            return 1.0
+        gain = step.before.objective - step.accepted.fit.objective
+        weak = policy.unlisted * min(1.0, policy.likeness / max(gain, 1.0))
+        odds = policy.strong_likeness + weak + math.exp((left.unnamed - policy.unnamed) / 2)
+        if left.p_value < policy.left_level and left.chi_squared > 0:
+            share = left.share / max(policy.may_be_left(len(selection.best.terms)), 1e-300)
+            odds = min(odds, 1.0) ** (1 - min(share, 1.0))
+        return float(odds)
+
+    def _looking_alike(self, step: SelectionStep[RingDownFit], chosen: str, rivals: Sequence[str]) -> tuple[str, ...]:
+        """Rivals that these data cannot tell apart: alike in signature, or never compared."""
+        labels, cosines = step.screening.labels, np.abs(step.screening.cosines)
+        found = []
+        for rival in rivals:
+            mine = [i for i, k in enumerate(labels) if k == chosen]
+            theirs = [i for i, k in enumerate(labels) if k == rival]
+            alike = self.judge.problem.policy.look_alike
+            if not mine or not theirs or cosines[np.ix_(mine, theirs)].max() > alike:
+                found.append(rival)
+        return tuple(found)
+
+    def parameters(self, fitted: RingDownFit, number: int) -> tuple[Term, dict[str, Interval]]:
+        """Return a term and its parameters; how loud tones are is read from what every segment holds of them."""
+        term = fitted.terms[number]
+        if not isinstance(term.mechanism, Tones) or term.mechanism.strength is None:
+            return Account.parameters(self, fitted, number)
+        amplitude, error = tone_amplitude(fitted)
+        known = Interval(amplitude, amplitude - NORMAL_95 * error, amplitude + NORMAL_95 * error, "m/s2")
+        return term.moved({term.mechanism.strength: amplitude}), {term.mechanism.strength: known}
+
+    def held_out_rms(self, fitted: RingDownFit) -> float:
+        """Return the rms of the residual on held-out impacts, m/s2."""
+        return self.judge.held_out_rms(fitted)
+
+    def summary(self, chosen: RingDownFit | None) -> FitSummary:
+        """Return how well held-out impacts are predicted."""
+        experiment, held = self.judge.problem.experiment, self.judge.held_out
+        after = self.held_out_rms(chosen) if chosen is not None and held else None
+        before = self.held_out_rms(self.selection.baseline)
+        return FitSummary(
+            "m/s2", experiment.noise_rms, before, after, len(held), len(experiment.segments),
+            len(set(experiment.loads_n)),
+        )  # fmt: skip
+
+    def location(self, named: Sequence[Named]) -> Location:
+        """Read off the residual of the linear rig where it is more than noise."""
+        base, best, rig = self.selection.baseline, self.selection.best, self.judge.problem.arrangement
+        rate = self.judge.problem.experiment.sample_rate_hz
+        bins, windows = excess_by_frequency(base), excess_by_time(base)
+        frequency = _range(bins.edges, np.any(bins.sure, axis=0), (0.0, rate / 2))
+        time = _range(windows.edges, np.any(windows.sure, axis=0), (0.0, float(windows.edges[-1])))
+        share = _gain_by_channel(base, best)
+        difference = len(share) == 2 and share[1] > 2 * share[0]
+        gain = np.array([float(np.vdot(r, r) - np.vdot(s, s)) for r, s in zip(base.residuals, best.residuals,
+                                                                             strict=True)])  # fmt: skip
+        component = named[0].where if named else self._suspected(difference, self.selection.steps[0].screening)
+        free = "changes of a channel explain" if component == "sensor chain" else "forces of any shape in it explain"
+        what = "what is named explains" if named else free
+        return Location(
+            component,
+            named[0].element if named else element_of_component(rig, component),
+            self._channels(difference),
+            self._times(time),
+            frequency,
+            self._showing(gain),
+            f"The residual of {self.linear} is more than noise from {frequency[0]:.0f} to {frequency[1]:.0f} Hz, and "
+            f"{what} most of it.",
+        )
+
+    def left_at(self, model: RingDownFit, screening: Screening) -> Location:
+        """Read off where the residual of a model is more than noise; the component's forces fit it best."""
+        bins, windows = excess_by_frequency(model), excess_by_time(model)
+        frequency = spread_of(bins.edges, bins.power, bins.sure)
+        beyond = np.maximum(bins.power - 1, 0.0).sum(axis=1)
+        difference = len(beyond) == 2 and beyond[1] > 2 * beyond[0]
+        component = self._suspected(difference, screening)
+        excess = np.array([float(np.vdot(r, r)) - r.size for r in model.residuals])
+        return Location(
+            component,
+            element_of_component(self.judge.problem.arrangement, component),
+            self._channels(difference),
+            self._times(spread_of(windows.edges, windows.power, windows.sure)),
+            frequency,
+            self._showing(excess),
+            f"What is left is more than noise {frequency_words(frequency)}; of forces of any shape, those in the "
+            f"component {component} would take away most of it.",
+        )
+
+    def _suspected(self, difference: bool, screening: Screening) -> str:
+        by = screening.free.by_component
+        return "sensor chain" if difference else max(by, key=lambda k: by[k])
+
+    def _channels(self, difference: bool) -> tuple[str, ...]:
+        names = tuple(s.name for s in self.judge.problem.arrangement.sensors)
+        return ("-".join(names),) if difference else names
+
+    def _times(self, window: tuple[float, float]) -> tuple[float, float]:
+        begin = float(np.mean([s.start_s for s in self.selection.baseline.segments]))
+        return begin + window[0], begin + window[1]
+
+    def _showing(self, excess: Real) -> tuple[str, ...]:
+        """Return the loads that show most of what each segment (n,) of the training shows."""
+        loads = self.judge.problem.experiment.loads_n
+        by_load = np.zeros(len(loads))
+        for segment, value in zip(self.selection.baseline.segments, excess, strict=True):
+            by_load[segment.group] += value
+        all_of_them = by_load.max() <= 0
+        shown = {v for v, e in zip(loads, by_load, strict=True) if all_of_them or e >= OF_A_GROUP * by_load.max()}
+        return tuple(label for label, load in self.groups.items() if load in shown)
+
+    def compared(self, candidate: Candidate[RingDownFit], best: Candidate[RingDownFit]) -> str:
+        """Say in a sentence how a rival compares with the best candidate."""
+        lead, what = best.evidence - candidate.evidence, best.id.replace("_", " ")
+        if candidate.fit is None:
+            return f"Its score test promises {lead:.0f} less evidence than {what} has; it was not fitted in full."
+        return f"Fitted in full it has {lead:.0f} less evidence, in units of chi-squared, than {what}."
+
+    def next_experiment(self, named: Sequence[Named]) -> NextExperiment | None:
+        """Return the load at which the two best explanations differ most per impact, with a stronger tap."""
+        steps = self.selection.steps
+        fits = [(c.id, c.fit) for c in steps[0].candidates if c.fit is not None] if steps else []
+        if len(fits) < 2:
+            return None
+        (first, a), (second, b) = fits[:2]
+        loads = self.judge.problem.experiment.loads_n
+        between, count = np.zeros(len(loads)), np.zeros(len(loads))
+        for segment, r, s in zip(self.selection.baseline.segments, a.residuals, b.residuals, strict=True):
+            between[segment.group] += float(np.sum((r - s) ** 2))
+            count[segment.group] += 1
+        group = int(np.argmax(between / np.maximum(count, 1)))
+        ratio = min(STRONGER_TAP * strongest_tap(self.selection.baseline, group), MOST_FORCE_RATIO)
+        return NextExperiment(
+            loads[group],
+            ratio,
+            (first, second),
+            f"At {1e3 * loads[group]:.0f} mN the two differ most: by {math.sqrt(between[group] / count[group]):.1f} "
+            "standard deviations an impact at the taps made; a stronger one parts them further.",
+            ("load", "tap"),
+        )
+
+    def fitted(self) -> FittedRig | None:
+        """Return the rig as fitted with what was left out."""
+        chosen = self.selection.chosen
+        if chosen is None:
+            return None
+        values = dict(zip(chosen.constants.names()[0], chosen.constants.rig.tolist(), strict=True))
+        declared = [p for p in self.judge.problem.arrangement.parameters if p.name in values]
+        contact = contact_at_rest(chosen) if self.judge.problem.is_tester else ()
+        return FittedRig({p.name: (values[p.name], p.unit) for p in declared}, contact)
+
+
+def _range(edges: Real, sure: NDArray[np.bool_], fallback: tuple[float, float]) -> tuple[float, float]:
+    at = np.flatnonzero(sure)
+    return (float(edges[at[0]]), float(edges[at[-1] + 1])) if at.size else fallback
+
+
+def _gain_by_channel(before: RingDownFit, after: RingDownFit) -> Real:
+    """Sum of squares that the better fit takes away in mean and difference of two channels."""
+    if len(before.residuals[0]) != 2:
+        return np.zeros(1)
+    out = np.zeros(2)
+    for a, b in zip(before.residuals, after.residuals, strict=True):
+        for i, sign in enumerate((1.0, -1.0)):
+            out[i] += float(np.sum((a[0] + sign * a[1]) ** 2) - np.sum((b[0] + sign * b[1]) ** 2))
+    return out
+
+
+def strongest_tap(fitted: RingDownFit, group: int) -> float:
+    """Return the largest dynamic force over the preload among the impacts of a load, in the element that carries it."""
+    elements = fitted.arrangement.elements
+    place = next((i for i, e in enumerate(elements) if e.preload), None)
+    if place is None:
+        return MOST_FORCE_RATIO
+    values, to = fitted.constants.at(group), fitted.responded(group)
+    k, c = (values[name] if name else 0.0 for name in (elements[place].stiffness, elements[place].damping))
+    t = np.arange(FORCE_SAMPLES) / fitted.problem.experiment.sample_rate_hz
+    peaks = [0.0]
+    for segment, amplitudes in zip(fitted.segments, fitted.amplitudes, strict=True):
+        if segment.group == group and segment.preload_n > 0:
+            d, v = to.motion(amplitudes, place, t)
+            peaks.append(float(np.abs(k * d + c * v).max()) / segment.preload_n)
+    return max(peaks)

@@ -1,0 +1,289 @@
+"""The rig with any mechanisms in it: its modes at every load, and what the mechanisms add to a segment."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+
+from analysis.mismatch.parameters import FreeParameter, Term
+from analysis.mismatch.problem import Constants, law_parameters
+from analysis.mismatch.ring_downs.coordinates import Coordinates
+from analysis.mismatch.ring_downs.experiment import Segment
+from analysis.mismatch.ring_downs.linear import LinearRig
+from analysis.mismatch.ring_downs.modes import Nuisance, Sensitivity, sensitivities
+from analysis.mismatch.ring_downs.response import Response, response, responses, whiten
+from sim_backend.arrangement import LOAD
+from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, SecondImpact, Tones
+from sim_backend.modal_response import waves
+from sim_backend.propagate import Clock, Impact, Motion, Rigs, laws_of, propagate
+
+if TYPE_CHECKING:
+    from analysis.mismatch.ring_downs.problem import RingDowns
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+WITHOUT_LAWS = 0.6  # work of what a term without a force law adds, of a sample
+TOGETHER = 32  # runs that are carried along in one call
+BEYOND = 10  # samples that a segment is continued at its ends for what a channel does to it
+SPLINE = 5  # degree in which a tap's pulse is shifted by parts of a sample
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """With what a segment is predicted."""
+
+    terms: tuple[Term, ...]
+    amplitudes: Complex
+    values: dict[str, float]
+    to: Response
+
+    def before(self, lead_s: float) -> Variant:
+        """Return the same with the modal amplitudes so much earlier."""
+        return replace(self, amplitudes=self.amplitudes * np.exp(-lead_s * self.to.rig.poles))
+
+
+Run = tuple[Segment, Variant]
+"""A segment and with what it is predicted."""
+
+
+class AddedResponse:
+    """What terms add to the ring-downs of a rig, and the rig with the bodies that they add.
+
+    Parameters
+    ----------
+    substeps
+        Of a sample, in which extra forces are computed.
+    """
+
+    def __init__(self, problem: RingDowns, terms: Sequence[Term], substeps: int):
+        self.problem, self.terms, self.substeps = problem, tuple(terms), substeps
+        arrangement = problem.arrangement
+        for term in terms:
+            if isinstance(term.mechanism, AddedBody):
+                arrangement = term.mechanism.extend(arrangement, term.values, term.place)
+        self.arrangement = arrangement
+        lines = lines_of(terms)
+        slow = np.append(problem.slow, 2j * np.pi * np.array(lines)) if lines else problem.slow
+        self.nuisance = Nuisance(problem.experiment, slow)
+        self.rate = problem.experiment.sample_rate_hz
+        self.rig_parameters = [p for p in arrangement.parameters if p.scope != LOAD]
+        self.declared = np.array([p.value for p in self.rig_parameters])
+        self.precision = np.array(
+            [1 / p.uncertainty**2 if np.isfinite(p.uncertainty) else 0.0 for p in self.rig_parameters]
+        )
+        names = [p.name for p in self.rig_parameters]
+        self.coordinates = Coordinates(names, np.array([p.positive for p in self.rig_parameters], bool), terms)
+        self.free = [
+            FreeParameter.of(q, i, t.values[q.name])
+            for i, t in enumerate(terms)
+            if t.nonlinear
+            for q in t.mechanism.parameters
+        ]
+        self.propagated = any(isinstance(t.mechanism, ForceLaw) for t in terms)
+        self.nonlinear = any(t.nonlinear for t in terms)
+        self.has_second_impact = any(isinstance(t.mechanism, SecondImpact) for t in terms)
+
+    def start_free(self) -> Real:
+        """Values of the free parameters, as they are fitted, to begin with."""
+        return np.array([q.inward(self.terms[q.owner].values[q.name]) for q in self.free])
+
+    def with_free(self, free: Real) -> tuple[Term, ...]:
+        """Terms with the values of the free parameters put in."""
+        values = [dict(t.values) for t in self.terms]
+        for q, x in zip(self.free, free.tolist(), strict=True):
+            values[q.owner][q.name] = q.outward(x)
+        return tuple(replace(t, values=v) for t, v in zip(self.terms, values, strict=True))
+
+    def modes(self, constants: Constants) -> tuple[list[Sensitivity], list[Response]]:
+        """Return modes and responses at every load; no responses where the rig is linear."""
+        problem = self.problem
+        modes = [
+            replace(s, phase_locked=self._locked_modes(constants.at(g), s.rig))
+            for g, s in enumerate(sensitivities(constants, problem.analog, problem.experiment))
+        ]
+        made = [
+            response(self.arrangement, constants.at(g), m.rig, problem.analog) if self.nonlinear else None
+            for g, m in enumerate(modes)
+        ]
+        return modes, made  # type: ignore[return-value]
+
+    def _locked_modes(self, values: dict[str, float], rig: LinearRig) -> tuple[int, ...]:
+        """Modes of bodies that are set going by the rig alone and too weak to be read segment by segment."""
+        added = len(self.arrangement.bodies) - len(self.problem.arrangement.bodies)
+        if not added or not any(t.phase_locked for t in self.terms):
+            return ()
+        size = np.abs(rig.shapes) * np.sqrt([[values[m]] for m in self.arrangement.masses])
+        share = size[-added:].sum(axis=0) / size.sum(axis=0)
+        return tuple(int(j) for j in np.argsort(-share)[:added])
+
+    def extra(self, runs: Sequence[Run]) -> list[Real]:
+        """Return for each run (c, n) what the terms add to the whitened segment of the linear rig."""
+        alike: dict[tuple[int, int], list[int]] = {}
+        for i, (segment, _) in enumerate(runs):
+            alike.setdefault((segment.y.shape[1], segment.run_up), []).append(i)
+        batches = [at[i : i + TOGETHER] for at in alike.values() for i in range(0, len(at), TOGETHER)]
+        each = self.substeps if self.propagated else WITHOUT_LAWS
+        self.problem.budget.spent += each * sum(segment.y.shape[1] for segment, _ in runs)
+        carried = self._carried([[runs[i] for i in at] for at in batches]) if self.propagated else None
+        found: list[Real] = [np.zeros(0)] * len(runs)
+        for k, at in enumerate(batches):
+            added = np.zeros((len(at), *runs[at[0]][0].y.shape)) if carried is None else carried[k]
+            for out, i in zip(added, at, strict=True):
+                self._hit_again_and_distorted(out, *runs[i])
+            for i, one in zip(at, whiten(added, self.problem.experiment.noise), strict=True):
+                found[i] = one
+        return found
+
+    def _carried(self, batches: Sequence[Sequence[Run]]) -> list[Real]:
+        """Return for each batch (runs, c, n) what the laws' forces add, before whitening."""
+        h = 1 / self.rate / self.substeps
+        tasks: list[_Task] = []
+        for runs in batches:
+            segment = runs[0][0]
+            steps = (segment.y.shape[1] - 1 + segment.run_up) * self.substeps
+            propagated, used = self._propagation(runs, h, steps)
+            tasks.append((propagated, responses([v.to for _, v in runs], used, h, self.substeps), segment.run_up))
+        workers = min(len(os.sched_getaffinity(0)), len(tasks))
+        if workers < 2:
+            return [_carry(task) for task in tasks]
+        with ThreadPoolExecutor(workers) as pool:  # compiled code lets go of the interpreter
+            return list(pool.map(_carry, tasks))
+
+    def _propagation(self, runs: Sequence[Run], h: float, steps: int) -> tuple[Callable[[], Motion], list[int]]:
+        """Return what computes the extra forces of k elements from the run-up on, and these elements."""
+        arrangement = self.arrangement
+        laws_at = {i: t.mechanism for i, t in enumerate(self.terms) if isinstance(t.mechanism, ForceLaw)}
+        slots = [(i, e) for i in laws_at for e in self.terms[i].place]
+        slots.sort(key=lambda s: laws_at[s[0]].last)
+        used = sorted({e for _, e in slots})
+        elements = arrangement.elements
+        laws = laws_of(
+            [(laws_at[i].law, used.index(e)) for i, e in slots],
+            [[law_parameters(v.terms[i], elements[e], v.values, r.preload_n, h) for i, e in slots] for r, v in runs],
+        )
+        values = {name: np.array([v.values[name] for _, v in runs]) for name in runs[0][1].values}
+        mass, damping, stiffness = arrangement.matrices(values)
+        rows = np.stack([arrangement.vector(elements[e].row, values) for e in used], axis=1)
+        rigs = Rigs(mass, damping, stiffness, rows, np.zeros((*mass.shape, 0)))
+        initial = [v.before(r.run_up / self.rate) for r, v in runs]
+        start = np.stack([state_of(v.to.rig, v.amplitudes) for v in initial])
+        clock = Clock(np.array([r.start_s - r.run_up / self.rate for r, _ in runs]), h, steps, 0)
+        again = [self._second(r, v, h) if h > 0 else (-1, 0 * v.amplitudes) for r, v in runs]
+        jumps = np.stack([state_of(v.to.rig, jump) for (_, jump), (_, v) in zip(again, runs, strict=True)])
+        impact = Impact(np.array([at for at, _ in again]), jumps)
+        return lambda: propagate(rigs, laws, start, clock, impact=impact), used
+
+    def forces(self, run: Run, samples: int) -> tuple[Motion, list[int], float]:
+        """Return the extra forces along a segment, their k elements and the time step.
+
+        ``samples`` from where the segment's run-up begins; a negative number goes back in time.
+        """
+        h = math.copysign(1 / self.rate / self.substeps, samples)
+        propagated, used = self._propagation([run], h, abs(samples) * self.substeps)
+        return propagated(), used, h
+
+    def _second(self, segment: Segment, variant: Variant, h: float) -> tuple[int, Complex]:
+        """Return the step from the run-up's beginning on at which a second impact is over (-1: none), and its modes."""
+        share = sum(t.values[t.mechanism.parameters[0].name] for t in variant.terms if _is_double_hit(t))
+        if not share:
+            return -1, 0 * variant.amplitudes
+        over = (second_over(segment, self.rate) + segment.run_up) / self.rate
+        at = max(math.ceil(over / h), 1)
+        return at, share * variant.amplitudes * np.exp(variant.to.rig.poles * (at * h - over))
+
+    def _hit_again_and_distorted(self, added: Real, segment: Segment, variant: Variant) -> None:
+        """Add (c, n) a second impact and what the sensor chain makes of the segment."""
+        to, amplitudes = variant.to, variant.amplitudes
+        for term in variant.terms:
+            if _is_double_hit(term):
+                share = term.values[term.mechanism.parameters[0].name]
+                added += share * second_impact(to, amplitudes, segment, self.rate)
+        distorted = [(t, t.mechanism) for t in variant.terms if isinstance(t.mechanism, ChannelDistortion)]
+        if distorted:  # some look beyond the segment's ends, where the modes ring as well
+            initial = amplitudes * np.exp(-BEYOND / self.rate * to.rig.poles)
+            clean = np.pad(added, ((0, 0), (BEYOND, BEYOND)), mode="edge")
+            clean += rung(to, initial, 1 / self.rate, clean.shape[1])
+            shown, inside = clean.copy(), slice(BEYOND, -BEYOND)
+            for term, mechanism in distorted:
+                values, rows = self._with_peak(term, segment, clean[:, inside]), list(term.place)
+                shown[rows] = mechanism.distort(shown[rows], values, self.rate)
+            added += (shown - clean)[:, inside]
+
+    def _with_peak(self, term: Term, segment: Segment, clean: Real) -> dict[str, float]:
+        """Values of a channel's distortion with the peak it is measured by."""
+        own = max(float(np.abs(segment.raw).max()), float(np.abs(clean).max()))
+        whole = max(float(np.abs(r.raw).max()) for r in self.problem.experiment.segments)
+        return dict(term.values) | {"peak": whole if term.values.get("of_session") else own}
+
+
+def lines_of(terms: Sequence[Term]) -> list[float]:
+    """Return the frequencies, Hz, of all steady tones among terms."""
+    return [hz for t in terms if isinstance(t.mechanism, Tones) for hz in t.mechanism.lines(t.values)]
+
+
+def _is_double_hit(term: Term) -> bool:
+    return isinstance(term.mechanism, SecondImpact)
+
+
+_Task = tuple[Callable[[], Motion], Callable[[Real, Real], Real], int]
+"""What computes forces, what turns them into the channels' responses, and the samples of the run-up."""
+
+
+def _carry(task: _Task) -> Real:
+    propagated, responded, run_up = task
+    motion = propagated()
+    return responded(motion.forces, motion.bends)[:, :, run_up:]
+
+
+def state_of(rig: LinearRig, amplitudes: Complex) -> Real:
+    """Return (2 n,) displacements (m) and velocities (m/s) of modes with these amplitudes."""
+    own = rig.weight * amplitudes
+    return np.concatenate([(rig.shapes @ own).real, (rig.shapes @ (rig.poles * own)).real])
+
+
+def second_over(segment: Segment, sample_rate_hz: float) -> float:
+    """Return where in a segment the second impact is over, samples."""
+    return segment.second + segment.since_tap_s * sample_rate_hz
+
+
+def second_impact(to: Response, amplitudes: Complex, segment: Segment, sample_rate_hz: float) -> Real:
+    """Return (c, n) the response to a second impact as large as the first, m/s2 before whitening.
+
+    While its pulse acts it is what the channels showed while the first one did; afterwards the modes ring as fitted.
+    """
+    n, k = segment.y.shape[1], segment.pulse.shape[1]
+    late = second_over(segment, sample_rate_hz)
+    at = np.arange(n) - late
+    out = np.zeros((len(to.rig.filtered), n))
+    first = min(max(math.ceil(late), 0), n)  # sample from which on the modes ring
+    initial = amplitudes * np.exp((first - late) / sample_rate_hz * to.rig.poles)
+    out[:, first:] = rung(to, initial, 1 / sample_rate_hz, n - first)
+    acts = (at < 0) & (at > -k)
+    if np.any(acts):
+        shown = np.concatenate([segment.pulse, rung(to, amplitudes, 1 / sample_rate_hz, SPLINE)], axis=1)
+        out[:, acts] = shown @ _shifted(k, float(late), n)
+    return out
+
+
+def rung(to: Response, amplitudes: Complex, h: float, n: int) -> Real:
+    """Return (c, n) what the channels show of modes left to themselves with these amplitudes, before whitening."""
+    shown: Real = (to.rig.filtered * (to.rig.weight * amplitudes) @ waves(to.rig.poles, h, n).T).real
+    return shown
+
+
+@lru_cache(maxsize=4)  # the variants of a segment follow each other
+def _shifted(k: int, late: float, n: int) -> Real:
+    """Return (k + SPLINE, m) the spline through samples from -k on, at those of n samples where the pulse acts."""
+    at = np.arange(n) - late
+    spline = make_interp_spline(np.arange(-k, SPLINE), np.eye(k + SPLINE), k=SPLINE)
+    return np.asarray(spline(at[(at < 0) & (at > -k)])).T

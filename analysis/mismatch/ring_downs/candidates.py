@@ -1,0 +1,210 @@
+"""Full fits of candidates to ring-downs: where they begin, which of several minima counts, what they gain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.mismatch.chi_squared import evidence
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.ring_downs.continuation import continued
+from analysis.mismatch.ring_downs.coordinates import admissible
+from analysis.mismatch.ring_downs.fit import COMPETING_ITERATIONS, Complex, Start, Stop, fit, without_added
+from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
+from analysis.mismatch.score_test import Score, screen
+from analysis.mismatch.selection import Candidate
+from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism, SecondImpact, Tones
+
+Begin = tuple[Term, RingDownFit | None]
+"""Values of a term, and the fit whose rig it starts from; None for the rig as declared."""
+
+Finish = Callable[[RingDownFit], RingDownFit]
+
+
+def started(score: Score) -> Term:
+    """Return the screened term with the strength that the score test found."""
+    term, mechanism = score.term, score.term.mechanism
+    if isinstance(mechanism, SecondImpact | Tones):
+        return term
+    quantities = {q.name: q for q in mechanism.parameters}
+    values = dict(term.values)
+    strength = mechanism.strength
+    if strength is None:
+        if not term.phase_locked:
+            return term
+        factor = max(abs(score.strength), 1e-6)
+        return term.moved({k: v / factor for k, v in values.items()})
+    factor = score.strength if score.strength != 0 else 1.0
+    if isinstance(mechanism, AddedBody) and quantities[strength].log:
+        # a body of this strength: mass, stiffness and damping grow together
+        values = {k: v * abs(factor) if k in quantities else v for k, v in values.items()}
+    else:
+        value = values[strength] * factor
+        values[strength] = abs(value) if quantities[strength].log else value
+    for name, q in quantities.items():
+        values[name] = min(max(values[name], q.low), q.high)
+    return term.moved(values)
+
+
+def screened_evidence(score: Score) -> float:
+    """Return the evidence that a score promises."""
+    return evidence(score.gain, score.own_numbers)
+
+
+def variants(scores: Sequence[Score], hopeful: float) -> list[Score]:
+    """Return the best score with each set of fixed values in a mechanism, where it is not far behind the first."""
+    best: dict[frozenset[tuple[str, float]], Score] = {}
+    for score in scores:
+        best.setdefault(frozenset(score.term.fixed.items()), score)
+    least = hopeful * screened_evidence(scores[0])
+    return [s for s in best.values() if s is scores[0] or screened_evidence(s) > least]
+
+
+def fitted_candidate(
+    current: RingDownFit, score: Score, starts: Sequence[Begin], explained: bool, to_beat: float
+) -> Candidate[RingDownFit]:
+    """Return the best of the full fits of a mechanism that begin at these values and rigs.
+
+    Parameters
+    ----------
+    explained
+        Whether another candidate has already explained most: a strong law is then not looked for by continuation.
+    to_beat
+        Objective from which on a fit is given up.
+    """
+    policy, mechanism = current.problem.policy, score.term.mechanism
+    fitted = _best(current.problem, current.terms, starts, score.delays, to_beat)
+    if fitted is None or not rings(fitted) or stiffness_evidence(mechanism, fitted) < -policy.contradicted:
+        return Candidate(score, None, 0.0)
+    if fitted.only_laws and not explained and fitted.reduced_chi_squared > policy.strong:
+        fitted = continued(current.problem, fitted.terms, current) or fitted
+    found = _judged(current, fitted, score, score.own_numbers)
+    if score.term.phase_locked and current.objective - fitted.objective > policy.phase_locked_most:
+        found = max(found, _freed(current, fitted, score), key=lambda c: c.evidence)
+    return found
+
+
+def _judged(current: RingDownFit, fitted: RingDownFit, score: Score, own: int) -> Candidate[RingDownFit]:
+    gain = current.objective - fitted.objective - score.choice
+    parameters, cost = len(score.term.mechanism.parameters), current.problem.policy.parameter_cost
+    return Candidate(score, fitted, evidence(gain, own, parameters, cost), own)
+
+
+def _freed(current: RingDownFit, locked: RingDownFit, score: Score) -> Candidate[RingDownFit]:
+    """Fit an added body that rings in every segment as it will: phase-locked to the tap it is only nearly."""
+    term = replace(locked.terms[-1], freed=True)
+    fitted = competing(current.problem, (*locked.terms[:-1], term), current, score.delays)
+    return _judged(current, fitted, score, 2 * len(current.segments))
+
+
+def _best(
+    problem: RingDowns,
+    others: tuple[Term, ...],
+    starts: Sequence[Begin],
+    delays: Sequence[float] = (),
+    to_beat: float = math.inf,
+) -> RingDownFit | None:
+    """Fit a term beside others from some values and rigs, for a few steps each; continue with the best."""
+    fits = []
+    for term, begin in starts:
+        with suppress(ValueError, np.linalg.LinAlgError):  # it cannot be joined with what is there already
+            fits.append(competing(problem, (*others, term), begin, delays, to_beat))
+    best = min(fits, key=lambda f: (not rings(f), f.objective), default=None)
+    if best is None or best.nonlinear or best.objective > to_beat:
+        return best
+    return fit(problem, best.terms, best, stop=Stop(competing=True))
+
+
+def rings(fitted: RingDownFit) -> bool:
+    """Whether the bodies that were added are admissible ones."""
+    return all(admissible(t, fitted.constants.at(0)) for t in fitted.terms)
+
+
+def competing(
+    problem: RingDowns,
+    terms: Sequence[Term],
+    begin: RingDownFit | None,
+    delays: Sequence[float] = (),
+    to_beat: float = math.inf,
+) -> RingDownFit:
+    """Fit a model so well that it can be compared with others.
+
+    Beside force laws it starts from the amplitudes that these left, unless a body changes the modes.
+    """
+    amplitudes: tuple[Complex, ...] = ()
+    if begin is not None and begin.nonlinear and len(terms) > len(begin.terms):
+        bodies = [sum(isinstance(t.mechanism, AddedBody) for t in some) for some in (terms, begin.terms)]
+        amplitudes = begin.amplitudes if bodies[0] == bodies[1] else ()
+    start = Start(delays=delays, amplitudes=amplitudes)
+    return fit(problem, terms, begin, start, Stop(COMPETING_ITERATIONS, competing=True, to_beat=to_beat))
+
+
+def converged(fitted: RingDownFit) -> RingDownFit:
+    """Go on with a fit until no step gains anything."""
+    if fitted.nonlinear:  # while it competed it was computed in coarser steps
+        return fit(fitted.problem, fitted.terms, fitted, Start(amplitudes=fitted.amplitudes))
+    found = fit(fitted.problem, fitted.terms, fitted)
+    return found if found.objective < fitted.objective else fitted
+
+
+def elsewhere(current: RingDownFit, scores: Sequence[Score]) -> list[Begin]:
+    """Return where else the fit of an added body, which has more than one minimum, is started.
+
+    At its next best screened values, and from the rig as declared where that went far to stand in for it. Beside laws,
+    at the best of the fits that leave what these add to the segments as it is.
+    """
+    policy = current.problem.policy
+    least = policy.other_start * screened_evidence(scores[0])
+    rigs = (current, None) if current.penalty > policy.standing_in else (current,)
+    starts: list[Begin] = [
+        (started(s), rig) for s in scores[: policy.starts] if screened_evidence(s) > least for rig in rigs
+    ]
+    if not current.nonlinear:
+        return starts[1:]
+    linear = tuple(t for t in current.terms if not t.nonlinear)
+    best = _best(without_added(current), linear, starts)
+    return [] if best is None else [(best.terms[-1], best)]
+
+
+def looked_for_again(current: RingDownFit, finish: Finish) -> RingDownFit:
+    """Restart each earlier mechanism beside the later ones: alone, it may have drifted far to stand in for them."""
+    fitted = current
+    for i, term in enumerate(current.terms[:-1]):
+        if isinstance(term.mechanism, Tones):
+            continue
+        others = fitted.terms[:i] + fitted.terms[i + 1 :]
+        with suppress(ValueError, np.linalg.LinAlgError):
+            without = competing(fitted.problem, others, fitted)
+            scores = [s for s in screen(fitted.problem, without, [term.mechanism]).scores if s.term.place == term.place]
+            score = max(scores, key=screened_evidence)
+            terms = (*others[:i], started(score), *others[i:])
+            found = competing(fitted.problem, terms, without, score.delays)
+            if found.objective < fitted.objective - fitted.problem.policy.least_gain and rings(found):
+                fitted = min(finish(found), fitted, key=lambda f: f.objective)
+    return fitted
+
+
+def stiffness_evidence(mechanism: Mechanism, fitted: RingDownFit | None) -> float:
+    """Chi-squared by which k_c(P) speaks against a force law of the contact: its exponent must be the law's."""
+    exponent = stiffness_exponent(fitted) if fitted is not None else None
+    if not isinstance(mechanism, ForceLaw) or mechanism.stiffness_exponent is None or exponent is None:
+        return 0.0
+    expected, tolerance = mechanism.stiffness_exponent
+    return -(((exponent[0] - expected) / math.hypot(tolerance, exponent[1])) ** 2)
+
+
+def stiffness_exponent(fitted: RingDownFit) -> tuple[float, float] | None:
+    """Return d ln k_c / d ln P over the loads and its standard error; None with less than three loads."""
+    loads = np.log(np.array(fitted.problem.experiment.loads_n))
+    names = fitted.constants.names()[1]
+    if "kc" not in names or loads.size < 3 or np.ptp(loads) < 0.1:
+        return None
+    y = np.log(fitted.constants.load[:, names.index("kc")])
+    x = loads - loads.mean()
+    slope = float(x @ y / (x @ x))
+    scatter = y - y.mean() - slope * x
+    return slope, math.sqrt(float(scatter @ scatter) / (loads.size - 2) / float(x @ x))

@@ -1,0 +1,129 @@
+"""Fits of strong effects: from the late part of the segments, where the rig is nearly linear, to the whole.
+
+Where an effect is so strong that the linear rig's constants are no start for it, the end of every segment still gives
+them. From there the segments are made longer step by step; the state at each earlier beginning comes from running the
+rig with its force law backward in time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.problem import Constants
+from analysis.mismatch.ring_downs.fit import MOST_ITERATIONS, Start, Stop, fit
+from analysis.mismatch.ring_downs.linear import linear_rig
+from analysis.mismatch.ring_downs.modes import Nuisance, Sensitivity
+from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
+from sim_backend.modal_response import step_weights
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+LATE_S = (4e-3, 8e-3, 16e-3, 32e-3)  # after the tap: beginnings that are tried for a linear start
+SHARE = 0.75  # of the time after the tap that the next longer segments begin at
+LEAST_STEP_S = 1e-3
+FEW_ITERATIONS = 6
+SHORT_S = 8e-3  # of late segments: so short that a wrong constant causes no cycle skipping
+SCAN = np.linspace(-0.08, 0.08, 41)  # relative changes of a load's stiffness that are tried
+LEAST_SAMPLES = 300
+
+
+def continued(
+    problem: RingDowns, terms: Sequence[Term], begin: RingDownFit, held: RingDownFit | None = None
+) -> RingDownFit | None:
+    """Fit the rig with force laws by making segments longer.
+
+    Parameters
+    ----------
+    begin
+        Any fit of the linear rig to the same segments.
+    held
+        A fit whose constants and laws are kept: only what belongs to each impact is fitted.
+
+    Returns
+    -------
+    RingDownFit or None
+        None where the late part gives no start, or where it cannot be gone on from.
+    """
+    rate, policy = problem.experiment.sample_rate_hz, problem.policy
+    shortest = min(r.y.shape[1] for r in problem.experiment.segments)
+    linear = None if held is None else replace(held, terms=())
+    late, skipped = None, 0
+    for since in LATE_S:
+        if shortest - round(since * rate) < LEAST_SAMPLES:
+            break
+        skipped = round(since * rate)
+        later = problem.cropped(skipped)
+        late = _late(later, begin) if linear is None else fit(later, start=Start(held=linear))
+        if late.reduced_chi_squared < policy.nearly_linear:
+            break
+    if late is None:
+        return None
+    current = fit(late.problem, terms, late, Start(held=held), Stop(FEW_ITERATIONS))
+    while skipped > 0 and current.reduced_chi_squared < policy.strong:
+        step = max(round((1 - SHARE) * skipped), round(LEAST_STEP_S * rate))
+        nearer = max(skipped - step, 0)
+        amplitudes = [earlier(current, i, skipped - nearer) for i in range(len(current.amplitudes))]
+        skipped = nearer
+        longer = problem.cropped(skipped)
+        most = FEW_ITERATIONS if skipped else MOST_ITERATIONS
+        current = fit(longer, current.terms, current, Start(held=held, amplitudes=amplitudes), Stop(most))
+    return current if skipped == 0 else None
+
+
+def _late(problem: RingDowns, begin: RingDownFit) -> RingDownFit:
+    """Fit the linear rig to segments that begin late, each load's stiffness found by a scan of their first part."""
+    samples = round(SHORT_S * problem.experiment.sample_rate_hz)
+    short = problem.with_segments(
+        [replace(s, y=s.y[:, :samples], raw=s.raw[:, :samples]) for s in problem.experiment.segments]
+    )
+    load = begin.constants.load.copy()
+    for group in range(len(load)):
+        left = []
+        for change in SCAN:
+            tried = load.copy()
+            tried[group, 0] *= 1 + change
+            left.append(_left(short, Constants(problem.arrangement, begin.constants.rig, tried), group))
+        load[group, 0] *= 1 + SCAN[int(np.argmin(left))]
+    constants = replace(begin.constants, load=load)
+    first = fit(short, begin=replace(begin, constants=constants))
+    return fit(problem, begin=first)
+
+
+def _left(problem: RingDowns, constants: Constants, group: int) -> float:
+    """Sum of squares that the linear rig with these constants leaves at a load."""
+    experiment = problem.experiment
+    rig = linear_rig(
+        problem.arrangement, constants.at(group), problem.analog, experiment.noise, experiment.sample_rate_hz
+    )
+    none = np.zeros((0, *rig.gains.shape), np.complex128)
+    s = Sensitivity(rig, none[:, 0], none, none[:, 0])
+    nuisance, total = Nuisance(experiment, problem.slow), 0.0
+    for segment in experiment.segments:
+        if segment.group == group:
+            q, _ = nuisance.basis(s, segment)
+            y = segment.y.ravel()
+            total += float(y @ y - np.sum((q.T @ y) ** 2))
+    return total
+
+
+def earlier(fitted: RingDownFit, number: int, samples: int) -> Complex:
+    """Return (p,) modal amplitudes so many samples before a segment, by running the rig backward."""
+    segment = fitted.problem.experiment.segments[number]
+    to, amplitudes = fitted.responses[segment.group], fitted.amplitudes[number]
+    motion, used, h = fitted.added().forces(fitted.run(number), -samples)
+    rate = fitted.problem.experiment.sample_rate_hz
+    lead = np.exp(-to.rig.poles * segment.run_up / rate)
+    w = step_weights(to.rig.poles, h)
+    b = amplitudes * lead
+    grown = np.power(w[0][:, None], np.arange(motion.forces.shape[2] - 2, -1, -1)[None])
+    b = b * w[0] ** (motion.forces.shape[2] - 1)
+    for row, bend, element in zip(motion.forces[0], motion.bends[0], used, strict=True):
+        pushes = w[1][:, None] * row[:-1] + w[2][:, None] * row[1:] + w[3][:, None] * bend
+        b = b + to.drive[element] * np.sum(grown * pushes, axis=1)
+    return np.asarray(b / lead, np.complex128)

@@ -1,0 +1,82 @@
+"""Contact stiffness and damping of a fit at each load: of the linear part, so at zero amplitude."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.mismatch.answer import ContactAtRest
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.ring_downs.continuation import continued
+from analysis.mismatch.ring_downs.fit import Start, fit
+from analysis.mismatch.ring_downs.problem import RingDownFit
+from analysis.mismatch.score_test import screen
+from calibration.estimate import Estimate
+from sim_backend.mechanisms.kinds import SecondImpact
+from sim_backend.two_mass import TwoMass
+
+Real = NDArray[np.float64]
+
+
+STEP = 1e-6  # relative, of the differences of the damping ratio
+BODY = ("m1", "m2", "k1", "k2")
+CONTACT = ("kc", "cc")
+
+
+def contact_at_rest(found: RingDownFit) -> tuple[ContactAtRest, ...]:
+    """Return the contact at every load of a fit, in the order of its loads.
+
+    Standard errors are those of the joint fit: what belongs to each impact, the declared constants and the
+    mechanisms' parameters are left free in them. The errors of the loads themselves are not.
+    """
+    rig_names, load_names = found.constants.names()
+    answers = []
+    for group, load in enumerate(found.problem.experiment.loads_n):
+        first = len(rig_names) + group * len(load_names)
+        where = [rig_names.index(n) for n in BODY] + [first + load_names.index(n) for n in CONTACT]
+        covariance = found.covariance[np.ix_(where, where)]
+        values = found.constants.at(group)
+        x = np.array([values[n] for n in (*BODY, *CONTACT)])
+        slopes = np.array([_slope(x, i) for i in range(x.size)])
+        answers.append(
+            ContactAtRest(
+                load,
+                Estimate(float(x[-2]), _error(covariance[-2, -2])),
+                Estimate(float(x[-1]), _error(covariance[-1, -1])),
+                Estimate(_damping_ratio(x), _error(float(slopes @ covariance @ slopes))),
+            )
+        )
+    return tuple(answers)
+
+
+def _damping_ratio(x: Real) -> float:
+    return TwoMass(*x.tolist()).modes()[3]
+
+
+def _slope(x: Real, i: int) -> float:
+    up, down = x.copy(), x.copy()
+    step = STEP * (abs(x[i]) or 1.0)
+    up[i] += step
+    down[i] -= step
+    return (_damping_ratio(up) - _damping_ratio(down)) / (2 * step)
+
+
+def augmented(plain: RingDownFit, terms: Sequence[Term]) -> RingDownFit:
+    """Fit Eq. 9 with given mechanisms to the impacts of a plain fit, their parameters free within their ranges."""
+    second_impacts = [t.mechanism for t in terms if isinstance(t.mechanism, SecondImpact)]
+    delays = (
+        next((s.delays for s in screen(plain.problem, plain, second_impacts).scores if s.delays), ())
+        if second_impacts
+        else ()
+    )
+    found = fit(plain.problem, terms, plain, Start(delays=delays))
+    if found.only_laws and found.reduced_chi_squared > plain.problem.policy.strong:
+        found = continued(plain.problem, found.terms, plain) or found
+    return found
+
+
+def _error(variance: float) -> float:
+    return math.sqrt(max(variance, 0.0))

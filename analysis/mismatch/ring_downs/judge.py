@@ -1,0 +1,312 @@
+"""Candidates judged by chi-squared, and by impacts that took no part in fitting."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.mismatch.chi_squared import evidence
+from analysis.mismatch.problem import OnProgress, silent
+from analysis.mismatch.ring_downs.candidates import (
+    competing,
+    converged,
+    elsewhere,
+    fitted_candidate,
+    looked_for_again,
+    screened_evidence,
+    started,
+    stiffness_evidence,
+    variants,
+)
+from analysis.mismatch.ring_downs.continuation import continued
+from analysis.mismatch.ring_downs.fit import Start, fit
+from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
+from analysis.mismatch.score_test import Score, screen
+from analysis.mismatch.selection import (
+    Candidate,
+    Judge,
+    LeftOver,
+    Selection,
+    SelectionStep,
+    State,
+    name_of,
+)
+from sim_backend.mechanisms.kinds import AddedBody, Mechanism, SecondImpact
+
+HELD_OUT_EVERY = 4  # every fourth impact is held out
+
+Candidates = tuple[Candidate[RingDownFit], ...]
+Steps = tuple[SelectionStep[RingDownFit], ...]
+
+
+def split(problem: RingDowns) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return segments for fitting and held-out ones: every fourth, but never all of a load nor the strongest of all."""
+    segments = problem.experiment.segments
+    fitted = [0] * len(problem.experiment.loads_n)
+    strongest = max(range(len(segments)), key=lambda i: float(np.abs(segments[i].raw).max()), default=0)
+    training: list[int] = []
+    held: list[int] = []
+    for i, segment in enumerate(segments):
+        if i % HELD_OUT_EVERY == HELD_OUT_EVERY - 1 and fitted[segment.group] and i != strongest:
+            held.append(i)
+        else:
+            training.append(i)
+            fitted[segment.group] += 1
+    return tuple(training), tuple(held)
+
+
+@dataclass(frozen=True, slots=True)
+class ImpactJudge(Judge[RingDownFit]):
+    """See `Judge`.
+
+    Attributes
+    ----------
+    held_out
+        Numbers of the segments that take no part in fitting.
+    selections
+        How many selections' compute budget may be spent on these recordings.
+    """
+
+    problem: RingDowns
+    training: RingDowns
+    held_out: tuple[int, ...]
+    known: Sequence[Mechanism]
+    on_progress: OnProgress = silent
+    selections: float = 1.0
+
+    @classmethod
+    def of(cls, problem: RingDowns, known: Sequence[Mechanism], on_progress: OnProgress = silent) -> ImpactJudge:
+        """Hold some of the impacts out."""
+        training, held = split(problem)
+        return cls(problem, problem.only(training), held, known, on_progress)
+
+    def baseline(self) -> RingDownFit:
+        """Return the linear rig fitted to the impacts that are not held out."""
+        return fit(self.training)
+
+    def candidates(self, state: State[RingDownFit]) -> Candidates:
+        """Fit the best screened mechanisms in full, each with those already accepted."""
+        current, policy = state.current, self.problem.policy
+        by_id = _by_mechanism(state)
+        ranked = [scores[0] for scores in by_id.values()]
+        found: list[Candidate[RingDownFit]] = []
+        explained, best, tried = False, 0.0, set()
+        for place, score in enumerate(ranked):
+            close = screened_evidence(score) > policy.close * screened_evidence(ranked[0])
+            certain = score.p_value < policy.level / max(len(ranked), 1)
+            promising = certain and (close or screened_evidence(score) > best)  # more than has been gained so far
+            if place >= policy.finalists or (place and (not promising or self.exhausted())):
+                found.append(Candidate(score, None, screened_evidence(score)))
+                continue
+            self.on_progress(f"fitting {name_of(score.term.mechanism)}")
+            tried.add(_key(score))
+            starts = [(started(s), current) for s in variants(by_id[_key(score)], policy.hopeful)]
+            one = fitted_candidate(current, score, starts, explained, current.objective - policy.serious * best)
+            best = max(best, one.evidence)
+            explained = explained or (one.fit is not None and one.fit.reduced_chi_squared < policy.strong)
+            found.append(one)
+        found = self._from_elsewhere(current, found, {k: v for k, v in by_id.items() if k in tried}, explained)
+        found.sort(key=lambda c: (c.fit is None, -(c.evidence + stiffness_evidence(c.mechanism, c.fit))))
+        return tuple(found)
+
+    def _from_elsewhere(
+        self,
+        current: RingDownFit,
+        candidates: list[Candidate[RingDownFit]],
+        by_id: Mapping[tuple[str, tuple[int, ...]], list[Score]],
+        explained: bool,
+    ) -> list[Candidate[RingDownFit]]:
+        """Fit added bodies from further starts, where that could matter."""
+        policy = self.problem.policy
+        fitted = [c for c in candidates if c.fit is not None]
+        first = max((c.evidence for c in fitted), default=0.0)
+        lost = all(c.fit.reduced_chi_squared > policy.explained for c in fitted if c.fit is not None)
+        least = (policy.hopeful_lost if lost else policy.hopeful) * first
+        out = []
+        for c in candidates:
+            body = isinstance(c.mechanism, AddedBody) and c.mechanism.body is not None
+            hopeful = c.fit is None or c.evidence > least
+            if body and hopeful and _key(c.score) in by_id and not self.exhausted():
+                self.on_progress(f"fitting {name_of(c.mechanism)} from elsewhere")
+                starts = elsewhere(current, by_id[_key(c.score)])
+                again = fitted_candidate(current, c.score, starts, explained, current.objective - c.evidence)
+                c = max(c, again, key=lambda one: one.evidence)
+            out.append(c)
+        return out
+
+    def accepts(
+        self, state: State[RingDownFit], candidates: Sequence[Candidate[RingDownFit]]
+    ) -> tuple[Candidate[RingDownFit] | None, Mapping[int, float]]:
+        """Accept the best candidate if it has evidence enough, a further one only if held-out impacts agree."""
+        best = candidates[0] if candidates else None
+        if best is None or best.fit is None:
+            return None, {}
+        if state.first:
+            return (best if best.evidence > self.problem.policy.first_gain else None), {}
+        enough = best.evidence > self._least_gain(state) and self._better_held_out(state.current, best)
+        return (best if enough else None), {}
+
+    def _least_gain(self, state: State[RingDownFit]) -> float:
+        """Return the evidence that a further mechanism must have.
+
+        A share of what is explained already, as laws are never exactly right; but where so much is left that this would
+        be no explanation, what takes up most of it is enough.
+        """
+        policy, left = self.problem.policy, state.screening.unexplained
+        explained = state.steps[0].before.objective - state.current.objective
+        share = policy.least_share * explained
+        if left > policy.may_be_left(len(state.current.terms)) * (explained + left):
+            share = min(share, policy.most_of_the_rest * left)
+        return max(policy.least_gain, share)
+
+    def _better_held_out(self, before: RingDownFit, added: Candidate[RingDownFit]) -> bool:
+        """Whether held-out impacts gain more than the added mechanism's own numbers in them would by chance.
+
+        Where it is beyond doubt in the others it need only not be contradicted: few and weak taps may show nothing.
+        """
+        if added.fit is None or not self.held_out:
+            return False
+        policy = self.problem.policy
+        gain = self.held_out_fit(before).chi_squared - self.held_out_fit(added.fit).chi_squared
+        own = added.own * len(self.held_out) // len(before.segments)
+        enough = evidence(gain, own) > policy.held_out_evidence or added.evidence > policy.beyond_doubt
+        return gain > 0 and enough
+
+    def after(self, state: State[RingDownFit], accepted: Candidate[RingDownFit]) -> tuple[State[RingDownFit], bool]:
+        """Go on with the accepted fit and look at what it leaves."""
+        policy, before = self.problem.policy, state.current
+        if accepted.fit is None:
+            return state, False
+        first = state.steps[0]
+        current = self._finished(accepted.fit, first)
+        gained = before.objective - current.objective
+        self.on_progress("looking at what is left")
+        screening = self.screen(current)
+        if screening.p_value < policy.left_level and len(current.terms) > 1:
+            self.on_progress("looking for the earlier ones again")
+            again = looked_for_again(current, lambda f: self._finished(f, first))
+            if again is not current:
+                current, screening = again, self.screen(again)
+        # one more is looked for unless nothing is left, or too much even if every further one gained as much
+        room = (policy.most_terms - len(current.terms)) * gained
+        more = screening.p_value <= policy.left_level and screening.unexplained <= room
+        return State(current, screening, state.steps), more
+
+    def _finished(self, fitted: RingDownFit, first: SelectionStep[RingDownFit]) -> RingDownFit:
+        """Go on with a fit to its end, unless going on would not be enough."""
+        if self._far_off(fitted, first):
+            return fitted
+        self.on_progress("fitting to the end")
+        return converged(fitted)
+
+    def _far_off(self, fitted: RingDownFit, first: SelectionStep[RingDownFit]) -> bool:
+        """Whether so much is left of what forces of any shape would explain that another step would not be enough."""
+        policy, all_of_it = self.problem.policy, first.screening.unexplained
+        left = all_of_it - (first.before.objective - fitted.objective)
+        return left > max(policy.far_off * all_of_it, policy.far_off_least)
+
+    def outcome(self, baseline: State[RingDownFit], state: State[RingDownFit]) -> Selection[RingDownFit]:
+        """Return the selection; earlier mechanisms that gain little beside the later ones are left out."""
+        if not state.steps:
+            return self._ended(baseline, state)
+        kept = state
+        policy, first = self.problem.policy, state.steps[0]
+        twice = 2 * policy.may_be_left(1) * first.screening.unexplained
+        if state.screening.p_value > policy.left_level or state.screening.unexplained < twice:
+            lean, steps = _without_idle_ones(state.current, state.steps)
+            if lean is not state.current:
+                return self._ended(baseline, State(lean, self.screen(lean), steps))
+        found = self._ended(baseline, kept)
+        if found.chosen is not None and self._far_off(found.chosen, first):
+            current = converged(found.chosen)
+            found = self._ended(baseline, State(current, self.screen(current), state.steps))
+        return found
+
+    def _ended(self, baseline: State[RingDownFit], state: State[RingDownFit]) -> Selection[RingDownFit]:
+        """Return a selection that ends here: explained, or patched together."""
+        policy, best, screening = self.problem.policy, state.current, state.screening
+        left = screening.unexplained if baseline.screening.p_value < policy.level else 0.0
+        explained = baseline.current.objective - best.objective
+        share = left / max(explained + left, 1e-300)
+        patched = screening.p_value < policy.left_level and share > policy.may_be_left(len(best.terms))
+        unnamed = self._lead_of_the_unnamed(baseline, state)
+        chosen = best if best.terms and not patched and unnamed < policy.unnamed else None
+        over = LeftOver(left, screening.p_value, share, unnamed)
+        return Selection(self, baseline.current, baseline.screening, state.steps, chosen, best, screening, over)
+
+    def _lead_of_the_unnamed(self, baseline: State[RingDownFit], state: State[RingDownFit]) -> float:
+        """Return by how much a single force without a name has more evidence than all that is named together."""
+        named = baseline.current.objective - state.current.objective
+        accepted = [(s.accepted, s.before) for s in state.steps if s.accepted is not None]
+        for place, (one, before) in enumerate(accepted):
+            gain = before.objective - one.fit.objective if one.fit is not None else 0.0
+            named -= gain - one.evidence + (self.problem.policy.least_gain if place else 0.0)
+        return evidence(baseline.screening.free.best_alone, 0, 1) - named
+
+    def another_first(self, candidates: Sequence[Candidate[RingDownFit]]) -> bool:
+        """Whether the second candidate is nearly as good as the first."""
+        first, second = candidates[:2]
+        return second.fit is not None and second.evidence > self.problem.policy.nearly_as_good * first.evidence
+
+    def held_out_fit(self, fitted: RingDownFit) -> RingDownFit:
+        """Return the fit to held-out impacts: only what belongs to each impact is fitted on them."""
+        policy, kept = self.problem.policy, self.problem.only(self.held_out)
+        again = any(isinstance(t.mechanism, SecondImpact) for t in fitted.terms)
+        found = fit(kept, start=Start(held=fitted, delays=second_impact_delays(kept, fitted) if again else ()))
+        good = fitted.reduced_chi_squared
+        if found.only_laws and good < policy.strong and found.reduced_chi_squared > policy.worse * good:
+            other = continued(kept, fitted.terms, fitted, held=fitted)
+            found = other if other is not None and other.chi_squared < found.chi_squared else found
+        return found
+
+    def held_out_rms(self, fitted: RingDownFit) -> float:
+        """Return the rms of the residual on held-out impacts, m/s2; NaN where none is held out."""
+        if not self.held_out:
+            return math.nan
+        residuals = self.held_out_fit(fitted).residuals
+        deviations = np.array([m.deviation for m in self.problem.experiment.noise])
+        total = sum(float(np.sum((r * deviations[:, None]) ** 2)) for r in residuals)
+        return math.sqrt(total / sum(r.size for r in residuals))
+
+
+def _key(score: Score) -> tuple[str, tuple[int, ...]]:
+    return score.term.key
+
+
+def _by_mechanism(state: State[RingDownFit]) -> dict[tuple[str, tuple[int, ...]], list[Score]]:
+    """Return the scores of each mechanism in each place that promises anything, best first."""
+    present = {t.key for t in state.current.terms}
+    found: dict[tuple[str, tuple[int, ...]], list[Score]] = {}
+    for score in sorted(state.screening.scores, key=lambda s: -screened_evidence(s)):
+        if _key(score) not in present and screened_evidence(score) > 0:
+            found.setdefault(_key(score), []).append(score)
+    return found
+
+
+def _without_idle_ones(fitted: RingDownFit, steps: Steps) -> tuple[RingDownFit, Steps]:
+    """Leave out earlier mechanisms that gain little beside the later ones: alone they only stood in for these."""
+    kept, policy = list(steps), fitted.problem.policy
+    for place in reversed([i for i, s in enumerate(steps) if s.accepted is not None][:-1]):
+        candidate = kept[place].accepted
+        if candidate is None:
+            continue
+        at = sum(s.accepted is not None for s in kept[:place])
+        others = fitted.terms[:at] + fitted.terms[at + 1 :]
+        with suppress(ValueError, np.linalg.LinAlgError):
+            without = converged(competing(fitted.problem, others, fitted))
+            gain = without.objective - fitted.objective
+            if evidence(gain, candidate.own, len(candidate.mechanism.parameters)) < policy.least_gain:
+                fitted, kept[place] = without, replace(kept[place], accepted=None)
+    return fitted, tuple(kept)
+
+
+def second_impact_delays(problem: RingDowns, fitted: RingDownFit) -> tuple[float, ...]:
+    """Return when the second impact fell in segments that took no part in the fit."""
+    second = [t.mechanism for t in fitted.terms if isinstance(t.mechanism, SecondImpact)]
+    others = tuple(t for t in fitted.terms if not isinstance(t.mechanism, SecondImpact))
+    plain = fit(problem, start=Start(held=replace(fitted, terms=others)))
+    return next(s.delays for s in screen(problem, plain, second).scores if s.delays)

@@ -1,0 +1,316 @@
+"""Score tests: what each mechanism would do to the segments, projected off all that the rig itself can do.
+
+A little of a mechanism changes the whitened segments; what each segment may do by itself and what the constants of the
+rig can explain is taken out; the rest is compared with the residual. All of it is inner products of a few columns.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+
+from analysis.mismatch.free_form import channel_trials, free_places, free_trials
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.problem import Columns, FitOf, Problem, p_of
+from sim_backend.mechanisms.kinds import AddedBody, Mechanism, SecondImpact, Tones
+
+Real = NDArray[np.float64]
+
+FREE_FLOOR = 1e-5  # eigenvalue of the free terms' cosines below which they repeat each other
+REPEATED = 1e-12  # share of a signature that must be left beside what the rig can do
+RINGS_ITSELF = 1e-5  # share of a wave that must be left beside what the segment does by itself
+SCREENED, EACH = 35.0, 5.0  # work of a screening, and of each mechanism in it, of a sample
+DRAWS = 4000  # of the null distribution of the largest score
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """How a mechanism fares against the residual.
+
+    Attributes
+    ----------
+    gain
+        Chi-squared that it would take away, and for how many free numbers (``dof``).
+    strength, error
+        Estimate of its strength relative to the trial's and its standard error (NaN where it has none; of a mechanism
+        without a strength 1 is expected).
+    p_value
+        Of this trial alone.
+    delays, choice
+        For a second impact: its sample after each segment's first one, and the chi-squared that choosing these took.
+    """
+
+    term: Term
+    gain: float
+    dof: int
+    strength: float
+    p_value: float
+    error: float = math.nan
+    delays: tuple[float, ...] = ()
+    choice: float = 0.0
+
+    @property
+    def own_numbers(self) -> int:
+        """Numbers of the mechanism that are free in every segment."""
+        return self.dof if self.dof > 1 else 0
+
+
+@dataclass(frozen=True, slots=True)
+class FreeForm:
+    """What forces and channels of any shape would take away: together, by component, and the best one alone."""
+
+    gain: float
+    dof: int
+    p_value: float
+    by_component: dict[str, float]
+    best_alone: float
+
+
+@dataclass(frozen=True, slots=True)
+class Screening:
+    """All scores, best first; ``cosines`` of the projected signatures of ``labels`` with each other.
+
+    ``unexplained`` is the chi-squared beyond chance that forces and channels of any shape, or lines in the spectra,
+    would take away.
+    """
+
+    scores: tuple[Score, ...]
+    p_value: float
+    labels: tuple[str, ...]
+    cosines: Real
+    free: FreeForm
+    unexplained: float
+
+
+def screen(problem: Problem[FitOf], fitted: FitOf, known: Iterable[Mechanism]) -> Screening:
+    """Score every mechanism against the residual of a fit.
+
+    Parameters
+    ----------
+    fitted
+        Of the linear rig (or of a rig with mechanisms already in it: then scores are to first order about it).
+    """
+    known = list(known)
+    terms = problem.trials(fitted, [m for m in known if not isinstance(m, SecondImpact)])
+    rings = [isinstance(t.mechanism, AddedBody | Tones) for t in terms]
+    ringing = [t for t, r in zip(terms, rings, strict=True) if r]
+    named = [t for t, r in zip(terms, rings, strict=True) if not r]
+    free = free_terms(problem, fitted)
+    problem.budget.spent += (SCREENED + EACH * len(known)) * problem.samples
+    sums = _summed(problem, fitted, [*named, *free], ringing)
+    precision, size = problem.precision(fitted), problem.known_size(fitted)
+    schur = _eliminated(sums.gram, size, precision)
+    inner, score = schur[:-1, :-1], schur[:-1, -1]
+    scale = _Noise(problem.noise_known, float(schur[-1, -1]), sums.count - size)
+    power = np.maximum(np.diag(inner), REPEATED * np.diag(sums.gram)[size:-1] + 1e-300)
+    z = scale.standardised(score / np.sqrt(power))
+    scores = [
+        _scored(t, float(value), float(s), float(g), scale)
+        for t, value, s, g in zip(named, z, score, power, strict=False)
+    ]
+    scores += sums.tests.scores(precision, scale)
+    for mechanism in known:
+        if isinstance(mechanism, SecondImpact) and problem.allows(mechanism):
+            scores.append(problem.second_impact(fitted, mechanism))
+    cosines = inner / np.outer(np.sqrt(power), np.sqrt(power))
+    rest = _free(cosines, z, len(named), [t.mechanism for t in free])
+    others, left = problem.unmodelled(fitted)
+    at = slice(len(named))
+    p_value = _overall(scores, [rest.p_value, *others], cosines[at, at], [t.mechanism.one_signed for t in named])
+    scores.sort(key=lambda s: (s.dof - s.gain) / math.sqrt(s.dof + 1) if s.dof > 1 else -s.gain)
+    unexplained = max(rest.gain - rest.dof, left, 0.0)
+    return Screening(tuple(scores), p_value, tuple(t.mechanism.id for t in named), cosines[at, at], rest, unexplained)
+
+
+def free_terms(problem: Problem[FitOf], fitted: FitOf) -> list[Term]:
+    """Return the competitor that names nothing: forces of any shape in the elements and changes of the channels."""
+    rig = problem.arrangement
+    found = [t for place in free_places(rig) for t in free_trials(rig, place, problem.scale_of(fitted, place))]
+    return found + [t for t in channel_trials(len(rig.sensors)) if problem.allows(t.mechanism)]
+
+
+def _scored(term: Term, z: float, score: float, power: float, noise: _Noise) -> Score:
+    """Return the score of a term whose strength is one number."""
+    one_sided = term.mechanism.one_signed
+    gain = z**2 if z > 0 or not one_sided else 0.0
+    p = float(norm.sf(z)) if one_sided else float(2 * norm.sf(abs(z)))
+    return Score(term, gain, 1, score / power, p, noise.deviation / math.sqrt(power))
+
+
+@dataclass(frozen=True, slots=True)
+class _Noise:
+    """The residual's variance, one where it is ``known``; else from what is left of it, ``total`` over ``count``."""
+
+    known: bool
+    total: float
+    count: int
+
+    @property
+    def deviation(self) -> float:
+        return 1.0 if self.known else math.sqrt(max(self.total, 1e-300) / max(self.count, 1))
+
+    def standardised(self, z: Real) -> Real:
+        """Return scores as standard normal ones."""
+        if self.known:
+            return z
+        share = np.minimum(z**2 / max(self.total, 1e-300), 1 - 1e-12)
+        return np.asarray(np.sign(z) * np.sqrt(-self.count * np.log1p(-share)), np.float64)
+
+    def chi_squared(self, gain: float) -> float:
+        """Return a fall of the sum of squares as chi-squared."""
+        return float(self.standardised(np.array([math.sqrt(max(gain, 0.0))]))[0] ** 2)
+
+
+@dataclass(slots=True)
+class _Sums:
+    """Inner products of all columns over some segments, and the tests of what rings by itself."""
+
+    gram: Real
+    tests: _RingingTests
+    count: int = 0
+
+    def add(self, columns: Columns, size: int) -> None:
+        """Take in a segment."""
+        block = np.column_stack([columns.slopes, columns.made, columns.residual])
+        block -= columns.own @ (columns.own.T @ block)
+        known = columns.slopes.shape[1]
+        where = np.r_[columns.where, size + np.arange(block.shape[1] - known)]
+        self.gram[np.ix_(where, where)] += block.T @ block
+        self.count += columns.residual.size - columns.own.shape[1]
+        self.tests.add(columns, np.column_stack([block[:, :known], block[:, -1]]))
+
+    def take(self, other: _Sums) -> None:
+        """Add what another one was given of further segments."""
+        self.gram += other.gram
+        self.count += other.count
+        self.tests.gain += other.tests.gain
+        self.tests.dof += other.tests.dof
+        self.tests.gram += other.tests.gram
+
+
+def _summed(problem: Problem[FitOf], fitted: FitOf, terms: Sequence[Term], ringing: Sequence[Term]) -> _Sums:
+    """Return the sums over all segments: always in the same parts, done side by side."""
+    size = problem.known_size(fitted)
+
+    def part(columns: Iterable[Columns]) -> _Sums:
+        width = size + len(terms) + 1
+        sums = _Sums(np.zeros((width, width)), _RingingTests(ringing, size))
+        for one in columns:
+            sums.add(one, size)
+        return sums
+
+    parts = list(problem.columns(fitted, terms, ringing))
+    with ThreadPoolExecutor(max(len(parts), 1)) as pool:
+        first, *others = pool.map(part, parts)
+    for other in others:
+        first.take(other)
+    return first
+
+
+class _RingingTests:
+    """Tests of the vibrations that a term adds to every segment (bodies, tones), beside its effect on the modes."""
+
+    def __init__(self, terms: Sequence[Term], known: int):
+        self.terms, self.known = terms, known
+        self.gain = np.zeros(len(terms))
+        self.dof = np.zeros(len(terms), int)
+        self.gram = np.zeros((len(terms), known + 2, known + 2))
+
+    def add(self, columns: Columns, block: Real) -> None:
+        """Take in a segment: ``block`` holds the constants' slopes and the residual, projected by its own columns."""
+        if not self.terms:
+            return
+        made = [columns.ringing(i) for i in range(len(self.terms))]
+        starts = np.cumsum([0] + [len(o) for o, _ in made])
+        x = np.concatenate([*(o for o, _ in made), [c for _, c in made]]).reshape(-1, block.shape[0])
+        seen, taken = x @ block, x @ columns.own  # what `own` takes up is subtracted from the products, not from x
+        inner = block.T @ block
+
+        def products(a: NDArray[np.int64], b: NDArray[np.int64]) -> Real:
+            return np.asarray(x[a] @ x[b].T - taken[a] @ taken[b].T, np.float64)
+
+        size = columns.where.size
+        local = np.r_[columns.where, self.known, self.known + 1]
+        for i in range(len(self.terms)):
+            o, c = np.arange(starts[i], starts[i + 1]), np.array([starts[-1] + i])
+            small = np.zeros((local.size, local.size))
+            rest = np.r_[np.arange(size), size + 1]
+            small[np.ix_(rest, rest)] = inner
+            small[size, rest] = small[rest, size] = seen[c[0]]
+            small[size, size] = products(c, c)[0, 0]
+            if o.size:
+                across = np.insert(seen[o], size, products(o, c)[:, 0], axis=1)
+                power = products(o, o)
+                if not np.all(np.diag(power) > RINGS_ITSELF * np.sum(x[o] ** 2, axis=1)):
+                    continue  # the rig rings at this frequency itself
+                scale = np.sqrt(np.diag(power))
+                values, vectors = np.linalg.eigh(power / np.outer(scale, scale))
+                kept = values > 1e-8
+                across = (vectors[:, kept] / np.sqrt(values[kept])).T @ (across / scale[:, None])
+                self.gain[i] += float(across[:, -1] @ across[:, -1])
+                self.dof[i] += int(kept.sum())
+                small -= across.T @ across
+            self.gram[i][np.ix_(local, local)] += small
+
+    def scores(self, precision: Real, noise: _Noise) -> list[Score]:
+        """One for each term."""
+        found = []
+        for i, t in enumerate(self.terms):
+            rest = _eliminated(self.gram[i], self.known, precision)
+            alone = not rest[0, 0] > 1e-9 * self.gram[i][self.known, self.known]
+            value = 0.0 if alone else rest[0, 1] / math.sqrt(rest[0, 0])
+            signed = value > 0 or not t.mechanism.one_signed
+            gain = noise.chi_squared(self.gain[i] + (value**2 if signed else 0.0))
+            dof = int(self.dof[i]) + (0 if alone else 1)
+            strength = 0.0 if alone else rest[0, 1] / rest[0, 0]
+            error = math.nan if alone else noise.deviation / math.sqrt(rest[0, 0])
+            found.append(Score(t, gain, dof, float(strength), float(chi2.sf(gain, max(dof, 1))), error))
+        return found
+
+
+def _free(cosines: Real, z: Real, first: int, free: Sequence[Mechanism]) -> FreeForm:
+    """Joint test of the free-form terms, which follow the named ones."""
+
+    def gain(kept: NDArray[np.int64]) -> tuple[float, int]:
+        values, vectors = np.linalg.eigh(cosines[np.ix_(kept, kept)])
+        strong = values > FREE_FLOOR
+        return float(np.sum((vectors[:, strong].T @ z[kept]) ** 2 / values[strong])), int(strong.sum())
+
+    everything = first + np.arange(len(free))
+    total, dof = gain(everything)
+    by = {}
+    for component in sorted({m.component for m in free}):
+        alone, own_dof = gain(first + np.flatnonzero([m.component == component for m in free]))
+        by[component] = alone - own_dof
+    return FreeForm(total, dof, float(chi2.sf(total, max(dof, 1))), by, float(np.max(z[everything] ** 2, initial=0.0)))
+
+
+def _eliminated(gram: Real, count: int, precision: Real) -> Real:
+    """Schur complement of the first ``count`` rows, the first constants having a known precision."""
+    a = gram[:count, :count].copy()
+    a[np.arange(precision.size), np.arange(precision.size)] += precision
+    scale = np.sqrt(np.maximum(np.diag(a), 1e-300))
+    b = gram[:count, count:] / scale[:, None]
+    out: Real = gram[count:, count:] - b.T @ np.linalg.lstsq(a / np.outer(scale, scale), b, rcond=1e-12)[0]
+    return out
+
+
+def _overall(scores: Sequence[Score], others: Sequence[float], cosines: Real, one_signed: Sequence[bool]) -> float:
+    """P-value of the smallest p-value among all scores."""
+    count = len(one_signed)
+    rng = np.random.default_rng(0)
+    values, vectors = np.linalg.eigh((cosines + cosines.T) / 2)
+    z = rng.standard_normal((DRAWS, count)) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    sided = np.array(one_signed, bool)
+    p = np.where(sided, norm.sf(z), 2 * norm.sf(np.abs(z))).min(axis=1, initial=1.0)
+    independent = [s for s in scores if s.dof != 1 or isinstance(s.term.mechanism, SecondImpact)]
+    least = max(min([*(s.p_value for s in scores), *others]), 1e-300)
+    # as many independent tests as give the drawn minima: exact for the drawn levels, and extrapolated beyond them
+    effective = 0.0 if not count else float(DRAWS / -np.sum(np.log1p(-np.minimum(p, 1 - 1e-12))))
+    return p_of(least, effective + len(independent) + len(others))

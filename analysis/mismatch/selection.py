@@ -1,0 +1,240 @@
+"""Forward selection: which mechanisms, if any, made the recordings what they are.
+
+Screened by score tests, the best candidates fitted in full, further ones added one by one as long as recordings that
+took no part in fitting get better. What is then left over is tested once more against forces of any shape: where much
+is left, nothing listed is right. How a candidate is judged is an argument: by chi-squared and held-out impacts
+(`impact_judge`), or by held-out blocks of a recording (`block_judge`).
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Generic
+
+from analysis.mismatch.problem import FitOf, OnProgress, Problem
+from analysis.mismatch.score_test import Score, Screening, screen
+from sim_backend.mechanisms.kinds import Mechanism
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate(Generic[FitOf]):
+    """A mechanism that was fitted in full with those already accepted, or only screened (``fit`` None).
+
+    Attributes
+    ----------
+    evidence
+        Chi-squared that it takes away less what its free numbers take away by chance; of one that was only screened,
+        what its score promises.
+    own
+        Numbers of it that are free in the segments, all together.
+    losses
+        Mean square on each block that chooses, where blocks do.
+    """
+
+    score: Score
+    fit: FitOf | None
+    evidence: float
+    own: int = 0
+    losses: tuple[float, ...] = ()
+
+    @property
+    def id(self) -> str:
+        """Name of the mechanism."""
+        return self.score.term.mechanism.id
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism."""
+        return self.score.term.mechanism
+
+
+@dataclass(frozen=True, slots=True)
+class SelectionStep(Generic[FitOf]):
+    """What stood before a step, all candidates (best first), and which one was accepted.
+
+    ``steady`` holds, where there are steady responses, the evidence of candidates against them, by place.
+    """
+
+    before: FitOf
+    screening: Screening
+    candidates: tuple[Candidate[FitOf], ...]
+    accepted: Candidate[FitOf] | None
+    steady: Mapping[int, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOver:
+    """What the best explanation leaves.
+
+    Attributes
+    ----------
+    chi_squared, p_value
+        Beyond chance, and its p-value.
+    share
+        Of all that the linear rig missed.
+    unnamed
+        Evidence of the best single force or channel that has no name, less that of all mechanisms accepted.
+    """
+
+    chi_squared: float
+    p_value: float
+    share: float
+    unnamed: float = -math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class Selection(Generic[FitOf]):
+    """Outcome.
+
+    Attributes
+    ----------
+    p_value
+        That the linear rig with its constants refitted made the recordings.
+    baseline
+        The linear rig, fitted to what is not held out.
+    chosen
+        The fit with the accepted mechanisms; None where the linear rig will do or nothing explains.
+    best
+        The best fit there is, even if it does not explain enough, and the screening of what it leaves.
+    judge
+        What judged, with what it held out.
+    """
+
+    judge: Judge[FitOf]
+    baseline: FitOf
+    screening: Screening
+    steps: tuple[SelectionStep[FitOf], ...]
+    chosen: FitOf | None
+    best: FitOf
+    last_screening: Screening
+    left: LeftOver
+
+    @property
+    def p_value(self) -> float:
+        """That the linear rig made the recordings."""
+        return self.screening.p_value
+
+    @property
+    def accepted(self) -> tuple[SelectionStep[FitOf], ...]:
+        """The steps in which a mechanism was accepted."""
+        return tuple(s for s in self.steps if s.accepted is not None)
+
+    @property
+    def problem(self) -> Problem[FitOf]:
+        """What was fitted."""
+        return self.judge.problem
+
+
+@dataclass(frozen=True, slots=True)
+class State(Generic[FitOf]):
+    """Where a selection is: the fit so far, what screening it gave, the steps that led to it."""
+
+    current: FitOf
+    screening: Screening
+    steps: tuple[SelectionStep[FitOf], ...] = ()
+
+    @property
+    def first(self) -> bool:
+        """Whether nothing has been looked for yet."""
+        return not self.steps
+
+
+class Judge(ABC, Generic[FitOf]):
+    """How candidates are fitted and judged.
+
+    Attributes
+    ----------
+    problem
+        All the recordings, those that are held out too.
+    training
+        What is fitted.
+    """
+
+    problem: Problem[FitOf]
+    training: Problem[FitOf]
+    known: Sequence[Mechanism]
+    on_progress: OnProgress
+    selections: float
+
+    @abstractmethod
+    def baseline(self) -> FitOf:
+        """Return the linear rig fitted to what is not held out."""
+
+    @abstractmethod
+    def candidates(self, state: State[FitOf]) -> tuple[Candidate[FitOf], ...]:
+        """Return the mechanisms that come next, the best of them fitted in full, best first."""
+
+    @abstractmethod
+    def accepts(
+        self, state: State[FitOf], candidates: Sequence[Candidate[FitOf]]
+    ) -> tuple[Candidate[FitOf] | None, Mapping[int, float]]:
+        """Return the candidate that is accepted, if any, and the steady responses' evidence."""
+
+    @abstractmethod
+    def after(self, state: State[FitOf], accepted: Candidate[FitOf]) -> tuple[State[FitOf], bool]:
+        """Return the state with a mechanism accepted, and whether a further one is looked for."""
+
+    @abstractmethod
+    def outcome(self, baseline: State[FitOf], state: State[FitOf]) -> Selection[FitOf]:
+        """Return a selection that ends here: explained, or not."""
+
+    def another_first(self, candidates: Sequence[Candidate[FitOf]]) -> bool:
+        """Whether the second candidate is so good that it is tried in the place of a first that led to nothing."""
+        return False
+
+    def exhausted(self) -> bool:
+        """Whether the compute budget is spent."""
+        return self.training.exhausted(self.selections)
+
+    def screen(self, fitted: FitOf, known: Sequence[Mechanism] | None = None) -> Screening:
+        """Score all mechanisms against what a fit leaves."""
+        return screen(self.training, fitted, self.known if known is None else known)
+
+
+def screened_baseline(judge: Judge[FitOf]) -> State[FitOf]:
+    """Fit the linear rig to what is not held out and screen all mechanisms."""
+    judge.on_progress("fitting the linear rig")
+    fitted = judge.baseline()
+    judge.on_progress("screening")
+    return State(fitted, judge.screen(fitted))
+
+
+def select(judge: Judge[FitOf], baseline: State[FitOf]) -> Selection[FitOf]:
+    """Find the mechanisms that the recordings hold beyond the linear rig.
+
+    Where what seemed best at first leads to no explanation, what was nearly as good is tried in its place.
+    """
+    if baseline.screening.p_value >= judge.problem.policy.level:
+        return judge.outcome(baseline, baseline)
+    candidates = judge.candidates(baseline)
+    found = _forward(judge, baseline, candidates)
+    if found.chosen is None and len(candidates) > 1 and not judge.exhausted() and judge.another_first(candidates):
+        judge.on_progress(f"again, with {name_of(candidates[1].mechanism)} first")
+        again = _forward(judge, baseline, candidates[1:])
+        found = found if again.chosen is None else again
+    return found
+
+
+def _forward(judge: Judge[FitOf], baseline: State[FitOf], candidates: tuple[Candidate[FitOf], ...]) -> Selection[FitOf]:
+    """Take the best candidate, then what is best beside it, as long as that pays."""
+    state, more = baseline, True
+    while more and len(state.current.terms) < judge.problem.policy.most_terms:
+        if not state.first:
+            if judge.exhausted():
+                break
+            candidates = judge.candidates(state)
+        accepted, steady = judge.accepts(state, candidates)
+        step = SelectionStep(state.current, state.screening, candidates, accepted, steady)
+        state = State(state.current, state.screening, (*state.steps, step))
+        if accepted is None:
+            break
+        state, more = judge.after(state, accepted)
+    return judge.outcome(baseline, state)
+
+
+def name_of(mechanism: Mechanism) -> str:
+    """Return what progress calls a mechanism."""
+    return mechanism.id.replace("_", " ")

@@ -18,7 +18,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"max_content_width": 110},
 )
-config_app = typer.Typer(help="Check, show or begin a config.yaml.", no_args_is_help=True)
+config_app = typer.Typer(help="Check, show or start a config.yaml.", no_args_is_help=True)
 app.add_typer(config_app, name="config")
 
 ConfigPath = Annotated[
@@ -33,9 +33,10 @@ JsonPath = Annotated[
     Path | None,
     typer.Option("--json", metavar="OUT.json", help="Also write the answer for programs.", show_default=False),
 ]
-Simulate = Annotated[bool, typer.Option("--simulate", help="On the simulated rig instead of the real one.")]
+Simulate = Annotated[bool, typer.Option("--simulate", help="Use the simulated rig instead of the real one.")]
 Emulate = Annotated[
-    bool, typer.Option("--emulate", help="With the drivers, on emulated devices behind which the simulated rig is.")
+    bool,
+    typer.Option("--emulate", help="Use the drivers with emulated devices, which the simulated rig stands behind."),
 ]
 Seed = Annotated[
     int | None,
@@ -87,7 +88,7 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _root(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which version this is.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     pass
@@ -112,7 +113,7 @@ def run(
 ) -> None:
     """Run a test session: calibrate, approach, eight good taps at each load, calibrate again, report.
 
-    Keys: p pauses, q ends safely. Whatever ends it, 'mesotap resume' goes on.
+    Keys: p pauses, q ends safely. However it ended, 'mesotap resume' continues it.
     """
     from mesotap.commands.session import run as begin
     from mesotap.commands.wire_options import WireOptions
@@ -129,7 +130,7 @@ def resume(
     record_samples: RecordSamples = False,
     log_wire: LogWire = False,
 ) -> None:
-    """Go on with a session that was ended, interrupted or killed; nothing accepted is lost."""
+    """Resume a session that was ended, interrupted or killed; no accepted impact is lost."""
     from mesotap.commands.session import resume as go_on
     from mesotap.commands.wire_options import WireOptions
 
@@ -147,7 +148,7 @@ def recover(
     ] = None,
     json: JsonPath = None,
 ) -> None:
-    """Make a sound session file of whatever shots of a damaged session are whole, and say what was lost."""
+    """Make a valid session file from the intact impacts of a damaged session, and report what was lost."""
     from mesotap.commands.recover import recover_folder
 
     recover_folder(folder, output, json, _console(json))
@@ -162,7 +163,7 @@ def calibrate(
     json: JsonPath = None,
     emulate: Emulate = False,
 ) -> None:
-    """Calibrate the strain gauge with the dead weights, apart from a session."""
+    """Calibrate the strain gauge with the dead weights, outside a session."""
     from mesotap.commands.session import calibrate_gauge
 
     calibrate_gauge(config, changes or (), simulate, seed, json, _console(json), emulate)
@@ -175,7 +176,7 @@ def devices(
     config: ConfigPath = None,
     seed: Seed = None,
     search: Annotated[
-        bool, typer.Option("--search", help="Also ask the serial ports that are not configured who is there.")
+        bool, typer.Option("--search", help="Also look for devices on serial ports that are not configured.")
     ] = False,
     changes: Changes = None,
     json: JsonPath = None,
@@ -202,7 +203,7 @@ def check(
     record_wire: RecordWire = None,
     record_samples: RecordSamples = False,
 ) -> None:
-    """Test the rig safely, part by part: noise floor, gauge zero, a step of the stage, a tap. A verdict a line."""
+    """Test the rig safely, part by part: noise floor, gauge zero, a step of the stage, a tap. One verdict per line."""
     from mesotap.commands.devices import check as test
     from mesotap.commands.wire_options import WireOptions
 
@@ -315,7 +316,7 @@ def paper_figures(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the simulated sessions.")] = 1,
     json: JsonPath = None,
 ) -> None:
-    """Draw the paper's Fig. 3, 5 to 9 again, and hold the numbers of its text against theory."""
+    """Draw the paper's Fig. 3, 5 to 9 again, and compare the numbers of its text with theory."""
     from mesotap.commands.theory import paper_figures as draw
 
     draw(output, seed, json, _console(json))
@@ -338,7 +339,7 @@ def import_(
     ] = None,
     json: JsonPath = None,
 ) -> None:
-    """Make a session file of a recording by another program."""
+    """Make a session file from a recording of another program."""
     from mesotap.commands.recordings import import_file
 
     import_file(file, output, rate, channel or (), json, _console(json))
@@ -366,20 +367,26 @@ def diagnose(
     ] = None,
     rig: Annotated[
         Path | None,
-        typer.Option("--rig", metavar="RIG.yaml", help="Another rig than the tester, described.", show_default=False),
+        typer.Option(
+            "--rig", metavar="RIG.yaml", help="Description of a rig other than the tester.", show_default=False
+        ),
     ] = None,
     json: JsonPath = None,
     without: Annotated[
         list[str] | None,
-        typer.Option("--without", metavar="MECHANISM", help="Strike a mechanism from the list.", show_default=False),
+        typer.Option("--without", metavar="MECHANISM", help="Exclude a mechanism from the list.", show_default=False),
     ] = None,
     published: Annotated[
         str | None,
         typer.Option("--published", metavar="flat|sphere", help="The paper's own gap instead.", show_default=False),
     ] = None,
+    config: ConfigPath = None,
+    contract: Annotated[
+        int, typer.Option("--contract", min=1, max=2, help="Version of the JSON; 1 for the two-mass tester alone.")
+    ] = 2,
     report: Report = None,
 ) -> None:
-    """Say which physics Eq. 9, or the rig described, leaves out of recordings, where, and how sure."""
+    """Say which physics Eq. 9, or the rig described, leaves out, where it acts, and how certain that is."""
     if published is not None:
         from mesotap.commands.theory import published_gap
 
@@ -387,12 +394,11 @@ def diagnose(
         return
     if not files:
         raise typer.BadParameter("name a session file")
-    from mesotap.commands import diagnose as commands
+    from mesotap.commands.diagnose import Asked
+    from mesotap.commands.diagnose import diagnose as find_out
 
-    if rig is not None:
-        commands.diagnose_described(files, rig, json, without or (), report, _console(json))
-    else:
-        commands.diagnose(files, json, without or (), report, _console(json))
+    asked = Asked(rig, config, tuple(without or ()), json, report, 1 if contract == 1 else 2)
+    find_out(files, asked, _console(json))
 
 
 @app.command()
@@ -401,7 +407,7 @@ def adopt(
     config: ConfigPath = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Configuration to write.")] = Path("adopted.yaml"),
 ) -> None:
-    """Give the simulated rig what a diagnosis found, so that it becomes the twin of the real one."""
+    """Give the simulated rig the mechanisms that a diagnosis found, so that it becomes a twin of the real one."""
     from mesotap.commands.diagnose import adopt as take_up
 
     take_up(diagnosis, config, output, _console(None))
@@ -418,32 +424,48 @@ def prove(
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="Diagnoses at a time.")] = 2,
     only: Annotated[
         str | None,
-        typer.Option("--only", metavar="KIND", help="null, single, two, struck or outside alone.", show_default=False),
+        typer.Option(
+            "--only",
+            metavar="KIND",
+            help="Only null, single, two, struck (the true mechanism is excluded) or outside.",
+            show_default=False,
+        ),
     ] = None,
     practice: Annotated[
         Path | None,
         typer.Option("--practice", metavar="FOLDER", help="Sessions with a truth.json instead.", show_default=False),
     ] = None,
+    config: ConfigPath = None,
 ) -> None:
-    """Try the diagnosis on sealed sessions that conceal an effect, and score its answers.
+    """Validate the diagnosis blindly on sealed sessions that conceal an effect, and score its answers.
 
-    An interrupted proof goes on where it stopped.
+    An interrupted proof resumes where it stopped.
     """
+    from mesotap.commands.diagnose import own_folders
     from mesotap.commands.prove import prove as try_out
     from mesotap.commands.prove import prove_practice
 
     if practice is not None:
-        prove_practice(practice, sessions, output, jobs, _console(None))
+        prove_practice(practice, sessions, output, jobs, own_folders(config), _console(None))
     else:
-        try_out(seed, sessions or 24, only, output, jobs, _console(None))
+        try_out(seed, sessions or 24, only, output, jobs, own_folders(config), _console(None))
 
 
 @app.command()
-def mechanisms() -> None:
+def mechanisms(
+    config: ConfigPath = None,
+    check: Annotated[
+        Path | None,
+        typer.Option("--check", metavar="FILE", help="Check a mechanism of your own instead.", show_default=False),
+    ] = None,
+) -> None:
     """List the mechanisms that a diagnosis can name."""
-    from mesotap.commands.diagnose import list_mechanisms
+    from mesotap.commands.diagnose import check_mechanism, list_mechanisms
 
-    list_mechanisms(_console(None))
+    if check is None:
+        list_mechanisms(config, _console(None))
+    elif not check_mechanism(check, _console(None)):
+        raise typer.Exit(2)
 
 
 @config_app.command("check")
@@ -451,12 +473,12 @@ def config_check(
     file: Annotated[Path | None, typer.Argument(help="config.yaml by default.", show_default=False)] = None,
     changes: Changes = None,
 ) -> None:
-    """Hold a configuration against what is allowed."""
+    """Check a configuration against the allowed values."""
     from mesotap.configuration.config import load_config, settable_loads
     from mesotap.operator.terminal import say
 
     config = load_config(file, changes or ())
-    say(f"{file or 'config.yaml'}: good")
+    say(f"{file or 'config.yaml'}: valid")
     for line in settable_loads(config):
         say(line)
 
@@ -476,9 +498,9 @@ def config_show(config: ConfigPath = None, changes: Changes = None, json: JsonPa
 
 @config_app.command("init")
 def config_init(
-    file: Annotated[Path, typer.Argument(help="File to begin.")] = Path("config.yaml"),
+    file: Annotated[Path, typer.Argument(help="File to write.")] = Path("config.yaml"),
 ) -> None:
-    """Begin a commented configuration; never overwrites one."""
+    """Write a commented configuration to start from; never overwrites one."""
     from mesotap.configuration.config import ConfigError, default_text
     from mesotap.operator.terminal import say
 
@@ -487,4 +509,4 @@ def config_init(
             new.write(default_text())
     except FileExistsError:
         raise ConfigError(f"{file}: exists already; it is left as it is") from None
-    say(f"{file}: begun; edit it, then 'mesotap config check {file}'")
+    say(f"{file}: written; edit it, then 'mesotap config check {file}'")

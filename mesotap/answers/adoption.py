@@ -11,15 +11,16 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from analysis.mismatch.answer import LOAD_CELL, TESTER
 from daq.errors import RecordingError, one_line
 from daq.json_text import GivenTwice, parsed_once
 from daq.regular import read_regular
-from mesotap.configuration.config import Config, ConfigError, effective_text
+from mesotap.configuration.config import Config, ConfigError, effective_text, validated
 from mesotap.configuration.yaml_text import sentence
 
-FORMAT, VERSION = "mesotap-diagnosis", 1
+FORMAT, VERSIONS = "mesotap-diagnosis", (1, 2)
+FITTED = {1: "adopted", 2: "fitted"}  # key of the fitted rig, by version
 CONSTANTS = ("m1", "m2", "k1", "k2")
-LOAD_CELL = "load cell"  # component whose mechanisms are no part of a ring-down
 LARGEST_FILE = 1 << 24  # bytes; a diagnosis has a few thousand
 
 
@@ -65,11 +66,13 @@ def read_diagnosis(path: Path) -> AdoptedModel:
     except RecordingError:
         raise
     except GivenTwice as error:
-        raise RecordingError(f"{path}: {error}; which one counts cannot be told") from error
+        raise RecordingError(f"{path}: {error}; it is ambiguous which one counts") from error
     except (ValueError, RecursionError) as error:
         raise RecordingError(f"{path}: is not JSON") from error
-    if not isinstance(content, dict) or (content.get("format"), content.get("version")) != (FORMAT, VERSION):
-        raise RecordingError(f"{path}: is no {FORMAT} {VERSION}")
+    if not isinstance(content, dict) or content.get("format") != FORMAT or _version(content) is None:
+        raise RecordingError(f"{path}: is not a {FORMAT} 1 or 2")
+    if _version(content) == 2 and content.get("rig") != TESTER:
+        raise RecordingError(f"{path}: is of another rig than the {TESTER}, which alone can be simulated with it")
     try:
         acting = [m for m in content["mechanisms"] if m.get("where") != LOAD_CELL]
         found = {
@@ -77,11 +80,12 @@ def read_diagnosis(path: Path) -> AdoptedModel:
             | {k: _number(v) for k, v in m.get("fixed", {}).items()}
             for m in acting
         }
-        augmented = content.get("adopted") or {"loads": [], "rig": {}}
+        augmented = content.get(FITTED[content["version"]]) or {"loads": [], "rig": {}}
         loads = [_load(entry) for entry in augmented["loads"]]
         rig = {name: _number(known["value"]) for name, known in augmented["rig"].items()}
     except (LookupError, TypeError, AttributeError, ValueError, OverflowError) as error:
-        raise RecordingError(f"{path}: is no complete {FORMAT} {VERSION} ({type(error).__name__}: {error})") from error
+        what = f"{FORMAT} {content['version']} ({type(error).__name__}: {error})"
+        raise RecordingError(f"{path}: is not a complete {what}") from error
     if len(found) < len(acting):
         twice = next(name for name, count in Counter(str(m["id"]) for m in acting).items() if count > 1)
         raise RecordingError(f"{path}: names {one_line(twice)} twice; diagnose the session again")
@@ -92,6 +96,12 @@ def read_diagnosis(path: Path) -> AdoptedModel:
             "nothing to adopt"
         )
     return AdoptedModel(str(path), found, tuple(sorted(loads, key=lambda p: p.load_mn)), rig)
+
+
+def _version(content: Mapping[str, Any]) -> int | None:
+    """Return the version of the contract; None where it is none that can be read."""
+    version = content.get("version")
+    return version if version in VERSIONS and isinstance(version, int) and not isinstance(version, bool) else None
 
 
 def _refuse_impossible(loads: Sequence[AdoptedLoad], path: Path) -> None:
@@ -105,7 +115,7 @@ def _refuse_impossible(loads: Sequence[AdoptedLoad], path: Path) -> None:
 
 def _number(value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{value!r} is no number")
+        raise ValueError(f"{value!r} is not a number")
     return float(value)
 
 
@@ -130,9 +140,9 @@ def with_model(config: Config, model: AdoptedModel) -> Config:
     content = config.model_dump(mode="json")
     simulated = content["sim_backend"]
     simulated["mechanisms"] = [{"id": k, "parameters": v} for k, v in model.mechanisms.items()]
-    # the fitted model has no scatter from impact to impact, no dampers beside the springs, no other law
+    # the fitted model has no scatter from impact to impact, no dampers beside the springs
     scatter = {"stiffness_scatter_percent": 0.0, "damping_scatter_percent": 0.0}
-    simulated["contact"] |= {"law": "linear", "can_part": False} | scatter
+    simulated["contact"] |= scatter
     simulated |= {"parameter_errors": False, "tube_damping_ratio": 0.0}
     loads = _distinct(model.loads)
     if len(loads) > 1:
@@ -150,7 +160,7 @@ def with_model(config: Config, model: AdoptedModel) -> Config:
         content["rig"]["masses"] |= {"m1_kg": m1, "m2_kg": m2}
         content["rig"]["springs"] |= {"system_resonance_hz": None, "k1_n_per_m": k1, "k2_n_per_m": k2}
     try:
-        return Config.model_validate(content)
+        return validated(content)
     except ValidationError as error:
         said = "; ".join(sentence(fault, Config) for fault in error.errors())
         raise ConfigError(f"{model.source}: {said}") from error

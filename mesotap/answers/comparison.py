@@ -68,7 +68,7 @@ def _scaled(estimate: Estimate, factor: float) -> Estimate:
 def recovered_against(
     results: SessionResults, truth: Sequence[Mapping[str, Any]]
 ) -> list[tuple[LoadResult, dict[str, Recovery]]]:
-    """Return each load of known truth with every quantity held against it."""
+    """Return each load of known truth with every quantity compared with it."""
     by_set = {int(entry["load_set"]): entry for entry in truth if entry.get("load_set") is not None}
     return [
         (load, {q: _recovery(getattr(load, q), by_set[load.load_set].get(q)) for q in QUANTITIES})

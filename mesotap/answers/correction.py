@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,14 +11,17 @@ from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from analysis.mismatch.corrected import ContactAtRest, augmented, contact_at_rest
-from analysis.mismatch.diagnosis import tester_problem
-from analysis.mismatch.fit import fit
-from analysis.mismatch.problem import Term
+from analysis.mismatch.answer import ContactAtRest
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.ring_downs.corrected import augmented, contact_at_rest
+from analysis.mismatch.ring_downs.fit import fit
+from analysis.mismatch.ring_downs.sessions import ring_downs
 from daq.records import Session
 from mesotap.answers.adoption import AdoptedModel
 from mesotap.answers.rounding import with_uncertainty
 from mesotap.configuration.config import ConfigError
+from mesotap.configuration.declared import header_uncertainty
+from mesotap.configuration.rig_files import tester_rig
 from sim_backend.adopted import adopted
 
 
@@ -45,7 +49,7 @@ class Correction:
         return " and ".join(m.replace("_", " ") for m in self.mechanisms)
 
 
-def correct(session: Session, model: AdoptedModel) -> Correction:
+def correct(session: Session, model: AdoptedModel, folders: Sequence[str] = ()) -> Correction:
     """Fit a session by Eq. 9 and by Eq. 9 with a model's mechanisms, whose parameters are fitted again.
 
     Raises
@@ -56,14 +60,14 @@ def correct(session: Session, model: AdoptedModel) -> Correction:
         The session cannot carry such a fit.
     """
     try:
-        found = [adopted(name, values) for name, values in model.mechanisms.items()]
+        found = [adopted(name, values, folders) for name, values in model.mechanisms.items()]
     except ValueError as error:
         raise ConfigError(f"{model.source}: {error}") from error
     with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
-        before = fit(tester_problem(session))
-        after = augmented(before, [Term(a.mechanism, a.values) for a in found])
+        before = fit(ring_downs([session], tester_rig(), header_uncertainty(session)))
+        after = augmented(before, [Term(a.mechanism, a.values, a.place) for a in found])
     sets = {shot.number: shot.load_set for shot in session.shots}
-    of_group = {r.group: sets[r.order] for r in before.problem.recordings.records}
+    of_group = {s.group: sets[s.order] for s in before.segments}
     pairs = zip(contact_at_rest(before), contact_at_rest(after), strict=True)
     rows = tuple(CorrectedLoad(of_group[g], plain, corrected) for g, (plain, corrected) in enumerate(pairs))
     return Correction(model.source, tuple(model.mechanisms), before.objective - after.objective, rows)

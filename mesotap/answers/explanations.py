@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Explained:
-    """k_c(P) and zeta_c(P) of a session held against every explanation there is.
+    """k_c(P) and zeta_c(P) of a session compared with every explanation.
 
     Attributes
     ----------
@@ -106,10 +106,10 @@ def _rms(error: FloatArray) -> float:
 def _best(what: str, weighed: list[Weighed]) -> str:
     best = weighed[0]
     alike = [name.replace("_", " ").replace("+", " with ") for name in best.indistinguishable_from]
-    told = f", which these loads do not tell from {'; '.join(alike)}" if alike else ""
+    indistinct = f", which these loads do not distinguish from {'; '.join(alike)}" if alike else ""
     return (
         f"Most probable of {len(weighed)} explanations of the {what}, at {percent(best.probability)}: "
-        f"{best.candidate.statement}{told}. It predicts a load from the others to {percent(best.left_out_rms)}."
+        f"{best.candidate.statement}{indistinct}. It predicts a load from the others to {percent(best.left_out_rms)}."
     )
 
 

@@ -1,98 +1,202 @@
-"""`mesotap diagnose` and `mesotap mechanisms`."""
+"""`mesotap diagnose`, `mesotap adopt` and `mesotap mechanisms`."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from analysis.mismatch.diagnosis import Diagnosis, diagnose_session
+from analysis.mismatch.answer import RecordingFile
+from analysis.mismatch.diagnosis import Diagnosis, diagnose_recordings, diagnose_sessions
+from analysis.mismatch.recordings.steady import Sweep, sweeps_of
+from analysis.mismatch.rig_description import DescribedRig
 from analysis.results import SessionResults
+from analysis.session import AnalysisError
 from daq.errors import RecordingError
-from daq.exchange.tables import NoTable
+from daq.exchange import Recording, import_recording
+from daq.exchange.tables import NoTable, import_tables
 from daq.records import Session
-from mesotap.answers.diagnosis_files import diagnosis_answer, print_diagnosis
+from mesotap.answers.diagnosis_json import Version, diagnosis_json
+from mesotap.answers.diagnosis_page import write_page
+from mesotap.answers.diagnosis_text import print_answer
+from mesotap.answers.evidence import evidence_of
+from mesotap.answers.recording_files import recording_files
+from mesotap.configuration.declared import header_uncertainty, rig_settings
+from mesotap.configuration.rig_files import load_rig, tester_rig
 from mesotap.operator.terminal import escape
-from sim_backend.mechanisms.mechanism import Mechanism, element_mechanisms, mechanisms
+from sim_backend.mechanisms.catalogue import catalogue, variants
+from sim_backend.mechanisms.catalogue import without as left_without
+from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, Mechanism, SecondImpact, Tones
+
+Known = Mapping[str, tuple[Mechanism, ...]]
+"""Variants of mechanisms by id."""
 
 
-def diagnose(
-    files: Sequence[Path], json: Path | None, without: Sequence[str], report: Path | None, console: Console
-) -> None:
-    """Diagnose a session file, or several of one rig together."""
-    from daq.session_file import read_session
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What a diagnosis is asked for, beside its files.
+
+    Attributes
+    ----------
+    rig
+        Description of the rig; None for the two-mass tester.
+    config
+        Configuration that names folders of a user's own mechanisms.
+    without
+        Mechanisms that are excluded.
+    json, report
+        Where to write the answer and the page.
+    """
+
+    rig: Path | None = None
+    config: Path | None = None
+    without: Sequence[str] = ()
+    json: Path | None = None
+    report: Path | None = None
+    contract: Version = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """What was read of the files: sessions of impacts, or recordings with the steady responses beside them."""
+
+    rig: DescribedRig
+    files: tuple[RecordingFile, ...]
+    sessions: tuple[Session, ...] = ()
+    recordings: tuple[Recording, ...] = ()
+    sweeps: tuple[Sweep, ...] = ()
+
+
+def diagnose(files: Sequence[Path], asked: Asked, console: Console) -> None:
+    """Diagnose session files of one rig, or recordings of a described one."""
     from mesotap.commands.outputs import write_json
 
-    known = known_mechanisms(without)
-    sessions = [read_session(file) for file in files]
-    found, answer = diagnosed(sessions, known, console)
-    write_json(json, answer)
-    print_diagnosis(found, console)
-    if report is not None:
-        page = report_of(report, sessions, found, answer, known, console)
+    known = known_mechanisms(asked.without, own_folders(asked.config))
+    read = _read(files, asked.rig, console)
+    began = time.monotonic()
+    found = diagnosed(read, known, console)
+    content = diagnosis_json(found.answer, time.monotonic() - began, asked.contract)
+    write_json(asked.json, content)
+    print_answer(found.answer, console)
+    if asked.report is not None:
+        page = report_of(asked.report, read, (found, content), known, console)
         console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
 
 
-def known_mechanisms(without: Sequence[str] = ()) -> dict[str, Mechanism]:
-    """Return the mechanisms by id, those struck from the list left out."""
-    known = dict(mechanisms())
-    for name in without:
-        if known.pop(name, None) is None:
-            raise RecordingError(f"{name!r} is no mechanism; mesotap mechanisms lists them")
-    return known
+def _read(files: Sequence[Path], rig_file: Path | None, console: Console) -> Read:
+    """Read the files; a further file that holds steady responses of a described rig is taken for them."""
+    from daq.session_file import read_session
+    from mesotap.commands.recordings import show_left_out
+
+    rig = tester_rig() if rig_file is None else load_rig(rig_file)
+    if rig_file is None or _is_session(files[0]):
+        sessions = tuple(read_session(file) for file in files)
+        return Read(rig, recording_files(files), sessions)
+    recordings: list[Recording] = []
+    sweeps: list[Sweep] = []
+    for place, file in enumerate(files):
+        if rig.sweeps is not None and place > 0:
+            columns = rig.sweeps
+            try:
+                wanted = (columns.frequency, columns.force, columns.amplitude, columns.phase)
+                sweeps += sweeps_of(rig, import_tables(file, wanted), str(file))
+                continue
+            except NoTable:
+                pass
+        recordings.append(import_recording(file, rig.rate_hz))
+        show_left_out(recordings[-1], console)
+    return Read(rig, recording_files(files), (), tuple(recordings), tuple(sweeps))
 
 
-def diagnosed(
-    sessions: Sequence[Session], known: Mapping[str, Mechanism], console: Console
-) -> tuple[Diagnosis, dict[str, Any]]:
-    """Diagnose sessions under a progress line; return the diagnosis and the answer for programs."""
-    began = time.monotonic()
+def _is_session(file: Path) -> bool:
+    """Whether a file holds a session: HDF5 files of other programs do not."""
+    from daq.session_file import read_session
+    from mesotap.commands.recordings import SESSION_SUFFIXES
+
+    if file.suffix.lower() not in SESSION_SUFFIXES:
+        return False
+    try:
+        read_session(file)
+    except RecordingError:
+        return False
+    return True
+
+
+def known_mechanisms(without: Sequence[str] = (), folders: Sequence[str] = ()) -> Known:
+    """Return the variants of all mechanisms by id, those of a user's folders among them; ``without`` are left out."""
+    return left_without(catalogue(folders), without)
+
+
+def own_folders(config: Path | None) -> tuple[str, ...]:
+    """Return the folders of a user's own mechanisms that a configuration names."""
+    from mesotap.configuration.config import load_config
+
+    return load_config(config).analysis.mechanisms
+
+
+def diagnosed(read: Read, known: Known, console: Console) -> Diagnosis:
+    """Diagnose what was read under a progress line."""
+    listed = variants(known)
     with console.status("reading") as status:
-        found = diagnose_session(sessions, list(known.values()), lambda stage: status.update(f"{stage} ..."))
-    return found, diagnosis_answer(found, time.monotonic() - began)
+
+        def on_progress(stage: str) -> None:
+            status.update(f"{stage} ...")
+
+        if not read.sessions:
+            return diagnose_recordings(read.recordings, read.rig, listed, on_progress, read.files, read.sweeps)
+        uncertainty = header_uncertainty(read.sessions[0])
+        return diagnose_sessions(read.sessions, read.rig, uncertainty, listed, on_progress, read.files)
 
 
 def report_of(
     folder: Path,
-    sessions: Sequence[Session],
-    found: Diagnosis,
-    answer: dict[str, Any],
-    known: Mapping[str, Mechanism],
+    read: Read,
+    diagnosis: tuple[Diagnosis, dict[str, Any]],
+    known: Known,
     console: Console,
     results: SessionResults | None = None,
 ) -> Path:
     """Write the page of a diagnosis under a progress line; analyse a single session for it if ``results`` is None."""
+    found, content = diagnosis
+    with console.status("drawing") as status:
+        if results is None and len(read.sessions) == 1 and read.sessions[0].rig.is_tester:
+            status.update("following the modes along the ring-downs ...")
+            results = _analysed(read.sessions[0])
+        status.update("drawing ...")
+        return write_page(folder, found.answer, evidence_of(found, known, results), content)
+
+
+def _analysed(session: Session) -> SessionResults | None:
+    """Return the linear analysis of a session with what its own configuration declares; None where it has none."""
     from analysis.session import analyse_session
     from analysis.settings import AnalysisSettings
     from calibration.settings import CalibrationSettings
-    from mesotap.report.diagnosis_report import write_diagnosis
-    from rig.settings import RigSettings
 
-    with console.status("drawing") as status:
-        if results is None and len(sessions) == 1:
-            status.update("following the modes along the ring-downs ...")
-            rig = RigSettings()
-            results = analyse_session(
-                sessions[0],
-                AnalysisSettings(),
-                CalibrationSettings(),
-                rig.masses,
-                rig.springs,
-                lambda done, total: None,
-            )
-        return write_diagnosis(folder, found, answer, known, results, lambda stage: status.update(f"{stage} ..."))
+    rig = rig_settings(session)
+    try:
+        return analyse_session(
+            session, AnalysisSettings(), CalibrationSettings(), rig.masses, rig.springs, lambda done, total: None
+        )
+    except AnalysisError:
+        return None
 
 
-def diagnose_finished(folder: Path, session: Session, results: SessionResults, console: Console) -> Path:
+def diagnose_finished(
+    folder: Path, session: Session, results: SessionResults, console: Console, folders: Sequence[str] = ()
+) -> Path:
     """Diagnose a session at its end; write ``diagnosis.html`` and ``diagnosis.json`` into its folder."""
-    known = known_mechanisms()
-    found, answer = diagnosed([session], known, console)
-    print_diagnosis(found, console)
-    page = report_of(folder, [session], found, answer, known, console, results)
+    known = known_mechanisms(folders=folders)
+    began = time.monotonic()
+    read = Read(tester_rig(), recording_files([Path(session.source)]), (session,))
+    found = diagnosed(read, known, console)
+    content = diagnosis_json(found.answer, time.monotonic() - began)
+    print_answer(found.answer, console)
+    page = report_of(folder, read, (found, content), known, console, results)
     console.print(f"diagnosis    {escape(page)}", highlight=False, soft_wrap=True)
     return page
 
@@ -112,68 +216,32 @@ def adopt(diagnosis: Path, config_path: Path | None, output: Path, console: Cons
     )
 
 
-def diagnose_described(
-    files: Sequence[Path],
-    rig_file: Path,
-    json: Path | None,
-    without: Sequence[str],
-    report: Path | None,
-    console: Console,
-) -> None:
-    """Diagnose recordings of a rig described in YAML; a further file that holds its sweeps is taken for them."""
-    from analysis.mismatch.rigs.diagnosis import diagnose_rig
-    from analysis.mismatch.rigs.steady import sweeps_of
-    from daq.exchange import import_recording
-    from daq.exchange.tables import import_tables
-    from mesotap.answers.rig_answers import print_rig_diagnosis, rig_answer
-    from mesotap.commands.outputs import write_json
-    from mesotap.commands.recordings import show_left_out
-    from mesotap.configuration.rig_files import load_rig
-
-    known = element_mechanisms()
-    for name in without:
-        if name not in known:
-            raise RecordingError(f"{name!r} is no mechanism of a described rig; mesotap mechanisms lists them")
-    began = time.monotonic()
-    rig = load_rig(rig_file)
-    recordings, sweeps = [], []
-    for place, file in enumerate(files):
-        columns = rig.sweeps
-        if columns is not None and place > 0:
-            try:
-                wanted = (columns.frequency, columns.force, columns.amplitude, columns.phase)
-                sweeps += sweeps_of(rig, import_tables(file, wanted), str(file))
-                continue
-            except NoTable:
-                pass
-        recordings.append(import_recording(file, rig.rate_hz))
-        show_left_out(recordings[-1], console)
-    with console.status("reading") as status:
-        found = diagnose_rig(
-            rig,
-            recordings,
-            [m for m in known.values() if m.id not in without],
-            lambda stage: status.update(f"{stage} ..."),
-            sweeps,
-        )
-    answer = rig_answer(found, time.monotonic() - began)
-    write_json(json, answer)
-    print_rig_diagnosis(found, console)
-    if report is not None:
-        from mesotap.report.rig_report import write_rig_report
-
-        console.print(f"  report: {escape(write_rig_report(found, answer, report))}")
-
-
-def list_mechanisms(console: Console) -> None:
+def list_mechanisms(config: Path | None, console: Console) -> None:
     """Print what can be named."""
-    for title, known in (
-        ("Mechanisms of the tester", mechanisms()),
-        ("Mechanisms of a described rig (--rig)", element_mechanisms()),
-    ):
-        table = Table(title=title)
-        for heading in ("id", "component", "what it is", "parameters"):
-            table.add_column(heading)
-        for m in known.values():
-            table.add_row(m.id, m.component, m.summary, ", ".join(q.name for q in m.parameters))
-        console.print(table)
+    table = Table(title="Mechanisms")
+    for heading in ("id", "component", "acts in", "what it is", "parameters"):
+        table.add_column(heading)
+    for m in variants(known_mechanisms(folders=own_folders(config))):
+        table.add_row(m.id, m.component, _acts_in(m), m.summary, ", ".join(q.name for q in m.parameters))
+    console.print(table)
+
+
+def _acts_in(mechanism: Mechanism) -> str:
+    if isinstance(mechanism, ForceLaw):
+        load = {True: " under preload", False: " without preload", None: ""}[mechanism.preloaded]
+        return ", ".join(mechanism.fits) + load
+    words = {AddedBody: "bodies and elements", Tones: "every channel", SecondImpact: "the impacts"}
+    return mechanism.of if isinstance(mechanism, ChannelDistortion) else words[type(mechanism)]
+
+
+def check_mechanism(file: Path, console: Console) -> bool:
+    """Print what is checked of a mechanism's file, a line each; return whether all of it holds."""
+    from sim_backend.mechanisms.conformance import conformance
+
+    checks = conformance(file)
+    for check in checks:
+        said = f": {check.said}" if check.said else ""
+        console.print(
+            f"{'holds' if check.holds else 'FAILS'}  {check.name}{escape(said)}", highlight=False, soft_wrap=True
+        )
+    return all(check.holds for check in checks)

@@ -81,7 +81,7 @@ def _analyze_one(
     opened = opened_file(file, rate)
     if isinstance(opened, Session) and opened.rig.is_tester:
         config = _config_for(opened, config_path, changes, console)
-        correction = None if model is None else _corrected(opened, model, console)
+        correction = None if model is None else _corrected(opened, model, config.analysis.mechanisms, console)
         if report is not None:
             results = _session_report(file, opened, config, report, console, correction)
         else:
@@ -94,7 +94,7 @@ def _analyze_one(
         show_correction(correction, console)
         return with_correction(results_json(results), correction)
     if model is not None:
-        raise RecordingError(f"{file}: is no session of the tester, so no diagnosis of one corrects it")
+        raise RecordingError(f"{file}: is not a session of the tester, so no diagnosis of one corrects it")
     recording = _as_recording(opened) if isinstance(opened, Session) else opened
     show_left_out(recording, console)
     config = load_config(config_path, changes)
@@ -108,16 +108,16 @@ def _analyze_one(
     return modes_json(modes)
 
 
-def _corrected(session: Session, model: Path, console: Console) -> Correction:
+def _corrected(session: Session, model: Path, folders: Sequence[str], console: Console) -> Correction:
     from mesotap.answers.adoption import read_diagnosis
     from mesotap.answers.correction import correct
 
     with console.status("fitting the model of the diagnosis ..."):
-        return correct(session, read_diagnosis(model))
+        return correct(session, read_diagnosis(model), folders)
 
 
 def modes_of(recording: Recording, method: str) -> RecordingModes:
-    """Modes of a recording that is no session of the tester."""
+    """Modes of a recording that is not a session of the tester."""
     if not np.ptp(recording.data, axis=1).any():
         raise FitFailure(f"{recording.source}: no channel ever changes its value: there is no ring-down in it")
     try:
@@ -192,7 +192,7 @@ def write_session_report(
     opened = opened_file(source, None)
     if not isinstance(opened, Session) or not opened.rig.is_tester:
         raise RecordingError(
-            f"{source}: is no session of the tester; 'mesotap analyze --report' reports any other file"
+            f"{source}: is not a session of the tester; 'mesotap analyze --report' reports any other file"
         )
     default = source if source.is_dir() else source.parent / f"{source.stem}-report"
     config = _config_for(opened, config_path, changes, console)

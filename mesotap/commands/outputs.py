@@ -24,7 +24,7 @@ def write_json(path: Path | None, answer: Any) -> None:
         return
     text = json.dumps(answer, indent=1, allow_nan=False) + "\n"
     if str(path) != "-" and path.is_file() and read_head(path, 1) not in (b"", b"{", b"["):
-        raise RecordingError(f"{path}: exists already and is no JSON; it is left as it is, name another file")
+        raise RecordingError(f"{path}: exists already and is not JSON; it is left as it is, name another file")
     if str(path) == "-":
         sys.stdout.write(text)
     elif _takes_what_is_written(path):
@@ -42,7 +42,7 @@ def _takes_what_is_written(path: Path) -> bool:
     if stat.S_ISSOCK(kind) or stat.S_ISBLK(kind):
         raise UnwrittenError(path, "it is a disk or a socket; name a file")
     if stat.S_ISREG(kind) and path.parent.resolve() in DEVICE_FOLDERS:
-        raise UnwrittenError(path, "it is no file of yours; name another, or - for standard output")
+        raise UnwrittenError(path, "it is not a file of yours; name another, or - for standard output")
     return stat.S_ISFIFO(kind) or stat.S_ISCHR(kind)
 
 
@@ -54,7 +54,7 @@ def _write_through(path: Path, content: bytes) -> None:
         with os.fdopen(descriptor, "wb") as stream:
             stream.write(content)
     except BrokenPipeError as error:
-        raise UnwrittenError(path, "whoever read it has gone") from error
+        raise UnwrittenError(path, "the reader has closed it") from error
     except OSError as error:
         nobody = error.errno == errno.ENXIO
         raise UnwrittenError(path, "nobody reads from this pipe" if nobody else cause_of(error)) from error

@@ -1,7 +1,8 @@
-"""`mesotap prove`: sealed sessions, their diagnoses, and the score."""
+"""`mesotap prove`: a blind validation on sealed sessions, their diagnoses, and the score."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,26 +13,30 @@ from mesotap.operator.terminal import escape
 from mesotap.proof import page, sealed
 from mesotap.proof.entries import Entry, entry_of
 from mesotap.proof.errors import ProofError
-from mesotap.proof.generator.deck import KINDS
+from mesotap.proof.generator.scenarios import KINDS
 from mesotap.proof.lookalikes import with_likeness
 from mesotap.proof.page import Proof
 
 
-def prove(seed: int, sessions: int, only: str | None, output: Path, jobs: int, console: Console) -> None:
+def prove(
+    seed: int, sessions: int, only: str | None, output: Path, jobs: int, folders: Sequence[str], console: Console
+) -> None:
     """Make sealed sessions, have them diagnosed, open the truths and score the answers."""
     if only is not None and only not in KINDS:
         raise ProofError(f"--only {only}: expected one of {', '.join(KINDS)}")
     with _progress(console) as shown:
-        hashes = sealed.seal(output, seed, sessions, only, jobs, _told(shown, "sealing"))
+        hashes = sealed.seal(output, seed, sessions, only, jobs, _on_progress(shown, "sealing"))
     console.print(hashes, highlight=False, soft_wrap=True, end="")
     files = {name: output / sealed.SESSIONS / f"{name}.h5" for name in sealed.names(output)}
     answers = output / sealed.ANSWERS
     with _progress(console) as shown:
-        sealed.diagnose_all(files, sealed.struck(output), answers, jobs, _told(shown, "diagnosing"))
+        sealed.diagnose_all(files, sealed.excluded(output), answers, jobs, _on_progress(shown, "diagnosing"), folders)
     truths = sealed.unseal(output)
     entries, failures = _entries(truths, answers)
     with _progress(console) as shown:
-        entries = with_likeness(entries, seed, len(files), only, output / "likeness.json", _told(shown, "look-alikes"))
+        entries = with_likeness(
+            entries, seed, len(files), only, output / "likeness.json", _on_progress(shown, "look-alikes")
+        )
     command = hashes.splitlines()[0][2:]
     origin = (
         f"Made by `{command}`. Truths and session files were hashed before the first diagnosis "
@@ -42,13 +47,17 @@ def prove(seed: int, sessions: int, only: str | None, output: Path, jobs: int, c
     _write(Proof("The diagnosis, tried on sealed sessions", origin, tuple(entries), failures), output, console)
 
 
-def prove_practice(folder: Path, sessions: int | None, output: Path, jobs: int, console: Console) -> None:
+def prove_practice(
+    folder: Path, sessions: int | None, output: Path, jobs: int, folders: Sequence[str], console: Console
+) -> None:
     """Have the sessions of another program diagnosed and score the answers by the truths beside them."""
     files, truths = sealed.practice_sessions(folder)
     chosen = list(sealed.chosen(sorted(files), sessions))
     answers = output / sealed.ANSWERS
     with _progress(console) as shown:
-        sealed.diagnose_all({n: files[n] for n in chosen}, {}, answers, jobs, _told(shown, "diagnosing"))
+        sealed.diagnose_all(
+            {n: files[n] for n in chosen}, {}, answers, jobs, _on_progress(shown, "diagnosing"), folders
+        )
     entries, failures = _entries({n: truths[n] for n in chosen}, answers)
     origin = f"{len(chosen)} of {len(files)} sessions that another program made, with its truths beside them."
     _write(
@@ -85,10 +94,10 @@ def _progress(console: Console) -> Progress:
     return Progress(*columns, console=console)
 
 
-def _told(shown: Progress, description: str) -> sealed.Told:
+def _on_progress(shown: Progress, description: str) -> sealed.OnProgress:
     task = shown.add_task(description, total=None)
 
-    def told(done: int, total: int) -> None:
+    def on_progress(done: int, total: int) -> None:
         shown.update(task, completed=done, total=total)
 
-    return told
+    return on_progress

@@ -14,12 +14,12 @@ from mesotap.session.recovery import recover
 
 
 def recover_folder(folder: Path, output: Path | None, json_path: Path | None, console: Console) -> None:
-    """Write a session file of the whole shots in a folder, and say line by line what was lost.
+    """Write a session file of the intact impacts in a folder, and report line by line what was lost.
 
     Raises
     ------
     RecordingError
-        There is no whole shot, or the file is there already or would stand in the folder that is to be left alone.
+        There is no intact impact, or the file exists already or would be in the folder that must not change.
     """
     where = folder.resolve()
     if output is None and not where.name:
@@ -37,7 +37,7 @@ def recover_folder(folder: Path, output: Path | None, json_path: Path | None, co
     accepted = sum(shot.accepted for shot in session.shots)
     state = "complete" if session.complete else "not complete, as far as can be proven"
     console.print(
-        f"{escape(str(target))}: {len(session.shots)} shots, {accepted} of them accepted; {state}; "
+        f"{escape(str(target))}: {len(session.shots)} impacts, {accepted} of them accepted; {state}; "
         f"{len(found.losses) or 'no'} {'thing was' if len(found.losses) == 1 else 'things were'} amiss",
         highlight=False,
         soft_wrap=True,

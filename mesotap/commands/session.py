@@ -202,7 +202,7 @@ def _diagnose(session: Session, results: SessionResults, config: Config, folder:
     from mesotap.commands.diagnose import diagnose_finished
 
     try:
-        diagnose_finished(folder, session, results, console)
+        diagnose_finished(folder, session, results, console, config.analysis.mechanisms)
     except Exception as error:
         reason = str(error) if isinstance(error, AnalysisError) else f"{type(error).__name__}: {error}"
         console.print(
@@ -219,7 +219,7 @@ def partial(path: Path) -> tuple[Session, Config, list[dict[str, Any]]]:
         progress = progress_in(folder, len(config.mesotap.load_plan_mn))
         session = assemble(folder.header, config, progress, folder.shots())
         if not session.shots:
-            raise RecordingError(f"{path}: holds no shots yet")
+            raise RecordingError(f"{path}: holds no impacts yet")
         return replace(session, source=str(path)), config, progress.truths
 
 

@@ -85,7 +85,7 @@ def surface(
     for answer in answers:
         _surface_row(shown, answer.source, answer.spacing, answer.parameters, f"{answer.correlation_length * 1e6:.3g}")
         for spacing, parameters in answer.coarser:
-            _surface_row(shown, "  the same, thinned", spacing, parameters, "")
+            _surface_row(shown, "  the same, decimated", spacing, parameters, "")
     combined = together([answer.parameters for answer in answers]) if len(answers) > 1 else None
     if combined is not None:
         _surface_row(shown, "all together", None, combined, "")

@@ -31,7 +31,7 @@ from rig.drivers.settings import NewportStage
 from rig.errors import MesotapError
 from rig.settable import too_fine, what_can_be_set
 from rig.settings import RigSettings, Section
-from sim_backend.settings import SimBackendSettings
+from sim_backend.settings import FOLDERS, SimBackendSettings
 
 SLOWEST_HZ, FASTEST_HZ = 100.0, 1e8
 """Between what a recorder of a tester samples; see `rig.wiring.sample_rate_hz`."""
@@ -99,6 +99,15 @@ class Config(Section):
             )
 
 
+def validated(content: dict[str, Any]) -> Config:
+    """Validate the content of a configuration, a user's own mechanisms being known from it."""
+    section = content.get("analysis")
+    folders = section.get("mechanisms") if isinstance(section, dict) else None
+    given = folders if isinstance(folders, list | tuple) else []
+    known = [str(Path(folder).absolute()) for folder in given if isinstance(folder, str)]
+    return Config.model_validate(content, context={FOLDERS: known})
+
+
 def settable_loads(config: Config) -> list[str]:
     """Return in sentences to what the loads of the plan can be set; none for a stage that is turned by hand."""
     part = config.rig.parts.stage
@@ -142,7 +151,7 @@ def text_of(path: Path, what: str) -> str:
     Raises
     ------
     ConfigError
-        It is no file, no text, too large, or cannot be read.
+        It is not a file, no text, too large, or cannot be read.
     """
     try:
         return read_regular(path, LARGEST_TEXT, what).decode()
@@ -162,10 +171,10 @@ def parse_config(text: str, name: str = "config.yaml", changes: Sequence[str] = 
     if content is None:
         content = {}
     if not isinstance(content, dict):
-        raise ConfigError(f"{name}: is no configuration: sections such as 'rig:' are expected at the top")
+        raise ConfigError(f"{name}: is not a configuration: sections such as 'rig:' are expected at the top")
     changed = [_apply(content, change) for change in changes]
     try:
-        return Config.model_validate(content)
+        return validated(content)
     except ValidationError as error:
         lines = []
         for fault in error.errors():

@@ -3,43 +3,65 @@
 from __future__ import annotations
 
 import math
+from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, ValidationError, field_validator, model_validator
 
-from analysis.mismatch.rigs.described import DescribedRig, Drive, Hold, Seen, Stretch, SweepColumns
+from analysis.mismatch.rig_description import DescribedRig, Drive, Hold, Seen, Stretch, SweepColumns
 from daq.errors import one_line
 from mesotap.configuration.config import ConfigError, text_of
+from mesotap.configuration.rig_faults import deepest
 from mesotap.configuration.yaml_text import NOT_YAML, line_of, not_yaml, parsed, sentence
 from rig.section import Section, of_a_size
-from rig.written import EXPLAINED
-from sim_backend.arrangement import Arrangement, Element, Parameter, Role, Row, Sensor
+from sim_backend.arrangement import LOAD, Arrangement, Element, Parameter, Role, Row, Sensor
 
 GROUND = "ground"
+TESTER_FILE = "two-mass-tester.yaml"
 SMALLEST, LARGEST = 1e-20, 1e20
 """Magnitudes between which numbers of a rig have to lie, in whatever unit: fits square and multiply several of them."""
 Finite = Annotated[float, Field(allow_inf_nan=False), of_a_size(SMALLEST, LARGEST)]
 Positive = Annotated[Finite, Field(gt=0)]
 NonNegative = Annotated[Finite, Field(ge=0)]
 Component = Literal[
-    "contact", "upper mass", "lower mass", "tube springs", "frame", "impactor", "sensor chain", "load cell"
-]
+    "contact", "upper mass", "lower mass", "tube springs", "frame", "impactor", "sensor chain", "load cell",
+    "spring", "joint", "slide", "body", "input", "sensor",
+]  # fmt: skip
 
 
 class Known(Section):
-    """A constant known to within a standard error."""
+    """A constant known to within a standard error; ``symbol`` is the name under which it is told."""
 
     value: Finite
     uncertainty: Positive
+    symbol: str | None = None
 
 
-Constant = Finite | Known | Literal["unknown"]
+class FromHeader(Section):
+    """A constant that the header of the session file declares."""
+
+    header: Literal["m1_kg", "m2_kg", "k1_n_per_m", "k2_n_per_m"]
+    symbol: str | None = None
+
+
+class AtEachLoad(Section):
+    """A constant that nobody knows, with a value of its own at each load."""
+
+    per: Literal["load"]
+    symbol: str | None = None
+
+
+Constant = Finite | Known | FromHeader | AtEachLoad | Literal["unknown"]
+KINDS: dict[str, type[Section]] = {"header": FromHeader, "per": AtEachLoad, "value": Known}
+"""Sections that a constant may be, by a key that only it has."""
 
 
 def _value(said: Constant) -> float:
-    """Return the value of a constant, NaN for one that nobody knows."""
-    return math.nan if said == "unknown" else said.value if isinstance(said, Known) else float(said)
+    """Return the value of a constant, NaN for one that nobody knows, or that is not known yet."""
+    if said == "unknown" or isinstance(said, FromHeader | AtEachLoad):
+        return math.nan
+    return said.value if isinstance(said, Known) else float(said)
 
 
 def _not_zero(gain: Constant) -> Constant:
@@ -59,8 +81,9 @@ class Between(Section):
     name: str | None = None
     between: tuple[str, str]
     stiffness: Constant | None = None
-    damping: Constant | None = None
+    damping: Constant | Literal["none"] | None = None
     component: Component | None = None
+    alike: str | None = None
 
     @field_validator("stiffness")
     @classmethod
@@ -71,10 +94,16 @@ class Between(Section):
 
     @field_validator("damping")
     @classmethod
-    def _takes_away(cls, said: Constant | None) -> Constant | None:
-        if said is not None and _value(said) < 0:
+    def _takes_away(cls, said: Constant | Literal["none"] | None) -> Constant | Literal["none"] | None:
+        if said is not None and said != "none" and _value(said) < 0:
             raise ValueError(f"{_value(said):g} would drive the rig: a damping must not be below 0")
         return said
+
+
+class Pressed(Between):
+    """A contact; ``preload`` is what presses it together, N, or ``load``: what the session says at each load."""
+
+    preload: Positive | Literal["load"] | None = None
 
 
 class Input(Section):
@@ -102,6 +131,7 @@ class Sees(Section):
     gain: Gain = 1.0
     offset: Constant = "unknown"
     unit: str = ""
+    name: str | None = None
 
     @field_validator("of")
     @classmethod
@@ -170,7 +200,7 @@ class RigFile(Section):
     springs: tuple[Between, ...] = ()
     dampers: tuple[Between, ...] = ()
     joints: tuple[Between, ...] = ()
-    contacts: tuple[Between, ...] = ()
+    contacts: tuple[Pressed, ...] = ()
     slides: tuple[Between, ...] = ()
     pendulums: tuple[Between, ...] = ()
     inputs: tuple[Input, ...] = ()
@@ -178,6 +208,8 @@ class RigFile(Section):
     recording: Taken = Taken()
     units: Units = Units()
     sweeps: Sweeps | None = None
+    tapped: str | None = None
+    parts: tuple[Component, ...] = ()
 
     @model_validator(mode="after")
     def _names_are_bodies(self) -> RigFile:
@@ -197,6 +229,22 @@ class RigFile(Section):
                 self._check(f"sensors.{i}", body)
         if self.sweeps is not None:
             self._check("sweeps", self.sweeps.of)
+        if self.tapped is not None:
+            self._check("tapped", self.tapped)
+        return self
+
+    @model_validator(mode="after")
+    def _symbols_differ(self) -> RigFile:
+        elements = [e for kind in ELEMENTS for e in getattr(self, kind)]
+        channels: tuple[Input | Sees, ...] = (*self.inputs, *self.sensors)
+        said = [*self.bodies.values(), *(c for e in elements for c in (e.stiffness, e.damping))]
+        said += [c for channel in channels for c in (channel.gain, channel.offset)]
+        symbols = [c.symbol for c in said if isinstance(c, Known | FromHeader | AtEachLoad) and c.symbol is not None]
+        twice = next((s for s in symbols if symbols.count(s) > 1), None)
+        if twice is not None:
+            raise ValueError(f"the symbol {twice!r} stands for two constants; give each one of its own")
+        if len({c.preload for c in self.contacts if c.preload is not None}) > 1:
+            raise ValueError("contacts are pressed together by different preloads; one is all that can be declared")
         return self
 
     @model_validator(mode="after")
@@ -204,7 +252,7 @@ class RigFile(Section):
         if all(m == "unknown" for m in self.bodies.values()):
             raise ValueError("at least one body's mass has to be given: recordings tell only ratios (1 will do)")
         for body, m in self.bodies.items():
-            if m != "unknown" and not _value(m) > 0:
+            if not _value(m) > 0 and not math.isnan(_value(m)):
                 raise ValueError(f"bodies.{body}: a mass must be above 0")
         if self.inputs and self.recording.band_hz is not None:
             raise ValueError("recording.band_hz is for recordings without a measured input")
@@ -214,16 +262,16 @@ class RigFile(Section):
 
     def _check(self, where: str, body: str, ground: bool = False) -> None:
         if body not in self.bodies and not (ground and body == GROUND):
-            raise ValueError(f"{where} names {body!r}, which is no body; bodies are {', '.join(self.bodies)}")
+            raise ValueError(f"{where} names {body!r}, which is not a body; bodies are {', '.join(self.bodies)}")
 
 
 ELEMENTS: dict[str, tuple[Role, Component, bool, bool]] = {
-    "springs": ("spring", "tube springs", True, False),
-    "dampers": ("damper", "upper mass", False, True),
-    "joints": ("joint", "contact", True, True),
+    "springs": ("spring", "spring", True, False),
+    "dampers": ("damper", "joint", False, True),
+    "joints": ("joint", "joint", True, True),
     "contacts": ("contact", "contact", True, True),
-    "slides": ("guide", "upper mass", False, True),
-    "pendulums": ("pendulum", "upper mass", True, True),
+    "slides": ("guide", "slide", False, True),
+    "pendulums": ("pendulum", "joint", True, True),
 }
 """Role, component of the contract, and whether stiffness and damping are there (unknown) where nothing is said."""
 
@@ -247,60 +295,34 @@ def parse_rig(text: str, name: str = "rig.yaml") -> DescribedRig:
     except NOT_YAML as error:
         raise ConfigError(not_yaml(name, error)) from error
     if not isinstance(content, dict):
-        raise ConfigError(f"{name}: is no rig: sections such as 'bodies:' and 'sensors:' are expected at the top")
+        raise ConfigError(f"{name}: is not a rig: sections such as 'bodies:' and 'sensors:' are expected at the top")
     try:
         return described(RigFile.model_validate(content))
     except ValidationError as error:
         lines = []
-        for fault in _deepest(error):
+        for fault in deepest(error, content, KINDS):
             line = line_of(node, fault["loc"])
             where = f"{name}, line {line}" if line else name
             lines.append(f"{where}: {sentence(fault, RigFile)}")
         raise ConfigError("\n".join(dict.fromkeys(lines))) from error
 
 
-def _deepest(error: ValidationError) -> list[dict[str, Any]]:
-    """Return one fault a key: of a value that may be a number, a section or 'unknown' only what fits it best."""
-    found: dict[tuple[Any, ...], dict[str, Any]] = {}
-    faults: list[dict[str, Any]] = [dict(f) for f in error.errors()]
-    for fault in faults:
-        loc = list(fault["loc"])
-        for i, part in enumerate(loc):
-            if isinstance(part, str) and (part in BRANCHES or part.startswith(("constrained", "function", "dict["))):
-                within = isinstance(fault["input"], dict) and part == "Known"
-                if within or (fault["type"] in TELLING and loc[i - 1] not in COLUMNS):
-                    found.setdefault(("best", *loc[:i]), {**fault, "loc": (*loc[:i], *loc[i + 1 :])})
-                loc = loc[:i]
-                break
-        if len(loc) < len(fault["loc"]):
-            said = "is no number, no {value, uncertainty}, nor 'unknown'"
-            if loc and loc[-1] in COLUMNS:
-                said = "names a column, or its number from 0"
-            elif loc and loc[-1] == "of":
-                said = "names a body, or gives bodies with their shares"
-            fault = {**fault, "loc": tuple(loc), "type": "branch", "msg": said}
-        found.setdefault(tuple(loc), fault)
-    emptied = {f["loc"] for f in found.values() if f["type"] == "too_short"}  # a list whose entries are at fault
-    deeper = {loc for loc in emptied if any(f["loc"][: len(loc)] == loc != f["loc"] for f in found.values())}
-    return [f for key, f in found.items() if ("best", *key) not in found and f["loc"] not in deeper]
-
-
-BRANCHES = ("float", "int", "str", "Known", "literal['unknown']")
-"""What validation adds to the path of a key where a value may be of several kinds."""
-
-COLUMNS = ("channel", "frequency", "force", "amplitude", "phase")
-TELLING = (EXPLAINED, "value_error", "finite_number", "greater_than", "extra_forbidden")
-"""Faults with one kind of value that say more than that it is of none of the kinds."""
-
-
 def described(file: RigFile) -> DescribedRig:
     """Return the rig that a file describes."""
     parameters: list[Parameter] = []
 
+    header: dict[str, str] = {}
+
     def constant(name: str, unit: str, said: Constant, positive: bool = False) -> str:
+        name = getattr(said, "symbol", None) or name
         if said == "unknown":
             start = math.nan if unit else 0.0
             parameters.append(Parameter(name, unit, start, math.inf, positive=positive))
+        elif isinstance(said, FromHeader):
+            header[name] = said.header
+            parameters.append(Parameter(name, unit, math.nan, 0.0, positive=positive))
+        elif isinstance(said, AtEachLoad):
+            parameters.append(Parameter(name, unit, 1.0, scope=LOAD))
         elif isinstance(said, Known):
             parameters.append(Parameter(name, unit, said.value, said.uncertainty, positive=positive))
         else:
@@ -318,6 +340,8 @@ def described(file: RigFile) -> DescribedRig:
             row: Row = tuple((body, sign) for body, sign in zip(e.between, (1.0, -1.0), strict=True) if body != GROUND)
             k: Constant | None = e.stiffness if e.stiffness is not None else ("unknown" if stiff else None)
             c: Constant | None = e.damping if e.damping is not None else ("unknown" if damped else None)
+            c = None if e.damping == "none" else c
+            preload = getattr(e, "preload", None)
             elements.append(
                 Element(
                     name,
@@ -326,6 +350,8 @@ def described(file: RigFile) -> DescribedRig:
                     row,
                     None if k is None else constant(f"stiffness of {name}", "N/m", k, k == "unknown" or _above(k)),
                     None if c is None else constant(f"damping of {name}", "N s/m", c),
+                    e.alike,
+                    preload is not None,
                 )
             )
             components[name] = e.component or component
@@ -341,7 +367,7 @@ def described(file: RigFile) -> DescribedRig:
         row = ((s.of, 1.0),) if isinstance(s.of, str) else tuple(s.of.items())
         gain = constant(f"gain of sensor {i + 1}", "1", s.gain)
         offset = constant(f"offset of sensor {i + 1}", "", 0.0 if banded else s.offset)
-        seen.append(Seen(Sensor(f"sensor {i + 1}", row, s.shows), s.channel, gain, offset, s.unit))
+        seen.append(Seen(Sensor(s.name or f"sensor {i + 1}", row, s.shows), s.channel, gain, offset, s.unit))
     sweeps = None
     if file.sweeps is not None:
         q = file.sweeps
@@ -349,14 +375,25 @@ def described(file: RigFile) -> DescribedRig:
         sweeps = SweepColumns(q.frequency, q.force, q.amplitude, q.phase, sensor)
     arrangement = Arrangement(
         tuple(file.bodies), masses, tuple(elements), tuple(s.sensor for s in seen), tuple(parameters),
-        next(iter(file.bodies)),
+        file.tapped or next(iter(file.bodies)), len(file.inputs),
     )  # fmt: skip
     r = file.recording
     return DescribedRig(
         file.name, arrangement, tuple(drives), tuple(seen), r.hold, r.rate_hz, r.from_s, r.to_s, r.band_hz,
         tuple(Stretch(s.name, s.from_s, s.to_s) for s in r.held_out), sweeps, components,
-        file.units.length, file.units.force,
+        file.units.length, file.units.force, _preload(file), file.parts, header,
     )  # fmt: skip
+
+
+def _preload(file: RigFile) -> float:
+    """Return the preload that is declared, N; zero where none is, or where each session tells it."""
+    return next((float(c.preload) for c in file.contacts if isinstance(c.preload, float | int)), 0.0)
+
+
+def tester_rig() -> DescribedRig:
+    """Return the two-mass tester of Eq. 9, as the program ships its description."""
+    text = files("mesotap.configuration").joinpath(TESTER_FILE).read_text(encoding="utf-8")
+    return parse_rig(text, TESTER_FILE)
 
 
 def _above(said: Constant) -> bool:

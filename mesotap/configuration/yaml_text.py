@@ -175,7 +175,7 @@ def sentence(fault: Any, whole: type[BaseModel]) -> str:
         allowed = list(_allowed_keys(fault["loc"][:-1], whole))
         close = difflib.get_close_matches(str(fault["loc"][-1]), allowed, 1)
         meant = f"did you mean {close[0]}? " if close else ""
-        return f"{key} is no known key; {meant}allowed here: {', '.join(sorted(allowed))}"
+        return f"{key} is not a known key; {meant}allowed here: {', '.join(sorted(allowed))}"
     if fault["type"] == EXPLAINED:
         return f"{key}: {message}"
     if fault["type"] == "missing":

@@ -93,7 +93,7 @@ def entry_of(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> 
     named = tuple(_named(m) for m in answer["mechanisms"])
     location = answer["location"] or {}
     fit = answer["fit"]
-    after = fit["heldout_rms_after_m_s2"]
+    after = fit["heldout_rms_after"]
     return Entry(
         name=name,
         kind=str(truth.get("kind") or ("null", "single", "two")[min(len(effects), 2)]),
@@ -106,7 +106,7 @@ def entry_of(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> 
         p_value=float(answer["p_value"]),
         located=str(location.get("component") or (named[0].component if named else "")),
         named=named,
-        heldout_rms=float(fit["heldout_rms_before_m_s2"] if after is None else after),
+        heldout_rms=float(fit["heldout_rms_before"] if after is None else after),
         knowing_rms=float(truth.get("knowing_rms", float("nan"))),
         seconds=float(answer["seconds"]),
     )

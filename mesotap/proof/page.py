@@ -156,13 +156,13 @@ def _page(proof: Proof, folder: Path) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-INTRODUCTION = """`d` is what survives the refit of Eq. 9: the misfit, in standard deviations of the noise over the
-whole session, that the linear rig keeps when the state after every tap, k_c and c_c of every load and the rig's
-constants within their uncertainties are fitted anew. Shares are followed by their exact 95 % intervals. A name counts
-as covered where it is true, or where what is hidden is among the look-alikes that the answer declares beside it."""
+INTRODUCTION = """`d` is what survives the refit of Eq. 9: the root of chi-squared, in standard deviations of the noise
+over the whole session, that the linear rig leaves when the state after every tap, k_c and c_c of every load and the
+rig's constants within their uncertainties are fitted again. Shares are followed by their exact 95 % intervals. A name
+counts as covered where it is true, or where what is hidden is among the look-alikes that the answer declares."""
 
 HELD_OUT = """The fit that knows the answer leaves the session's own noise less the freedom of each impact (state of
-both masses, offset and high-pass ringing of each channel), whitened by the noise's true colour. It is taken over all
+both masses, offset and high-pass ringing of each channel), whitened by the true noise model. It is taken over all
 impacts of the session, of which the answer held out some: that alone scatters the ratio by a percent or so."""
 
 
@@ -181,7 +181,7 @@ def _nulls(entries: Sequence[Entry], folder: Path) -> str:
     return _joined(
         "## Nothing hidden",
         f"p below {LEVEL:g}: {_share(found.alarms)}. Verdict other than `consistent`: {_share(found.not_consistent)}. "
-        f"Kolmogorov and Smirnov's test that the p-values are uniform gives {found.uniform:.2g}.",
+        f"The Kolmogorov-Smirnov test for uniform p-values gives {found.uniform:.2g}.",
         _figure(folder, "p-values.svg", "p-values of sessions in which nothing is hidden, against uniform ones"),
     )
 
@@ -215,14 +215,14 @@ def _singles(entries: Sequence[Entry], folder: Path) -> str:
 
 def _confusion(entries: Sequence[Entry], folder: Path) -> str:
     figure = _figure(folder, "confusion.svg", "What was said of each effect")
-    told = "Listed effects from the grade d = 30 on, nothing, and (in brackets) effects outside the list."
-    return _joined("## What was said of what", told, figure) if figure else ""
+    note = "Listed effects from the grade d = 30 on, nothing, and (in brackets) effects outside the list."
+    return _joined("## What was said of what", note, figure) if figure else ""
 
 
 def _unlisted(entries: Sequence[Entry], folder: Path) -> str:
-    told = {"struck": "## The true mechanism struck from the list", "outside": "## Effects outside the list"}
+    headings_of = {"struck": "## The true mechanism excluded from the list", "outside": "## Effects outside the list"}
     parts = []
-    for kind, heading in told.items():
+    for kind, heading in headings_of.items():
         lines = [g for g in scores.unlisted(entries, kind) if g.unexplained.of]
         if lines:
             rows = [(f"{g.grade:g}", _share(g.unexplained), _share(g.confident_wrong), _share(g.missed)) for g in lines]
@@ -264,7 +264,7 @@ def _calibration(entries: Sequence[Entry], folder: Path) -> str:
     return _joined(
         "## Stated probabilities",
         f"Of all names in all sessions, those without a listed effect included, where no name is right. "
-        f"Brier's score {brier:.3f}.",
+        f"Brier score {brier:.3f}.",
         _table(("stated", "mean", "covered"), rows),
         _figure(folder, "reliability.svg", "Share of names that are right against the probability stated"),
     )

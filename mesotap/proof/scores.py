@@ -18,7 +18,7 @@ CONFIDENT = 0.9
 TRULY_ALIKE = 0.9  # cosine of two surviving signals from which they count as look-alikes
 ERROR_ALLOWED = 1.02  # held-out error over that of the fit that knows the answer
 STATED = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
-"""Edges of the probabilities that are told apart in the calibration."""
+"""Edges of the bins of stated probabilities in the calibration."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +153,7 @@ class Unlisted:
 
 
 def unlisted(entries: Sequence[Entry], kind: str) -> list[Unlisted]:
-    """Score sessions whose effect is struck from the list, or was never on it, a grade a line."""
+    """Score sessions whose effect is excluded from the list, or was never on it, one line per grade."""
     out = []
     for g in GRADES[2:]:
         mine = [e for e in entries if e.kind == kind and grade(e.d) == g]

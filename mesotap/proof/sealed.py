@@ -1,10 +1,10 @@
-"""A folder of sealed sessions: truths and files are hashed before anything is diagnosed, and checked when opened.
+"""Blind validation: truths and sessions are hashed before anything is diagnosed, and checked when opened.
 
 ===================  ==================================================================
 `sessions/*.h5`      what the diagnosis sees, one at a time
 `truths.sealed`      compressed truths, opened into `truths.json` after the last diagnosis
 `hashes.txt`         seed and SHA-256 of `truths.json` and of every session (`sha256sum -c`)
-`answers/*.json`     what was answered, as it comes: an interrupted proof goes on from there
+`answers/*.json`     what was answered, as it comes: an interrupted run resumes from there
 ===================  ==================================================================
 """
 
@@ -20,7 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
@@ -29,20 +29,21 @@ from daq.durable import write_whole
 from daq.errors import RecordingError
 from daq.regular import read_regular
 from mesotap.proof.errors import ProofError
-from mesotap.proof.generator.deck import Card, deal, make
+from mesotap.proof.generator.scenarios import Scenario, draw_scenarios, make
 
 SESSIONS, ANSWERS, PARTS = "sessions", "answers", "parts"
 HASHES, SEALED, TRUTHS = "hashes.txt", "truths.sealed", "truths.json"
+CONTRACT = 2  # version of the answers
 LONGEST_S = 900.0  # that a diagnosis may take
 LARGEST_TRUTHS = 50_000_000  # bytes; those of 300 sessions have a million
-TOLD = 300  # characters of what a failed diagnosis said
+LONGEST_ERROR = 300  # characters kept of the error of a failed diagnosis
 PACKAGE_ROOT = Path(__file__).resolve().parents[2]
 
-Told = Callable[[int, int], None]
-"""Called with what is done and what there is to do."""
+OnProgress = Callable[[int, int], None]
+"""Called with how many are done, and how many there are."""
 
 
-def seal(folder: Path, seed: int, sessions: int, only: str | None, jobs: int, told: Told) -> str:
+def seal(folder: Path, seed: int, sessions: int, only: str | None, jobs: int, on_progress: OnProgress) -> str:
     """Make the sessions of a proof and their hashes; what is there already stays. Return the text of `hashes.txt`.
 
     Raises
@@ -57,35 +58,35 @@ def seal(folder: Path, seed: int, sessions: int, only: str | None, jobs: int, to
         if text.splitlines()[0] != heading:
             raise ProofError(f"{folder}: holds another proof ({text.splitlines()[0][2:]}); name another folder")
         check(folder)
-        told(sessions, sessions)
+        on_progress(sessions, sessions)
         return text
     (folder / SESSIONS).mkdir(parents=True, exist_ok=True)
     (folder / PARTS).mkdir(exist_ok=True)
-    begun = folder / PARTS / "proof"
-    if begun.exists() and begun.read_text(encoding="utf-8") != heading:
-        raise ProofError(f"{folder}: another proof was begun here; name another folder")
-    begun.write_text(heading, encoding="utf-8")
-    cards = deal(seed, sessions, only)
-    missing = [c for c in cards if not _part(folder, c.name).exists()]
-    told(len(cards) - len(missing), len(cards))
+    started = folder / PARTS / "proof"
+    if started.exists() and started.read_text(encoding="utf-8") != heading:
+        raise ProofError(f"{folder}: another proof was started here; name another folder")
+    started.write_text(heading, encoding="utf-8")
+    scenarios = draw_scenarios(seed, sessions, only)
+    missing = [s for s in scenarios if not _part(folder, s.name).exists()]
+    on_progress(len(scenarios) - len(missing), len(scenarios))
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        for done, made in enumerate(as_completed([pool.submit(_make, folder, seed, c) for c in missing]), start=1):
+        for done, made in enumerate(as_completed([pool.submit(_make, folder, seed, s) for s in missing]), start=1):
             made.result()
-            told(len(cards) - len(missing) + done, len(cards))
-    truths = {c.name: json.loads(gzip.decompress(_part(folder, c.name).read_bytes())) for c in cards}
+            on_progress(len(scenarios) - len(missing) + done, len(scenarios))
+    truths = {s.name: json.loads(gzip.decompress(_part(folder, s.name).read_bytes())) for s in scenarios}
     content = (json.dumps(truths, indent=1, allow_nan=False) + "\n").encode()
     write_whole(folder / SEALED, gzip.compress(content, mtime=0))
     lines = [heading, f"{hashlib.sha256(content).hexdigest()}  {TRUTHS}"]
-    lines += [f"{_hash(_session(folder, c.name))}  {SESSIONS}/{c.name}.h5" for c in cards]
+    lines += [f"{_hash(_session(folder, s.name))}  {SESSIONS}/{s.name}.h5" for s in scenarios]
     text = "\n".join(lines) + "\n"
     write_whole(listed, text.encode())
     shutil.rmtree(folder / PARTS)
     return text
 
 
-def _make(folder: Path, seed: int, card: Card) -> None:
-    truth = make(seed, card, folder / SESSIONS)
-    write_whole(_part(folder, card.name), gzip.compress(json.dumps(truth, allow_nan=False).encode(), mtime=0))
+def _make(folder: Path, seed: int, scenario: Scenario) -> None:
+    truth = make(seed, scenario, folder / SESSIONS)
+    write_whole(_part(folder, scenario.name), gzip.compress(json.dumps(truth, allow_nan=False).encode(), mtime=0))
 
 
 def _part(folder: Path, name: str) -> Path:
@@ -139,8 +140,8 @@ def names(folder: Path) -> list[str]:
     return [Path(name).stem for name in _listed(folder) if name != TRUTHS]
 
 
-def struck(folder: Path) -> dict[str, str]:
-    """Return which mechanism is struck from the list for which session: all of the truth that a diagnosis is told."""
+def excluded(folder: Path) -> dict[str, str]:
+    """Return which mechanism is excluded for which session: the only part of the truth that a diagnosis is given."""
     truths = json.loads(_unsealed(folder))
     return {name: truth["without"] for name, truth in truths.items() if truth["without"]}
 
@@ -154,42 +155,57 @@ def unseal(folder: Path) -> dict[str, dict[str, Any]]:
     return truths
 
 
-def diagnose_all(sessions: dict[str, Path], without: dict[str, str], answers: Path, jobs: int, told: Told) -> None:
+def diagnose_all(
+    sessions: dict[str, Path],
+    without: dict[str, str],
+    answers: Path,
+    jobs: int,
+    on_progress: OnProgress,
+    folders: Sequence[str] = (),
+) -> None:
     """Have every session diagnosed by a process of its own that is given the session file only.
 
     Each runs in an empty folder with a copy of the file. Answers that are there are kept; failures are tried again.
+    ``folders`` hold a user's own mechanisms.
     """
     answers.mkdir(parents=True, exist_ok=True)
     missing = [name for name in sessions if "verdict" not in answer_of(answers, name)]
     there = len(sessions) - len(missing)
-    told(there, len(sessions))
+    on_progress(there, len(sessions))
     with ThreadPoolExecutor(jobs) as pool:
         running: list[Future[None]] = [
-            pool.submit(_diagnose, sessions[name], without.get(name), answers / f"{name}.json") for name in missing
+            pool.submit(_diagnose, sessions[name], without.get(name), answers / f"{name}.json", folders)
+            for name in missing
         ]
         try:
             for done, future in enumerate(as_completed(running), start=1):
                 future.result()
-                told(there + done, len(sessions))
+                on_progress(there + done, len(sessions))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
 def answer_of(answers: Path, name: str) -> dict[str, Any]:
-    """Return what was answered about a session; empty where nothing was."""
+    """Return what was answered about a session; empty where nothing was, or by another version of the contract."""
     try:
         found = json.loads((answers / f"{name}.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
-    return found if isinstance(found, dict) else {}
+    if not isinstance(found, dict):
+        return {}
+    return found if found.get("version") == CONTRACT or "failed" in found else {}
 
 
-def _diagnose(session: Path, without: str | None, answer: Path) -> None:
+def _diagnose(session: Path, without: str | None, answer: Path, folders: Sequence[str]) -> None:
     began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="mesotap-proof-") as place:
         shutil.copyfile(session, Path(place, "session.h5"))
-        command = [sys.executable, "-m", "mesotap", "diagnose", "session.h5", "--json", "answer.json"]
+        if folders:
+            own = {"analysis": {"mechanisms": [str(Path(folder).absolute()) for folder in folders]}}
+            Path(place, "config.yaml").write_text(json.dumps(own), encoding="utf-8")
+        command = [sys.executable, "-m", "mesotap", "diagnose", "session.h5"]
+        command += ["--json", "answer.json", "--contract", str(CONTRACT)]
         command += ["--without", without] if without else []
         path = os.pathsep.join(filter(None, [str(PACKAGE_ROOT), os.environ.get("PYTHONPATH", "")]))
         said = ""
@@ -202,7 +218,7 @@ def _diagnose(session: Path, without: str | None, answer: Path) -> None:
                 text=True,
                 timeout=LONGEST_S,
             )
-            said = ended.stderr.strip()[-TOLD:]
+            said = ended.stderr.strip()[-LONGEST_ERROR:]
             content = Path(place, "answer.json").read_bytes() if ended.returncode == 0 else None
         except subprocess.TimeoutExpired:
             content, said = None, f"no answer within {LONGEST_S:.0f} s"
@@ -227,7 +243,7 @@ def practice_sessions(folder: Path) -> tuple[dict[str, Path], dict[str, dict[str
     except RecordingError as error:
         raise ProofError(str(error)) from error
     except (ValueError, RecursionError) as error:
-        raise ProofError(f"{path}: is no JSON: {error}") from error
+        raise ProofError(f"{path}: is not JSON: {error}") from error
     if not isinstance(truths, dict) or not all(
         isinstance(t, dict) and isinstance(t.get("kinds"), list) for t in truths.values()
     ):

@@ -159,7 +159,7 @@ def write_report(
 
 
 def recording_report(folder: Path, recording: Recording, modes: RecordingModes) -> Path:
-    """Write the page of a recording that is no session: ``report.html``, ``modes.json`` and ``modes.pdf``.
+    """Write the page of a recording that is not a session: ``report.html``, ``modes.json`` and ``modes.pdf``.
 
     Where a mode could be followed along the ring-down ``amplitude.pdf`` too, and with a stabilisation diagram
     ``stabilisation.pdf``.

@@ -173,7 +173,7 @@ def main(folder: Path, seed: int) -> None:
     clock = RunningClock()
     stiffness = stiffness_from_theory(config)
     rig = EmulatedRig(config.rig, config.sim_backend, stiffness, seed, wires=True, clock=clock)
-    rig.physics.impactor.strike(0.0)  # what is compiled at first use is compiled before anybody waits
+    rig.physics.impactor.tap(0.0)  # what is compiled at first use is compiled before anybody waits
     DevicesProcess(rig, folder).serve()
 
 

@@ -180,12 +180,12 @@ def progress_in(folder: SessionFolder, loads: int) -> Progress:
     # a kill leaves at most the last shot without its entry
     if len(unlisted) > 1 or (unlisted and not progress.was_loaded) or any(n < max(noted) for n in unlisted if noted):
         raise RecordingError(
-            f"{where}: does not list shot {min(unlisted):05d}, which is there: entries were lost; {mend(folder.path)}"
+            f"{where}: does not list impact {min(unlisted):05d}, which is there: entries were lost; {mend(folder.path)}"
         )
     gone = noted - there
     if gone:
         raise RecordingError(
-            f"{where}: lists shot {min(gone):05d}, but its file is gone; put it back, or {mend(folder.path)}"
+            f"{where}: lists impact {min(gone):05d}, but its file is gone; put it back, or {mend(folder.path)}"
         )
     return progress
 

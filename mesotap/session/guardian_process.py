@@ -39,7 +39,7 @@ from rig.wall_clock import WallClock
 
 SILENCE_S = 10.0
 """After which a session under load that shows no sign of life is stopped for good. The longest pause that a sound one
-was seen to make is 1.5 s (a disk that is slow to sync); a machine that hangs for so long is no watch over a load."""
+was seen to make is 1.5 s (a disk that is slow to sync); a machine that hangs for so long is not a watch over a load."""
 
 TELLING_S = 2.0  # for a terminal that takes what is said
 TRIES, TRY_AGAIN_S = 10, 0.5  # to reach a stage by its port where the inherited one is gone
@@ -260,7 +260,7 @@ class _NoRecorder(Accelerometers):
 class _NoImpactor(Impactor):
     """No impactor: the guardian taps nothing."""
 
-    def strike(self, load_mn: float, hint: str = "") -> None:
+    def tap(self, load_mn: float, hint: str = "") -> None:
         """Refuse."""
         raise RigError("guardian: it taps nothing")
 

@@ -123,7 +123,7 @@ def kept_config(text: str, name: str) -> KeptConfig:
     Raises
     ------
     ConfigError
-        A value that it does know is not allowed, or the text is no configuration at all.
+        A value that it does know is not allowed, or the text is not a configuration at all.
     """
     try:
         content = parsed(text)[1]

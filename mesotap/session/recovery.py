@@ -71,7 +71,7 @@ def recover(folder: Path) -> Recovered:
     Raises
     ------
     RecordingError
-        There is no such folder, or no whole shot in it.
+        There is no such folder, or no intact impact in it.
     """
     if not folder.is_dir():
         raise RecordingError(f"{folder}: there is no such session folder")
@@ -81,9 +81,9 @@ def recover(folder: Path) -> Recovered:
     noted = {e["number"]: e for e in entries if e["event"] == SHOT}
     shots = _shots(folder, noted, losses)
     if not shots:
-        raise RecordingError(f"{folder}: holds no whole shot to make a session of{_finished(folder)}")
+        raise RecordingError(f"{folder}: holds no intact impact to make a session of{_finished(folder)}")
     for number in sorted(set(noted) - {shot.number for shot in shots}):
-        losses.note(f"shot {number:05d}", "is lost: the journal lists it, but there is no whole file of it")
+        losses.note(f"impact {number:05d}", "is lost: the journal lists it, but there is no whole file of it")
     before, after = _calibrations(entries, shots)
     if before is None:
         losses.note("calibration", "none from before the test is left")
@@ -240,11 +240,11 @@ def _entries(folder: Path, losses: Losses) -> tuple[list[dict[str, Any]], Progre
             break
         try:
             entry = parsed_once(line)
-            fault = fault_of(entry) if isinstance(entry, dict) else "is no journal entry"
+            fault = fault_of(entry) if isinstance(entry, dict) else "is not a journal entry"
         except GivenTwice as error:
             fault = str(error)
         except (ValueError, RecursionError):
-            fault = "is no journal entry"
+            fault = "is not a journal entry"
         if fault:
             losses.note(f"{JOURNAL}, line {number}", fault)
         elif entries and entry == entries[-1] and entry["event"] != "started":
@@ -292,7 +292,7 @@ def _later(time: str, taps: list[str]) -> bool:
 
 
 def _shots(folder: Path, noted: dict[int, dict[str, Any]], losses: Losses) -> list[Shot]:
-    """Return the whole shots in order of their numbers."""
+    """Return the intact impacts in order of their numbers."""
     place = folder / SHOTS
     if place.is_symlink():
         losses.note(SHOTS, "is lost: it is a link to another place, which is not followed")
@@ -315,7 +315,7 @@ def _shots(folder: Path, noted: dict[int, dict[str, Any]], losses: Losses) -> li
                 losses.note(where, f"is lost: {cause}".removesuffix(": "))
                 continue
             if _samples_size(shot) > room:
-                losses.note(where, "is lost: the shots claim more samples than a folder of this size holds")
+                losses.note(where, "is lost: the impacts claim more samples than a folder of this size holds")
                 continue
             room -= _samples_size(shot)
             _take(shot, file, noted, found, losses)
@@ -323,7 +323,7 @@ def _shots(folder: Path, noted: dict[int, dict[str, Any]], losses: Losses) -> li
     if noted:
         for shot in shots:
             if shot.number not in noted:
-                losses.note(f"shot {shot.number:05d}", "is not in the journal; kept, with what its file says")
+                losses.note(f"impact {shot.number:05d}", "is not in the journal; kept, with what its file says")
     return shots
 
 
@@ -359,27 +359,27 @@ def _take(
     found: dict[int, tuple[Shot, str]],
     losses: Losses,
 ) -> None:
-    """Put a whole shot among those found, unless it is a copy or another tap than the journal lists."""
+    """Add an intact impact to those found, unless it is a copy or another impact than the journal lists."""
     where, digest = f"{SHOTS}/{file.name}", digest_of(shot)
     entry = noted.get(shot.number, {})
     if entry.get("digest") not in (None, "", digest):
         if all(digest != other.get("digest") for other in noted.values()):
             losses.note(
-                where, f"is left out: it is not the shot {shot.name} that the journal lists (its digest differs)"
+                where, f"is left out: it is not the impact {shot.name} that the journal lists (its digest differs)"
             )
             return
         losses.note(where, "has another number in the journal; kept, with what its file says")
     if shot.number in found:
         same = found[shot.number][1] == digest
-        losses.note(where, f"is left out: it {'is a copy of' if same else 'has the number of'} shot {shot.name}")
+        losses.note(where, f"is left out: it {'is a copy of' if same else 'has the number of'} impact {shot.name}")
         return
     if file.name != f"{shot.name}.h5":
         unnamed = "was whole, but not yet named" if file.name == f"{shot.name}.h5{PART}" else "is under another name"
-        losses.note(where, f"{unnamed}: it is shot {shot.name}")
+        losses.note(where, f"{unnamed}: it is impact {shot.name}")
     for key in ("load_set", "accepted", "reject_reason"):
         if key in entry and entry[key] != getattr(shot, key):
             losses.note(
-                f"shot {shot.name}", f"{key} is {getattr(shot, key)!r} in its file, {entry[key]!r} in the journal"
+                f"impact {shot.name}", f"{key} is {getattr(shot, key)!r} in its file, {entry[key]!r} in the journal"
             )
     found[shot.number] = (shot, digest)
 

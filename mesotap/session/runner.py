@@ -350,7 +350,7 @@ class SessionRunner:
         there = set(self._folder.shot_numbers())
         if known - there:
             raise RecordingError(
-                f"{self._folder.path}: the journal lists shot {min(known - there):05d}, but its file is gone; "
+                f"{self._folder.path}: the journal lists impact {min(known - there):05d}, but its file is gone; "
                 "put it back before anything is written"
             )
         for number in sorted(there - known):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from daq.records import RigDescription, Session, Shot
 from mesotap.proof.generator.effects import FULL, Character, Effect
-from mesotap.proof.generator.march import march
+from mesotap.proof.generator.integration import integrate
 from mesotap.proof.generator.plan import PRETRIGGER, RATE_HZ, Plan, machine_of
 from mesotap.proof.generator.recorder import BITS, converted, filtered, full_scale, noise_of, sampled
 from mesotap.proof.generator.survival import Refit, knowing_rms, refit
@@ -59,7 +59,7 @@ def signals(session: Concealed) -> Real:
             machine = h.effect.machined(machine, plan, h.strength, h.character)
         if h.effect.delay is not None:
             delay += h.effect.delay(h.strength, h.character)
-    seen = march(machine, plan.steps, plan.step_s)
+    seen = integrate(machine, plan.steps, plan.step_s)
     y = sampled(plan, filtered(plan, seen, session.undeclared_hz), delay)
     for h in _in_order(session.hidden):
         if h.effect.sensed is not None:
@@ -194,14 +194,14 @@ def _unclipped(concealed: Concealed) -> Real:
 def truth(concealed: Concealed, d: float, knowing: float) -> dict[str, Any]:
     """Return what was concealed, laid out as other concealed sessions have it (`kinds`, `effect`, `d`, ...)."""
     plan = concealed.plan
-    told: dict[str, Any] = {}
+    effect: dict[str, Any] = {}
     for h in concealed.hidden:
-        told |= h.effect.told(plan, h.strength, h.character)
+        effect |= h.effect.parameters(plan, h.strength, h.character)
     return {
         "kinds": [h.effect.id for h in concealed.hidden],
         "components": [h.effect.component for h in concealed.hidden],
         "outside": any(not h.effect.listed for h in concealed.hidden),
-        "effect": told,
+        "effect": effect,
         "strength": [h.strength for h in concealed.hidden],
         "d": d,
         "d_of_each": [h.d for h in concealed.hidden],

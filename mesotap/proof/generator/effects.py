@@ -1,7 +1,7 @@
 """What can be concealed in a session: the contract's mechanisms that leave a trace, and some outside its list.
 
 An effect has a strength, graded by what survives the refit, and a character: its other constants, drawn once. It acts
-on the machine, on the sampled channels, or on both. `told` gives its parameters as a truth file has them.
+on the machine, on the sampled channels, or on both. `parameters` gives the true parameters as a truth file states them.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mesotap.proof.generator.integration import Acting, Machine
 from mesotap.proof.generator.laws import Law
-from mesotap.proof.generator.march import Acting, Machine
 from mesotap.proof.generator.plan import PRETRIGGER, RATE_HZ, Plan
 
 Real = NDArray[np.float64]
@@ -47,7 +47,7 @@ class Effect:
         The (n, 2, samples) channels with the effect.
     delay
         Delay of channel B, samples.
-    told
+    parameters
         Parameters for the truth file.
     fixed
         An effect without a strength of its own: the taps are graded instead.
@@ -59,7 +59,7 @@ class Effect:
     component: str
     first: float
     largest: float
-    told: Callable[[Plan, float, Character], dict[str, Any]]
+    parameters: Callable[[Plan, float, Character], dict[str, Any]]
     draw: Callable[[np.random.Generator, Plan], Character] = lambda rng, plan: {}
     machined: Machined | None = None
     sensed: Sensed | None = None
@@ -76,8 +76,8 @@ def typical_ratio(plan: Plan) -> float:
 
 def _approach(plan: Plan) -> Real:
     """(n,) amplitude of the contact's deformation after each tap, m: of its own mode under the tap's impulse."""
-    shape = np.sin(np.pi * (np.arange(50) + 0.5)[None, :] / 50) ** plan.blows[:, 0, 3][:, None]
-    impulse = plan.blows[:, 0, 2] * plan.blows[:, 0, 1] * shape.mean(axis=1)
+    shape = np.sin(np.pi * (np.arange(50) + 0.5)[None, :] / 50) ** plan.pulses[:, 0, 3][:, None]
+    impulse = plan.pulses[:, 0, 2] * plan.pulses[:, 0, 1] * shape.mean(axis=1)
     angular = np.sqrt((plan.springs[1] + 2 * plan.kc) / plan.masses[1])
     return np.asarray(impulse / plan.masses[0] / plan.of_each_impact(angular))
 
@@ -297,10 +297,10 @@ def _tell_rocking(plan: Plan, s: float, c: Character) -> dict[str, Any]:
 
 
 def _double_hit(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    second = machine.blows[:, :1].copy()
+    second = machine.pulses[:, :1].copy()
     second[:, 0, 0] = c["delays_s"]
     second[:, 0, 2] *= s
-    return replace(machine, blows=np.concatenate([machine.blows, second], axis=1))
+    return replace(machine, pulses=np.concatenate([machine.pulses, second], axis=1))
 
 
 def _gain(y: Real, plan: Plan, s: float, c: Character) -> Real:

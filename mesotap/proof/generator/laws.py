@@ -1,4 +1,4 @@
-"""Force laws beyond Eq. 9, each from its physics, for `mesotap.proof.generator.march`.
+"""Force laws beyond Eq. 9, each from its physics, for `mesotap.proof.generator.integration`.
 
 A law acts in a link: two places of the rig whose relative motion it sees. Every law takes
 

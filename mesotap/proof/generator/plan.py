@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mesotap.proof.generator.march import STEPS_PER_SAMPLE, Machine, march
+from mesotap.proof.generator.integration import STEPS_PER_SAMPLE, Machine, integrate
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -18,8 +18,8 @@ MASS_ERROR = 5e-4  # standard deviation of what is declared against what is ther
 SPRING_ERROR = 5e-3
 RATE_HZ = 25_000.0
 PRETRIGGER = 250
-LARGEST_BLOW_S = 0.5e-3
-SETTLED_S = 0.5e-3  # after the longest blow, until the recorder's low-pass has rung out
+LONGEST_PULSE_S = 0.5e-3
+SETTLED_S = 0.5e-3  # after the longest pulse, until the recorder's low-pass has rung out
 SOFTEST_CONTACT = 0.8e6  # N/m: below it the contact mode lies at the system mode
 LOUDEST_S = 8e-3  # after a tap: by then the contact has borne the most
 
@@ -54,8 +54,8 @@ class Plan:
         Of k_c against the load.
     group
         (n,) load of each impact.
-    blows
-        (n, 1, 5) see `Machine.blows`.
+    pulses
+        (n, 1, 5) see `Machine.pulses`.
     offset
         (n,) steps from the start of the tap to the next sample.
     samples
@@ -75,7 +75,7 @@ class Plan:
     cc: Real
     exponent: float
     group: Whole
-    blows: Real
+    pulses: Real
     offset: Whole
     samples: int
     noise: Noise
@@ -100,13 +100,13 @@ class Plan:
     @property
     def settled(self) -> int:
         """First sample after the tap at which every record is a free decay."""
-        return math.ceil((LARGEST_BLOW_S + SETTLED_S) * RATE_HZ)
+        return math.ceil((LONGEST_PULSE_S + SETTLED_S) * RATE_HZ)
 
     def louder(self, factor: float) -> Plan:
         """Return the plan with all taps, and the noise with them, times ``factor``."""
-        blows = self.blows.copy()
-        blows[:, :, 2] *= factor
-        return replace(self, blows=blows, noise=replace(self.noise, rms=self.noise.rms * factor))
+        pulses = self.pulses.copy()
+        pulses[:, :, 2] *= factor
+        return replace(self, pulses=pulses, noise=replace(self.noise, rms=self.noise.rms * factor))
 
     def of_each_impact(self, values: Real) -> Real:
         """Spread (L,) values over the impacts, (n,)."""
@@ -126,7 +126,7 @@ def machine_of(plan: Plan) -> Machine:
         contact=contact,
         contact_line=np.column_stack([kc, cc]),
         seen=np.array([[0.0, 1.0]]),
-        blows=plan.blows,
+        pulses=plan.pulses,
     )
 
 
@@ -164,11 +164,11 @@ def random_plan(
 
     group = np.repeat(np.arange(count), int(rng.integers(4, 9)))
     n = group.size
-    blows = np.zeros((n, 1, 5))
-    blows[:, 0, 1] = rng.uniform(0.2e-3, LARGEST_BLOW_S) * rng.uniform(0.85, 1.0, n)
-    blows[:, 0, 2] = 1.0
-    blows[:, 0, 3] = rng.uniform(1.0, 2.0)
-    blows[:, 0, 4] = rng.uniform(0.85, 1.15)
+    pulses = np.zeros((n, 1, 5))
+    pulses[:, 0, 1] = rng.uniform(0.2e-3, LONGEST_PULSE_S) * rng.uniform(0.85, 1.0, n)
+    pulses[:, 0, 2] = 1.0
+    pulses[:, 0, 3] = rng.uniform(1.0, 2.0)
+    pulses[:, 0, 4] = rng.uniform(0.85, 1.15)
     rms = 1.0 / math.exp(rng.uniform(math.log(50.0), math.log(300.0)))  # of the median peak, see below
     slow = 0.0 if exact else float(rng.uniform(0.1, 0.6))
     plan = Plan(
@@ -181,7 +181,7 @@ def random_plan(
         cc=cc,
         exponent=exponent,
         group=group,
-        blows=blows,
+        pulses=pulses,
         offset=rng.integers(0, STEPS_PER_SAMPLE, n),
         samples=int(rng.uniform(0.06, 0.1) * RATE_HZ) - PRETRIGGER,
         noise=Noise(rms, slow, float(np.exp(rng.uniform(math.log(100.0), math.log(800.0))))),
@@ -202,13 +202,13 @@ def _apart(rng: np.random.Generator, count: int) -> Real:
 def _tapped(plan: Plan, ratio: Real) -> Plan:
     """Give the taps the forces at which the contact bears ``ratio`` (n,) times its preload, and the noise its rms."""
     steps = int(LOUDEST_S * RATE_HZ) * STEPS_PER_SAMPLE
-    seen = march(machine_of(plan), steps, plan.step_s)[:, 0]
+    seen = integrate(machine_of(plan), steps, plan.step_s)[:, 0]
     borne = _contact_force(plan, seen)
     peak = ratio * plan.of_each_impact(plan.loads) / borne
-    blows = plan.blows.copy()
-    blows[:, 0, 2] = peak
+    pulses = plan.pulses.copy()
+    pulses[:, 0, 2] = peak
     loudest = np.abs(seen).max(axis=1) * peak
-    return replace(plan, blows=blows, noise=replace(plan.noise, rms=plan.noise.rms * float(np.median(loudest))))
+    return replace(plan, pulses=pulses, noise=replace(plan.noise, rms=plan.noise.rms * float(np.median(loudest))))
 
 
 def _contact_force(plan: Plan, seen: Real) -> Real:

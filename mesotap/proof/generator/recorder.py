@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, lfilter, sosfilt
 
-from mesotap.proof.generator.march import STEPS_PER_SAMPLE
+from mesotap.proof.generator.integration import STEPS_PER_SAMPLE
 from mesotap.proof.generator.plan import RATE_HZ, Noise, Plan
 
 Real = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""What of a signal survives the refit of Eq. 9: the misfit left over, in standard deviations of the noise.
+"""What of a signal survives the refit of Eq. 9: the root of chi-squared that the refit leaves.
 
 Refitted are the state of both masses after each tap, an offset and the high-pass's ringing of each channel, k_c and c_c
 of each load, and masses and springs as far as their declared values allow. Free decays make this small: Eq. 9's poles
@@ -21,8 +21,8 @@ Real = NDArray[np.float64]
 SPRING_UNCERTAINTY = 0.01  # standard, as a laboratory declares it
 LARGEST_STEP = 0.3  # relative, of a constant in one step
 SMALL = 1e-6  # relative step of the differences
-ROUNDS = 12
-ENOUGH = 1e-4  # relative fall of the misfit that ends the refit
+MOST_STEPS = 12
+ENOUGH = 1e-4  # relative decrease of chi-squared that ends the refit
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +32,8 @@ class Refit:
     Attributes
     ----------
     d
-        The root of the misfit, priors included: standard deviations of the noise over the whole session. Infinite where
-        the session holds what is no number.
+        Root of chi-squared, priors included, over the whole session: in standard deviations of the noise. Infinite
+        where the session holds values that are not finite.
     left
         For each load (impacts, 2, samples): what is left of sum and difference of the channels, whitened.
     constants
@@ -61,7 +61,7 @@ def refit(plan: Plan, y: Real) -> Refit:
     damping = 0.0
     if not math.isfinite(cost):
         return Refit(math.inf, tuple(left), theta)
-    for _ in range(ROUNDS):
+    for _ in range(MOST_STEPS):
         step = _step(plan, data, theta, left, prior, damping)
         trial = theta + np.clip(step, -LARGEST_STEP, LARGEST_STEP)
         trial_left, trial_prior = _left(plan, data, trial), _prior(trial)
@@ -152,7 +152,7 @@ def _cost(left: list[Real] | tuple[Real, ...], prior: Real | None) -> float:
 
 
 def _step(plan: Plan, data: list[Real], theta: Real, left: list[Real], prior: Real, damping: float) -> Real:
-    """Gauss and Newton's step. The k_c of all loads are moved at once: none is seen at another load."""
+    """Return the damped Gauss-Newton step. The k_c of all loads are moved at once: none is seen at another load."""
     loads = plan.loads.size
     moves = [np.r_[np.ones(loads), np.zeros(loads + 4)], np.r_[np.zeros(loads), np.ones(loads), np.zeros(4)]]
     moves += [np.eye(2 * loads + 4)[2 * loads + j] for j in range(4)]

@@ -19,10 +19,10 @@ from mesotap.report.figures._contact import (
 )
 from mesotap.report.figures._diagnosis import (
     ForcePicture,
+    excess_by_impact_figure,
     excess_figure,
     force_figure,
     held_out_figure,
-    misfit_figure,
     residual_spectra_figure,
     varying_figure,
 )
@@ -44,12 +44,12 @@ __all__ = [
     "amplitude_figure",
     "calibration_figure",
     "damping_figure",
+    "excess_by_impact_figure",
     "excess_figure",
     "force_figure",
     "held_out_figure",
     "impacts_figure",
     "inline_svg",
-    "misfit_figure",
     "mode_amplitude_figure",
     "modes_figure",
     "paper_figure_3",

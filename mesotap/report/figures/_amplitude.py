@@ -21,7 +21,7 @@ from mesotap.report.figures._style import GREY, MARKERS, PAGE_MM, PALETTE, blank
 MOST_MODES = 4
 FEWEST_POINTS = 2
 WIDE = 4.0  # an interval this much wider than its line's median doesn't set the axis
-SMALLEST_CHANGE_PERCENT = 0.02  # half of the frequency axis, at least: less is no change to look at
+SMALLEST_CHANGE_PERCENT = 0.02  # half of the frequency axis, at least: less is not a change to look at
 SMALLEST_DAMPING_SPAN = 0.2  # of the damping ratio, at least
 MARGIN = 0.06  # of the axis, above and below what is drawn
 

@@ -14,9 +14,9 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from analysis.mismatch.maps import ExcessMap, HeldOut, Impacts
-from analysis.mismatch.reconstruction import Reconstruction
-from analysis.mismatch.varying import Varying
+from analysis.mismatch.evidence.maps import ExcessMap, HeldOut, Impacts
+from analysis.mismatch.evidence.reconstruction import Reconstruction
+from analysis.mismatch.evidence.varying import Varying
 from mesotap.report.figures._style import (
     BLACK,
     BLUE,
@@ -26,9 +26,9 @@ from mesotap.report.figures._style import (
     PALETTE,
     VERMILION,
     blank,
+    decimated,
     panel_letter,
     styled,
-    thinned,
 )
 
 Real = NDArray[np.float64]
@@ -96,7 +96,7 @@ def excess_figure(by_frequency: ExcessMap, by_time: ExcessMap) -> Figure:
 
 
 @styled
-def misfit_figure(impacts: Impacts) -> Figure:
+def excess_by_impact_figure(impacts: Impacts) -> Figure:
     """Draw how far each impact's residual is beyond noise against (a) its order, (b) its strength."""
     figure = blank(PAGE_MM, 62)
     panels = figure.subplots(1, 2, sharey=True)
@@ -284,7 +284,7 @@ def residual_spectra_figure(
         for found, colour, label in ((before, BLUE, "Eq. 9"), (after, VERMILION, "with what was left out")):
             if found is None:
                 continue
-            x, y = thinned(found[0] / KILO, _smooth(found[1][c]))
+            x, y = decimated(found[0] / KILO, _smooth(found[1][c]))
             axes.plot(x, 10 * np.log10(np.maximum(y, 1e-3)), color=colour, linewidth=0.8, label=label)
         axes.axhline(0, color=BLACK, linewidth=0.6, linestyle=(0, (2, 2)), label="noise")
         axes.set_xlabel("Frequency [kHz]")
@@ -307,8 +307,8 @@ def held_out_figure(found: HeldOut) -> Figure:
     """Draw the residual of each held-out impact over the noise, before and after."""
     figure = blank(PAGE_MM, 58)
     axes = figure.subplots()
-    records = found.before.problem.recordings.records
-    deviations = [m.deviation for m in found.before.problem.recordings.noise]
+    records = found.before.segments
+    deviations = [m.deviation for m in found.before.problem.experiment.noise]
     noise = float(np.sqrt(np.mean(np.square(deviations))))
     place = np.arange(len(records))
     for rms, colour, marker, label in (

@@ -17,10 +17,10 @@ from mesotap.report.figures._style import (
     PALETTE,
     VERMILION,
     blank,
+    decimated,
     panel_letter,
     plain,
     styled,
-    thinned,
 )
 
 MOST_CHANNELS = 3  # lines in one panel that an eye can follow
@@ -67,7 +67,7 @@ def modes_figure(recording: Recording, modes: RecordingModes) -> Figure:
     unit = plain(recording.unit).replace("m/s2", "m/s²")
     for channel, colour in zip(strongest, PALETTE, strict=False):
         name = plain(recording.names[channel]) if channel < len(recording.names) else f"channel {channel}"
-        record.plot(*thinned(time, data[channel]), color=colour, linewidth=0.7, label=name)
+        record.plot(*decimated(time, data[channel]), color=colour, linewidth=0.7, label=name)
     record.axhline(0, color=GREY, linewidth=0.4, zorder=0)
     record.set_xlim(0, time[-1])
     record.set_xlabel(f"Time [{'ms' if in_ms else 's'}]")
@@ -79,7 +79,7 @@ def modes_figure(recording: Recording, modes: RecordingModes) -> Figure:
     end = min(frequency[-1], BEYOND_LAST_MODE * max((m.frequency_hz.value for m in modes.modes), default=math.inf))
     keep = (frequency > 0) & (frequency <= end) & (amplitude > 0)
     if keep.any():
-        spectrum.plot(*thinned(frequency[keep], amplitude[keep]), color=PALETTE[0], linewidth=0.7)
+        spectrum.plot(*decimated(frequency[keep], amplitude[keep]), color=PALETTE[0], linewidth=0.7)
         spectrum.set_yscale("log")
         low, high = float(np.quantile(amplitude[keep], 0.02)), float(amplitude[keep].max())
         spectrum.set_ylim(low / 2, high * (high / low) ** 0.05)

@@ -1,4 +1,4 @@
-"""A diagnosis of a described rig: what it foretells and what it misses, before and after, and where."""
+"""A diagnosis of a described rig: what it predicts and what it misses, before and after, and where."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
-from analysis.mismatch.rigs.diagnosis import RigDiagnosis, decay_of
-from analysis.mismatch.rigs.estimate import Fitted, residuals
-from analysis.mismatch.rigs.recorded import HELD, level
+from analysis.mismatch.recordings.account import BlockAccount, residual_band
+from analysis.mismatch.recordings.decay import decay_of
+from analysis.mismatch.recordings.fit import SimulatedFit
+from analysis.mismatch.recordings.recorded import HELD, level
 from mesotap.report.figures._style import (
     BLACK,
     BLUE,
@@ -26,6 +27,7 @@ from mesotap.report.figures._style import (
     plain,
     styled,
 )
+from sim_backend.mechanisms.kinds import ForceLaw
 
 Real = NDArray[np.float64]
 
@@ -36,7 +38,7 @@ RECORDING, LINEAR, NAMED = "recording", "rig as described", "with what was left 
 
 
 @styled
-def rig_figure(d: RigDiagnosis) -> Figure:
+def rig_figure(d: BlockAccount) -> Figure:
     """Draw (a) recording and errors against time, held-out stretches shaded, (b) their spectra, (c) the law.
 
     (c) is frequency and damping against amplitude for a decay of one body, else the force that was left out along the
@@ -45,17 +47,18 @@ def rig_figure(d: RigDiagnosis) -> Figure:
     figure = blank(PAGE_MM, 118 if d.decay else 112)
     grid = figure.add_gridspec(2, 2)
     time, spectrum = figure.add_subplot(grid[0, :]), figure.add_subplot(grid[1, 0])
-    fits = [(d.outcome.baseline, LINEAR, VERMILION)]
-    if d.outcome.chosen is not None:
-        fits.append((d.outcome.chosen, NAMED, BLUE))
-    recorded = d.outcome.recordings[0]
+    selection, decay = d.selection, d.decay
+    fits = [(selection.baseline, LINEAR, VERMILION)]
+    if selection.chosen is not None:
+        fits.append((selection.chosen, NAMED, BLUE))
+    recorded = d.judge.problem.recordings[0]
     size = float(level(recorded)[0])
-    unit = plain(d.unit).replace("m/s2", "m/s²")
+    unit = plain(d.described.seen[0].unit).replace("m/s2", "m/s²")
     t = recorded.start_s + np.arange(recorded.samples) / recorded.rate_hz
     _rms_lines(time, t, recorded.outputs[0], BLACK, RECORDING)
     _spectrum(spectrum, recorded.outputs[0], recorded.rate_hz, BLACK)
     for fitted, label, colour in fits:
-        off = residuals(fitted.simulation, fitted.x, 0, whole=True)[0][0] * size
+        off = fitted.off(0, whole=True)[0][0] * size
         _rms_lines(time, t, off, colour, label)
         _spectrum(spectrum, off, recorded.rate_hz, colour)
     _shade(time, t, recorded.part == HELD)
@@ -66,15 +69,15 @@ def rig_figure(d: RigDiagnosis) -> Figure:
     spectrum.set_yscale("log")
     spectrum.set_xlabel("Frequency [Hz]")
     spectrum.set_ylabel(f"rms in a line [{unit}]" if unit else "rms in a line")
-    if d.location is not None:
-        low, high = d.location.frequency_hz
+    if selection.steps or d.far_off:
+        low, high = residual_band(selection.baseline)[1]
         middle, half = (low + high) / 2, max(4 * (high - low), 0.25 * (low + high) / 2)
         first, last = max(middle - half, 0), min(middle + half, recorded.rate_hz / 2)
         spectrum.set_xlim(first, last)
         _fit_height(spectrum, first, last)
     panel_letter(time, "a")
     panel_letter(spectrum, "b")
-    if d.decay:
+    if decay:
         inner = grid[1, 1].subgridspec(2, 1, hspace=0.06)
         upper = figure.add_subplot(inner[0])
         _decay(d, upper, figure.add_subplot(inner[1], sharex=upper), unit)
@@ -118,12 +121,12 @@ def _shade(axes: Axes, t: Real, held: NDArray[np.bool_]) -> None:
         axes.axvspan(t[a], t[b - 1], color=PALE, linewidth=0, zorder=0, label="held out" if i == 0 else None)
 
 
-def _decay(d: RigDiagnosis, frequency: Axes, damping: Axes, unit: str) -> None:
-    recorded = d.outcome.recordings[0]
+def _decay(d: BlockAccount, frequency: Axes, damping: Axes, unit: str) -> None:
+    recorded = d.judge.problem.recordings[0]
     drawn = [(d.decay, "o", BLACK, "none")]
-    for fitted, colour in ((d.outcome.baseline, VERMILION), (d.outcome.chosen, BLUE)):
+    for fitted, colour in ((d.selection.baseline, VERMILION), (d.selection.chosen, BLUE)):
         if fitted is not None:
-            shown = fitted.simulation.run(fitted.x, 0, whole=True)[0][0]
+            shown = fitted.simulation.run(fitted.x, fitted.own[0], 0, whole=True)[0][0]
             drawn.append((decay_of(recorded, shown), "", colour, "-"))
     for points, marker, colour, line in drawn:
         at = [p.amplitude for p in points]
@@ -139,23 +142,25 @@ def _decay(d: RigDiagnosis, frequency: Axes, damping: Axes, unit: str) -> None:
     damping.set_xlabel(f"Amplitude [{unit}]" if unit else "Amplitude")
 
 
-def _law(d: RigDiagnosis, axes: Axes) -> None:
+def _law(d: BlockAccount, axes: Axes) -> None:
     """Draw what the mechanisms add to the force of the element that the first of them acts in."""
-    rig = d.outcome.rig
+    rig = d.described
     axes.set_xlabel(f"Deformation [{plain(rig.length_unit)}]")
     axes.set_ylabel(f"Force left out [{plain(rig.force_unit)}]")
     axes.axhline(0, color=GREY, linewidth=0.5, zorder=0)
-    fitted = d.outcome.chosen
-    if fitted is None or all(t.mechanism.law is None for t in fitted.terms):
+    fitted = d.selection.chosen
+    if fitted is None or not any(isinstance(t.mechanism, ForceLaw) for t in fitted.terms):
         axes.text(0.5, 0.5, "nothing named in an element", transform=axes.transAxes, ha="center", color=GREY)
         return
-    place = next(t.place for t in fitted.terms if t.mechanism.law is not None)
+    place = next(t.place[0] for t in fitted.terms if isinstance(t.mechanism, ForceLaw))
     motion, force = _force(fitted, place)
     axes.plot(motion, force, ".", color=BLUE, markersize=1.5, rasterized=False)
 
 
-def _force(fitted: Fitted, place: int) -> tuple[Real, Real]:
-    deformation, _ = fitted.simulation.motion(fitted.x, 0)
-    force = fitted.simulation.extra_force(fitted.x, 0)
+def _force(fitted: SimulatedFit, place: int) -> tuple[Real, Real]:
+    deformation, _ = fitted.simulation.deformations(fitted.x, fitted.own[0], 0)
+    recorded = fitted.problem.recordings[0]
+    moved = fitted.simulation.motion(fitted.x, fitted.own[0], 0, recorded.fitted, False)
+    force = np.zeros_like(deformation) if moved is None else moved.extra.T
     kept = np.linspace(0, deformation.shape[1] - 1, min(1500, deformation.shape[1])).astype(int)
     return deformation[place, kept], force[place, kept]

@@ -110,8 +110,8 @@ def plain(text: str) -> str:
     return f"\N{NO-BREAK SPACE}{text}" if text.startswith("_") else text
 
 
-def thinned(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Thin a dense line to the smallest and largest value of each stretch, so that no peak is lost.
+def decimated(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Decimate a dense line to the smallest and largest value of each stretch, so that no peak is lost.
 
     Parameters
     ----------

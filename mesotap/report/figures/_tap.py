@@ -21,9 +21,9 @@ from mesotap.report.figures._style import (
     PALE,
     PALETTE,
     blank,
+    decimated,
     panel_letter,
     styled,
-    thinned,
 )
 
 ENLARGED_MS = 5.0  # Sec. 3.3: both accelerometers have to agree in the first few milliseconds
@@ -49,7 +49,7 @@ def record_figure(shot: Shot, enlarged_ms: float = ENLARGED_MS) -> Figure:
     lines = ((1, "accelerometer B", ORANGE, 2.2), (0, "accelerometer A", BLUE, 0.8))
     for row, label, colour, width in lines:
         signal = shot.acceleration[row]
-        whole.plot(*thinned(time_ms, signal), color=colour, linewidth=0.5 * width)
+        whole.plot(*decimated(time_ms, signal), color=colour, linewidth=0.5 * width)
         first.plot(time_ms[early], signal[early], color=colour, linewidth=width, label=label)
     for letter, axes in (("a", whole), ("b", first)):
         axes.axhline(0, color=GREY, linewidth=0.4, zorder=0)
@@ -91,7 +91,7 @@ def spectra_figure(results: SessionResults) -> Figure:
         if spectrum is None:
             continue
         frequency, amplitude = spectrum
-        axes.plot(*thinned(frequency, amplitude), color=colour, linewidth=0.8)
+        axes.plot(*decimated(frequency, amplitude), color=colour, linewidth=0.8)
         smallest, largest = min(smallest, float(np.quantile(amplitude, 0.02))), max(largest, float(amplitude.max()))
         for estimate in (load.f1_hz, load.f2_hz):
             if estimate is not None and frequency[0] <= estimate.value <= frequency[-1]:

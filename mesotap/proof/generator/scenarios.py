@@ -1,4 +1,4 @@
-"""Which sessions a proof is made of, in which order, and the making of each from the proof's seed and its number."""
+"""Scenarios of a blind validation: which sessions it holds, and how each is made from the seed and its number."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from mesotap.proof.generator.plan import random_plan
 from mesotap.proof.generator.survival import alike
 
 KINDS = ("null", "single", "two", "struck", "outside")
-HAND = ("null", "single", "null", "single", "two", "null", "single", "struck", "null", "single", "outside", "single")
-"""What a dozen sessions hold."""
+DOZEN = ("null", "single", "null", "single", "two", "null", "single", "struck", "null", "single", "outside", "single")
+"""Kinds of a dozen sessions."""
 GRADES = (3.0, 10.0, 30.0, 100.0, 300.0)
 STRONG_GRADES = (30.0, 100.0, 300.0)
 PAIR_GRADES = (30.0, 100.0)
@@ -25,7 +25,7 @@ NULLS = ("exact", "declared wrongly", "undeclared filter", "load drift")
 NULL_WEIGHTS = (0.4, 0.4, 0.1, 0.1)
 UNDECLARED_HZ = (3000.0, 8000.0)
 LARGEST_DRIFT_N = 2e-3
-CHARACTERS = 4  # in which a look-alike is tried
+CHARACTERS = 4  # with which a look-alike is tried
 
 STIFFNESS_LAWS = {"hertz_stiffness", "rough_surface_stiffness", "contact_loss"}
 LOWER_SPRING = {"frame_compliance", "tube_spring_damping", "tube_spring_cubic"}
@@ -33,19 +33,19 @@ NEVER_TOGETHER = (STIFFNESS_LAWS, LOWER_SPRING)
 
 
 @dataclass(frozen=True, slots=True)
-class Card:
-    """What one session is to hold.
+class Scenario:
+    """What one session is to contain.
 
     Attributes
     ----------
     number
-        Place in the proof, from 0.
+        Index of the session, from 0.
     kind
         One of `KINDS`.
     effects
-        Names of what is concealed, and ``d`` of each.
+        Names of the concealed effects, and ``d`` of each.
     variety
-        Of a null: one of `NULLS`.
+        Of a null session: one of `NULLS`.
     """
 
     number: int
@@ -60,29 +60,31 @@ class Card:
         return f"session-{self.number:04d}"
 
 
-def deal(seed: int, sessions: int, only: str | None = None) -> list[Card]:
-    """Return the cards of a proof: every dozen has the kinds of `HAND`, every effect and grade comes equally often.
+def draw_scenarios(seed: int, sessions: int, only: str | None = None) -> list[Scenario]:
+    """Draw the scenarios of a blind validation.
+
+    Every dozen has the kinds of `DOZEN`; every effect and every grade comes equally often.
 
     ``only`` makes all sessions of one kind.
     """
-    hand = HAND if only is None else (only,)
+    kinds = DOZEN if only is None else (only,)
     rng = np.random.default_rng([seed, 0])
     singles = _cycle(rng, [(e, d) for e in LISTED for d in GRADES])
-    struck = _cycle(rng, [(e, d) for e in LISTED for d in STRONG_GRADES])
+    excluded = _cycle(rng, [(e, d) for e in LISTED for d in STRONG_GRADES])
     outside = _cycle(rng, [(e, d) for e in OUTSIDE for d in STRONG_GRADES])
-    cards: list[Card] = []
-    while len(cards) < sessions:
-        for kind in rng.permutation(np.array(hand)).tolist():
-            number = len(cards)
+    scenarios: list[Scenario] = []
+    while len(scenarios) < sessions:
+        for kind in rng.permutation(np.array(kinds)).tolist():
+            number = len(scenarios)
             if kind == "null":
-                cards.append(Card(number, kind, variety=str(rng.choice(NULLS, p=NULL_WEIGHTS))))
+                scenarios.append(Scenario(number, kind, variety=str(rng.choice(NULLS, p=NULL_WEIGHTS))))
             elif kind == "two":
                 pair = _pair(rng)
-                cards.append(Card(number, kind, pair, tuple(float(d) for d in rng.choice(PAIR_GRADES, 2))))
+                scenarios.append(Scenario(number, kind, pair, tuple(float(d) for d in rng.choice(PAIR_GRADES, 2))))
             else:
-                effect, d = next({"single": singles, "struck": struck, "outside": outside}[kind])
-                cards.append(Card(number, kind, (effect,), (d,)))
-    return cards[:sessions]
+                effect, d = next({"single": singles, "struck": excluded, "outside": outside}[kind])
+                scenarios.append(Scenario(number, kind, (effect,), (d,)))
+    return scenarios[:sessions]
 
 
 def _cycle(rng: np.random.Generator, pairs: list[tuple[str, float]]) -> Any:
@@ -101,30 +103,36 @@ def _pair(rng: np.random.Generator) -> tuple[str, str]:
             return a, b
 
 
-def make(seed: int, card: Card, folder: Path) -> dict[str, Any]:
-    """Make the session of a card, write its file into ``folder``, and return the truth of it."""
-    rng = np.random.default_rng([seed, 1, card.number])
-    concealed = _concealed(rng, card)
-    d = surviving(concealed).d if concealed.hidden or card.variety in NULLS[2:] else 0.0
-    recorded = record(rng, concealed, card.number)
-    write_session(folder / f"{card.name}.h5", recorded.session)
+def make(seed: int, scenario: Scenario, folder: Path) -> dict[str, Any]:
+    """Make the session of a scenario, write its file into ``folder``, and return the truth of it."""
+    rng = np.random.default_rng([seed, 1, scenario.number])
+    concealed = _concealed(rng, scenario)
+    d = surviving(concealed).d if concealed.hidden or scenario.variety in NULLS[2:] else 0.0
+    recorded = record(rng, concealed, scenario.number)
+    write_session(folder / f"{scenario.name}.h5", recorded.session)
     known = truth(concealed, d, recorded.knowing_rms)
-    struck = card.effects[0] if card.kind == "struck" else None
-    return {"kind": card.kind, "variety": card.variety, "asked_d": list(card.d), "without": struck, **known}
+    excluded = scenario.effects[0] if scenario.kind == "struck" else None
+    return {
+        "kind": scenario.kind,
+        "variety": scenario.variety,
+        "asked_d": list(scenario.d),
+        "without": excluded,
+        **known,
+    }
 
 
-def _concealed(rng: np.random.Generator, card: Card) -> Concealed:
-    if card.kind == "null":
-        exact = card.variety == NULLS[0]
+def _concealed(rng: np.random.Generator, scenario: Scenario) -> Concealed:
+    if scenario.kind == "null":
+        exact = scenario.variety == NULLS[0]
         plan = random_plan(rng, exact=exact)
-        if card.variety == NULLS[2]:
+        if scenario.variety == NULLS[2]:
             return Concealed(plan, undeclared_hz=float(rng.uniform(*UNDECLARED_HZ)))
-        if card.variety == NULLS[3]:
+        if scenario.variety == NULLS[3]:
             return Concealed(plan, drift_n=float(rng.uniform(-1, 1) * LARGEST_DRIFT_N))
         return Concealed(plan)
-    # those that grade the taps come first: the rest builds on them
-    effects = sorted((effect_named(e) for e in card.effects), key=lambda e: not e.fixed)
-    grades = dict(zip(card.effects, card.d, strict=True))
+    # effects that set the strength of the taps come first: the grades of the others depend on it
+    effects = sorted((effect_named(e) for e in scenario.effects), key=lambda e: not e.fixed)
+    grades = dict(zip(scenario.effects, scenario.d, strict=True))
     exponent = next((e.exponent for e in effects if e.exponent is not None), None)
     parts = any(e.id == "contact_loss" for e in effects)
     plan = random_plan(rng, exponent=exponent, force_ratio=FORCE_RATIO_TO_PART if parts else None)
@@ -147,19 +155,19 @@ def effect_named(name: str) -> Effect:
     return LISTED[name] if name in LISTED else OUTSIDE[name]
 
 
-def likeness(seed: int, card: Card, name: str) -> float:
+def likeness(seed: int, scenario: Scenario, name: str) -> float:
     """Return the largest cosine between what survives of a session's effects and what would of another one.
 
     The other effect is tried with several characters, at the same ``d``.
     """
-    rng = np.random.default_rng([seed, 1, card.number])
-    concealed = _concealed(rng, card)
+    rng = np.random.default_rng([seed, 1, scenario.number])
+    concealed = _concealed(rng, scenario)
     plan, true = concealed.plan, surviving(concealed)
     other = effect_named(name)
     largest = 0.0
     for _ in range(CHARACTERS):
         rival = conceal(plan, other, other.draw(rng, plan), true.d)
-        # an effect that was graded by louder taps is held against the others at the taps that were
+        # an effect that was graded with stronger taps is compared at the strength of the recorded ones
         same = replace(rival, plan=plan)
         largest = max(largest, alike(true, surviving(same)))
     return largest

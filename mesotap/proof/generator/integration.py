@@ -1,6 +1,6 @@
-"""Newton's equations of a few bodies after taps, by the classical Runge-Kutta method in small even steps.
+"""Newton's equations of a few bodies after taps, by the classical Runge-Kutta method in small equal steps.
 
-Compiled anew in every process: a compiled march kept on disk would not notice that a law in `laws` has changed.
+Compiled anew in every process: a compiled integrator kept on disk would not notice that a law in `laws` has changed.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Acting:
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """Bodies between linear springs and dampers, the laws that act besides, and the blows on body 0.
+    """Bodies between linear springs and dampers, the force laws that act besides them, and the force pulses on body 0.
 
     Attributes
     ----------
@@ -48,8 +48,8 @@ class Machine:
         (n, 2) stiffness and damping of the contact that the matrices hold.
     seen
         (c, b) accelerations of the bodies to what each channel sees.
-    blows
-        (n, k, 5): start (s), length (s), peak (N), and two numbers of the pulse's shape, see `pulse`.
+    pulses
+        (n, k, 5) of each impact: start (s), duration (s), peak (N), and two exponents of the shape, see `pulse`.
     acting
         The laws, in the order in which they act.
     """
@@ -60,12 +60,12 @@ class Machine:
     contact: Real
     contact_line: Real
     seen: Real
-    blows: Real
+    pulses: Real
     acting: tuple[Acting, ...] = field(default=())
 
 
-def march(machine: Machine, steps: int, step_s: float) -> Real:
-    """Return what the channels see, (n, c, steps) m/s2, from rest at the start of the first blow."""
+def integrate(machine: Machine, steps: int, step_s: float) -> Real:
+    """Return what the channels see, (n, c, steps) m/s2, from rest at the start of the first pulse."""
     count = machine.stiffness.shape[0]
     bodies = machine.mass.size
     acting = machine.acting
@@ -77,14 +77,14 @@ def march(machine: Machine, steps: int, step_s: float) -> Real:
         directions[j] = a.direction
         numbers[:, j, : a.numbers.shape[1]] = a.numbers
     out = np.empty((count, machine.seen.shape[0], steps))
-    _march(
+    _integrate(
         machine.mass,
         machine.stiffness,
         machine.damping,
         machine.contact,
         machine.contact_line,
         machine.seen,
-        machine.blows,
+        machine.pulses,
         laws,
         directions,
         numbers,
@@ -95,17 +95,17 @@ def march(machine: Machine, steps: int, step_s: float) -> Real:
 
 
 @njit
-def pulse(t: float, blow: Real) -> float:
-    """Force of a blow, N: peak times sin(pi u^q)^p, u the share of its length that has passed."""
-    u = (t - blow[0]) / blow[1]
+def pulse(t: float, shape: Real) -> float:
+    """Force of a pulse, N: peak times sin(pi u^q)^p, with u the elapsed fraction of its duration."""
+    u = (t - shape[0]) / shape[1]
     if u <= 0.0 or u >= 1.0:
         return 0.0
-    return blow[2] * np.sin(np.pi * u ** blow[4]) ** blow[3]
+    return shape[2] * np.sin(np.pi * u ** shape[4]) ** shape[3]
 
 
 @njit
 def _accelerate(
-    t: float, x: Real, v: Real, mass: Real, stiffness: Real, damping: Real, contact: Real, line: Real, blows: Real,
+    t: float, x: Real, v: Real, mass: Real, stiffness: Real, damping: Real, contact: Real, line: Real, pulses: Real,
     laws: Whole, directions: Real, numbers: Real, memory: Real, held: Real, start: Real, out: Real,
 ) -> None:  # fmt: skip
     bodies = mass.size
@@ -114,8 +114,8 @@ def _accelerate(
         for k in range(bodies):
             force -= stiffness[i, k] * x[k] + damping[i, k] * v[k]
         out[i] = force
-    for b in range(blows.shape[0]):
-        out[0] += pulse(t, blows[b])
+    for b in range(pulses.shape[0]):
+        out[0] += pulse(t, pulses[b])
     borne = 0.0
     for k in range(bodies):
         borne += contact[k] * (line[0] * x[k] + line[1] * v[k])
@@ -140,8 +140,8 @@ def _accelerate(
 
 
 @njit
-def _march(
-    mass: Real, stiffness: Real, damping: Real, contact: Real, line: Real, seen: Real, blows: Real, laws: Whole,
+def _integrate(
+    mass: Real, stiffness: Real, damping: Real, contact: Real, line: Real, seen: Real, pulses: Real, laws: Whole,
     directions: Real, numbers: Real, h: float, out: Real,
 ) -> None:  # fmt: skip
     bodies = mass.size
@@ -164,7 +164,7 @@ def _march(
         for s in range(out.shape[2]):
             t = s * h
             _accelerate(
-                t, x, v, mass, stiffness[n], damping[n], contact, line[n], blows[n], laws, directions, numbers[n],
+                t, x, v, mass, stiffness[n], damping[n], contact, line[n], pulses[n], laws, directions, numbers[n],
                 memory, held, start, a1,
             )  # fmt: skip
             for c in range(seen.shape[0]):
@@ -176,21 +176,21 @@ def _march(
                 xs[k] = x[k] + h / 2 * v[k]
                 vs[k] = v[k] + h / 2 * a1[k]
             _accelerate(
-                t + h / 2, xs, vs, mass, stiffness[n], damping[n], contact, line[n], blows[n], laws, directions,
+                t + h / 2, xs, vs, mass, stiffness[n], damping[n], contact, line[n], pulses[n], laws, directions,
                 numbers[n], memory, held, start, a2,
             )  # fmt: skip
             for k in range(bodies):
                 xs[k] = x[k] + h / 2 * v[k] + h * h / 4 * a1[k]
                 vs[k] = v[k] + h / 2 * a2[k]
             _accelerate(
-                t + h / 2, xs, vs, mass, stiffness[n], damping[n], contact, line[n], blows[n], laws, directions,
+                t + h / 2, xs, vs, mass, stiffness[n], damping[n], contact, line[n], pulses[n], laws, directions,
                 numbers[n], memory, held, start, a3,
             )  # fmt: skip
             for k in range(bodies):
                 xs[k] = x[k] + h * v[k] + h * h / 2 * a2[k]
                 vs[k] = v[k] + h * a3[k]
             _accelerate(
-                t + h, xs, vs, mass, stiffness[n], damping[n], contact, line[n], blows[n], laws, directions,
+                t + h, xs, vs, mass, stiffness[n], damping[n], contact, line[n], pulses[n], laws, directions,
                 numbers[n], memory, held, start, a4,
             )  # fmt: skip
             for k in range(bodies):

@@ -1,0 +1,116 @@
+"""The page of a diagnosis of any rig: the answer first, then what is behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from analysis.mismatch.answer import Answer
+from mesotap.answers.diagnosis_text import linear_rig, probability_words, verdict_sentence, what_was_recorded
+from mesotap.answers.results_files import json_text
+from mesotap.report import figures
+from mesotap.report.report import environment, figure_folder, written
+
+K_C: Final = Markup("<i>k</i><sub>c</sub>")
+ZETA_C: Final = Markup("<i>ζ</i><sub>c</sub>")
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure: its name in the page, what a screen reader says of it, and its caption in HTML."""
+
+    name: str
+    figure: Figure
+    label: str
+    caption: str | Markup
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table of texts; ``text`` are the columns that hold words, not numbers."""
+
+    caption: str | Markup
+    headings: tuple[str | Markup, ...]
+    rows: tuple[tuple[str | Markup, ...], ...]
+    text: tuple[int, ...] = (0,)
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What is behind an answer, as the page shows it; what an experiment does not have is left empty.
+
+    Attributes
+    ----------
+    where, what, gained
+        Where the recordings hold more than the linear rig, what force is missing, and how much better they are
+        predicted with what was left out.
+    candidates, constants
+        The selection of mechanisms, and what the fits made of the rig's constants.
+    excluded
+        Mechanisms that did not take part.
+    method
+        How the recordings were fitted, a sentence or two.
+    """
+
+    where: tuple[Picture, ...]
+    what: tuple[Picture, ...]
+    gained: tuple[Picture, ...]
+    candidates: tuple[Table, ...]
+    constants: tuple[Table, ...]
+    excluded: tuple[str, ...]
+    method: str | Markup
+
+    @property
+    def pictures(self) -> tuple[Picture, ...]:
+        """All figures, in the order of the page."""
+        return (*self.where, *self.what, *self.gained)
+
+
+def write_page(
+    folder: Path, answer: Answer, evidence: Evidence, content: Mapping[str, Any], *, pdf_figures: bool = True
+) -> Path:
+    """Write ``diagnosis.html``, ``diagnosis.json`` and ``figures/diagnosis-*.pdf`` into a folder; return the page.
+
+    Parameters
+    ----------
+    content
+        The answer as programs read it.
+    pdf_figures
+        Whether to write the figures for print, which takes about as long as the page.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if pdf_figures:
+        for picture in evidence.pictures:
+            figures.save(picture.figure, figure_folder(folder) / f"diagnosis-{picture.name}.pdf")
+    written(folder / "diagnosis.json", json_text(dict(content)))
+    drawn = {p.name: figures.inline_svg(p.figure, f"diagnosis-{p.name}", p.label) for p in evidence.pictures}
+    html = environment().get_template("diagnosis.html").render(
+        answer=answer,
+        evidence=evidence,
+        verdict=verdict_sentence(answer),
+        recorded=what_was_recorded(answer),
+        linear=linear_rig(answer),
+        probability_words=probability_words,
+        svg={name: Markup(svg) for name, svg in drawn.items()},
+        held_out=_held_out(answer),
+        pdf_figures=pdf_figures,
+    )  # fmt: skip
+    return written(folder / "diagnosis.html", html)
+
+
+def _held_out(answer: Answer) -> list[tuple[str, float, float | None, str]]:
+    """Return what was held out, its error before and after, and the unit."""
+    fit = answer.fit
+    rows = [
+        (f"{fit.heldout_segments} of {fit.segments} segments", fit.heldout_rms_before, fit.heldout_rms_after, fit.unit)
+    ]
+    rows += [(name, before, after, fit.unit) for name, (before, after) in fit.stretches.items()]
+    if fit.steady_error is not None:
+        before, after = fit.steady_error
+        rows.append(("steady responses, force", 100 * before, None if after is None else 100 * after, "%"))
+    return rows

@@ -1,0 +1,165 @@
+"""A diagnosis in words: the verdict as a sentence, and what a terminal shows."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+from analysis.mismatch.answer import LOAD_CELL, TESTER, Answer, Named
+from analysis.mismatch.remainder import p_words, place_words
+from mesotap.answers.rounding import significant
+from mesotap.operator.terminal import escape
+
+LEAST = 1e-4  # probability below which its digits say nothing
+SMALL = 0.1  # share of what the linear rig misses, up to which a remainder is called small
+
+
+def words(mechanism_id: str) -> str:
+    """Return a mechanism's id as words."""
+    return mechanism_id.replace("_", " ")
+
+
+def linear_rig(answer: Answer) -> str:
+    """Return how the linear rig is called in a sentence."""
+    return "Eq. 9" if answer.rig == TESTER else "the rig as described"
+
+
+def what_was_recorded(answer: Answer) -> str:
+    """Return how many recordings there are, and at which loads."""
+    loads = sorted(answer.loads_n.values())
+    if not loads:
+        return "these recordings"
+    if len(loads) == 1:
+        return f"{answer.fit.segments} impacts at {1e3 * loads[0]:.0f} mN"
+    return f"{answer.fit.segments} impacts at {len(loads)} loads from {1e3 * loads[0]:.0f} to {1e3 * loads[-1]:.0f} mN"
+
+
+def verdict_sentence(answer: Answer) -> str:
+    """Say the answer in a sentence; where something remains beyond what is named, in two."""
+    linear, recorded, chance = linear_rig(answer), what_was_recorded(answer), p_words(answer.p_value)
+    begin = linear[0].upper() + linear[1:]
+    if answer.far_off:
+        return (
+            f"{begin} misses most of the motion: check its stiffness and mass, their units and the channels, or say "
+            "'unknown' for unknown constants."
+        )
+    if answer.verdict == "consistent":
+        return f"{begin} with its constants refitted explains {recorded}: nothing is left beyond noise ({chance})."
+    if answer.verdict == "unexplained" or not answer.mechanisms:
+        where = "" if answer.location is None else f"; it lies {place_words(answer.location)}"
+        return f"{begin} does not explain {recorded} ({chance}), and no mechanism listed does{where}."
+    if all(m.where == LOAD_CELL for m in answer.mechanisms):
+        return (
+            f"{begin} with its constants refitted explains {recorded}, but the load cell drifted between its "
+            f"calibrations ({chance}): the loads are in doubt."
+        )
+    names = " and ".join(_name(m) for m in answer.mechanisms)
+    sure = min(m.probability for m in answer.mechanisms)
+    said = f"{begin} does not explain {recorded} ({chance}); it leaves out {names}, with a probability of {sure:.2f}."
+    return f"{said} {_what_remains(answer)}"
+
+
+def _name(m: Named) -> str:
+    return f"{words(m.id)} (a law learned from these recordings)" if m.learned else words(m.id)
+
+
+def _what_remains(answer: Answer) -> str:
+    left = answer.remainder
+    with_it = "With it" if len(answer.mechanisms) == 1 else "With them"
+    if left.where is None:
+        return f"{with_it} nothing is left beyond noise ({p_words(left.p_value)})."
+    size = "something small remains" if left.share < SMALL else "something remains"
+    return (
+        f"That explains {_percent(1 - left.share)} of what is missing; {size} {place_words(left.where)} "
+        f"({p_words(left.p_value)})."
+    )
+
+
+def _percent(share: float) -> str:
+    """Write a share near one so that what it lacks shows."""
+    lacking = 100 * (1 - share)
+    decimals = 0 if lacking >= 1 else 1 if lacking >= 0.1 else 2
+    return f"{min(100 * share, 99.99):.{decimals}f} %"
+
+
+def probability_words(probability: float) -> str:
+    """Write a probability; one that is hardly any without its digits."""
+    return f"{probability:.2g}" if probability >= LEAST else f"< {LEAST:g}"
+
+
+def print_answer(answer: Answer, console: Console) -> None:
+    """Say the answer to a person."""
+    console.print(f"[bold]{escape(verdict_sentence(answer))}[/bold]")
+    for m in answer.mechanisms:
+        _print_mechanism(m, console)
+    if answer.location is not None:
+        console.print(f"  where: {escape(answer.location.component)}; {escape(answer.location.why)}")
+    if answer.verdict in ("missing_physics", "new_physics"):
+        console.print(f"  left over: {escape(answer.remainder.statement)}")
+        console.print(f"  that this is all there is: {answer.complete_probability:.2f}")
+    _print_held_out(answer, console)
+    if answer.rivals:
+        console.print(_rivals(answer))
+    if answer.upper_limits:
+        console.print(_limits(answer))
+    then = answer.next_experiment
+    if then is not None:
+        load = "" if then.load_n is None else f"{1e3 * then.load_n:.0f} mN, "
+        tap = "" if then.peak_force_ratio is None else f"{_strength(answer, then.peak_force_ratio)}, "
+        console.print(f"  next: {load}{tap}to part {' and '.join(then.separates)}. {escape(then.why)}")
+
+
+def _strength(answer: Answer, ratio: float) -> str:
+    if answer.loads_n:
+        return f"a tap of {ratio:.2f} of the load"
+    return f"{ratio:g} times as strong"
+
+
+def _print_mechanism(m: Named, console: Console) -> None:
+    others = ", ".join(m.indistinguishable_from)
+    alike = f"; these data cannot tell it from {others}" if others else ""
+    place = m.where if m.element in (None, m.where) else f"{m.where}: {m.element}"
+    console.print(f"  {escape(m.id)} ({escape(place)}, probability {m.probability:.2f}{escape(alike)})")
+    console.print(f"    {escape(m.statement)}")
+    for name, v in m.parameters.items():
+        console.print(f"    {escape(name)} = {v.value:.4g} ({v.low:.4g} to {v.high:.4g}) {escape(v.unit)}")
+
+
+def _print_held_out(answer: Answer, console: Console) -> None:
+    fit, unit = answer.fit, escape(answer.fit.unit)
+    after = "" if fit.heldout_rms_after is None else f", with what was left out {fit.heldout_rms_after:.5g}"
+    console.print(
+        f"  {fit.heldout_segments} held-out segments: rms {fit.heldout_rms_before:.5g} {unit} by "
+        f"{linear_rig(answer)}{after}; noise {fit.noise_rms:.5g}"
+    )
+    for name, (before, later) in fit.stretches.items():
+        then = "" if later is None else f", then {later:.4g}"
+        console.print(f"    {escape(name)}: {before:.4g}{then} {unit}")
+    if fit.steady_error is not None:
+        before, later = fit.steady_error
+        then = "" if later is None else f", then {100 * later:.3g} %"
+        console.print(f"  steady responses held out: force off by {100 * before:.3g} %{then}")
+
+
+def _rivals(answer: Answer) -> Table:
+    table = Table(title="Rivals")
+    table.add_column("instead")
+    table.add_column("probability", justify="right")
+    table.add_column(f"held-out rms, {escape(answer.fit.unit)}", justify="right")
+    table.add_column("why")
+    for r in answer.rivals:
+        table.add_row(
+            " and ".join(r.ids), probability_words(r.probability), significant(r.heldout_rms, 4), escape(r.why)
+        )
+    return table
+
+
+def _limits(answer: Answer) -> Table:
+    table = Table(title="Upper limits of what is not named, 95 %")
+    table.add_column("mechanism")
+    table.add_column("parameter")
+    table.add_column("at most", justify="right")
+    for u in answer.upper_limits:
+        unit = "" if u.unit == "1" else f" {escape(u.unit)}"
+        table.add_row(u.id, u.parameter, f"{u.value:.3g}{unit}")
+    return table

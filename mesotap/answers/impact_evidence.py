@@ -1,0 +1,201 @@
+"""What is behind an answer about impacts: maps of the residual, the contact's force, the selection."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from markupsafe import Markup
+
+from analysis.mismatch.evidence.maps import by_impact, held_out, map_by_frequency, map_by_time, spectrum
+from analysis.mismatch.evidence.reconstruction import law_along, reconstruct, stitched, telling_impacts
+from analysis.mismatch.evidence.varying import contact_by_amplitude, contact_in_time
+from analysis.mismatch.ring_downs.corrected import contact_at_rest
+from analysis.mismatch.ring_downs.problem import RingDownFit
+from analysis.mismatch.selection import Selection
+from analysis.results import SessionResults
+from calibration.estimate import Estimate
+from mesotap.answers.candidates import candidate_table
+from mesotap.answers.diagnosis_page import K_C, ZETA_C, Evidence, Picture, Table
+from mesotap.answers.diagnosis_text import words
+from mesotap.answers.rounding import UNKNOWN, significant, with_uncertainty
+from mesotap.report import figures
+from sim_backend.mechanisms.catalogue import catalogue
+from sim_backend.mechanisms.kinds import Mechanism
+
+METHOD = Markup(
+    "All loads and impacts are fitted together by Eq. 9 with its own constants free within their uncertainties, {k} "
+    "and <i>c</i><sub>c</sub> of each load, the state of both masses when each pulse has ended, the declared filter "
+    "and the spectrum of the noise. Mechanisms are screened by score tests on what that leaves, the best fitted in "
+    "full, further ones added as long as held-out impacts get better; what differs from impact to impact is fitted on "
+    "these with the same freedom before and after. A name is given only where forces and channels of any shape would "
+    "take away little more. Equation numbers refer to “Measurement and Modeling of Normal Contact Stiffness and "
+    "Contact Damping at the Meso Scale”, doi 10.1115/1.1857920."
+).format(k=K_C)
+
+
+RingDownSelection = Selection[RingDownFit]
+
+
+def evidence_of_impacts(
+    selection: RingDownSelection, known: Mapping[str, tuple[Mechanism, ...]], results: SessionResults | None
+) -> Evidence:
+    """Return figures and tables of a selection.
+
+    Parameters
+    ----------
+    known
+        Mechanisms that took part, by id.
+    results
+        Of the session's linear analysis, for frequency and damping against amplitude; None to leave that out.
+    """
+    tester = selection.best.problem.is_tester
+    return Evidence(
+        where=_where(selection.baseline, results, tester),
+        what=(_force(selection),) if tester else (),
+        gained=_gained(selection),
+        candidates=(candidate_table(selection, known),),
+        constants=(*((_contact(selection),) if tester else ()), _constants(selection)),
+        excluded=tuple(m for m in catalogue() if m not in known),
+        method=METHOD,
+    )
+
+
+def _augmented(selection: RingDownSelection) -> RingDownFit | None:
+    return selection.best if selection.best.terms else None
+
+
+def law_name(fit: RingDownFit | None) -> str:
+    """Name the mechanisms of a fit."""
+    return "" if fit is None else " and ".join(words(t.mechanism.id) for t in fit.terms)
+
+
+def _where(before: RingDownFit, results: SessionResults | None, tester: bool) -> tuple[Picture, ...]:
+    drawn = [
+        Picture(
+            "excess",
+            figures.excess_figure(map_by_frequency(before), map_by_time(before)),
+            "Residual power over noise against load and frequency, and load and time",
+            "Power of what the fit of Eq. 9 leaves, over the power of the noise: 1 is noise alone. Top: by load and "
+            "frequency; bottom: by load and time after the pulse. Left: what both accelerometers see; right: in what "
+            "they differ.",
+        ),
+        Picture(
+            "excess-by-impact",
+            figures.excess_by_impact_figure(by_impact(before)),
+            "Residual beyond noise of each impact against its order and its strength",
+            "By how much each impact's residual is more than noise, against (a) its place in the session and (b) its "
+            "strength. Grey: 95 % of impacts that Eq. 9 explains. A trend in (a) is a contact that changes during the "
+            "session, in (b) one that is not linear.",
+        ),
+    ]
+    if tester:
+        drawn.append(_varying(before))
+    if results is not None and figures.shown_amplitudes(results):
+        drawn.append(
+            Picture(
+                "amplitude",
+                figures.amplitude_figure(results),
+                "Frequency change and damping ratio of the contact mode against its amplitude along the ring-down",
+                "The same without any model of the rig: (a) frequency and (b) damping ratio of the contact mode along "
+                "the ring-down, against its amplitude, with 95 % intervals; time runs from right to left.",
+            )
+        )
+    return tuple(drawn)
+
+
+def _varying(before: RingDownFit) -> Picture:
+    return Picture(
+        "varying",
+        figures.varying_figure(contact_in_time(before), contact_by_amplitude(before)),
+        "Contact stiffness and damping let free in windows of time and amplitude",
+        Markup(
+            "{} (top, as change of the fitted one) and {} (bottom) let free in windows of time (left) and of the "
+            "contact's own dynamic force (right), with 95 % intervals. A linear contact is flat in all four; where "
+            "a constant has to vary, the flaw is."
+        ).format(K_C, ZETA_C),
+    )
+
+
+def _force(selection: RingDownSelection) -> Picture:
+    before, after = selection.baseline, _augmented(selection)
+    pictures = [_picture(before, after, number) for number in telling_impacts(before, selection.best)]
+    return Picture(
+        "force",
+        figures.force_figure(pictures, law_name(after)),
+        "Contact force against deflection, reconstructed and by the laws",
+        Markup(
+            "The contact's force, read off the recordings without a law: <i>m</i><sub>2</sub> <i>a</i><sub>2</sub> + "
+            "<i>k</i><sub>2</sub> <i>x</i><sub>2</sub> is the force, the upper mass's equation gives its own motion. "
+            "Left: the strongest impact of the load that tells most; right: its weakest. Top: against deflection; "
+            "bottom: what it is beyond Eq. 9's, as points and as means over bins of the deflection. Dashed: minus the "
+            "load, where the surfaces would part. The slow part of the deflection, which no accelerometer shows, is "
+            "chosen so that swings of all sizes lie on one curve."
+        ),
+    )
+
+
+def _picture(before: RingDownFit, after: RingDownFit | None, number: int) -> figures.ForcePicture:
+    segment = before.segments[number]
+    stiffness = before.constants.at(segment.group)["kc"]
+    motion = stitched(reconstruct(before, number), stiffness)
+    frequency = float(np.abs(before.modes[segment.group].rig.poles).max()) / (2 * np.pi)
+    augmented = None if after is None else law_along(after, segment, motion)
+    return figures.ForcePicture(motion, law_along(before, segment, motion), augmented, stiffness, frequency)
+
+
+def _gained(selection: RingDownSelection) -> tuple[Picture, ...]:
+    before, after = selection.baseline, _augmented(selection)
+    spectra = Picture(
+        "spectra",
+        figures.residual_spectra_figure(spectrum(before), None if after is None else spectrum(after)),
+        "Residual spectra before and after, over the noise",
+        "Spectra of the residuals over the noise, all fitted impacts together, smoothed over nine bins.",
+    )
+    kept = held_out(selection)
+    if kept is None:
+        return (spectra,)
+    label = "Residual of each held-out impact before and after"
+    caption = "Every held-out impact: rms of the whitened residual over that of the noise."
+    return (Picture("held_out", figures.held_out_figure(kept), label, caption), spectra)
+
+
+def _contact(selection: RingDownSelection) -> Table:
+    after = _augmented(selection)
+    before = contact_at_rest(selection.baseline)
+    corrected = [None] * len(before) if after is None else list(contact_at_rest(after))
+    rows = tuple(
+        (
+            f"{1e3 * b.load_n:.1f}",
+            with_uncertainty(b.stiffness, 1e-6),
+            UNKNOWN if a is None else with_uncertainty(a.stiffness, 1e-6),
+            with_uncertainty(b.damping_ratio, 100),
+            UNKNOWN if a is None else with_uncertainty(a.damping_ratio, 100),
+        )
+        for b, a in zip(before, corrected, strict=True)
+    )
+    beside = f", and with {law_name(after)} in the model, where they are those at zero amplitude" if after else ""
+    caption = Markup("{} and {} by Eq. 9{}; ± is half of the 95 % interval of the joint fit.").format(
+        K_C, ZETA_C, beside
+    )
+    k, z = Markup("{} [MN/m]").format(K_C), Markup("{} [%]").format(ZETA_C)
+    headings = ("Load [mN]", k + ", Eq. 9", k + ", corrected", z + ", Eq. 9", z + ", corrected")
+    return Table(caption, headings, rows, ())
+
+
+def _constants(selection: RingDownSelection) -> Table:
+    """List the rig's declared constants with what the fits made of them."""
+    before = dict(zip(selection.baseline.constants.names()[0], selection.baseline.constants.rig.tolist(), strict=True))
+    after = dict(zip(selection.best.constants.names()[0], selection.best.constants.rig.tolist(), strict=True))
+    rows = tuple(
+        (
+            Markup("<i>{}</i><sub>{}</sub> [{}]").format(p.name[0], p.name[1:], p.unit),
+            with_uncertainty(Estimate(p.value, p.uncertainty)),
+            significant(before[p.name], 5),
+            significant(after[p.name], 5) if selection.best.terms else UNKNOWN,
+        )
+        for p in selection.best.problem.arrangement.parameters
+        if p.name in before
+    )
+    caption = "What the fits had to change of the declared constants; a wrong value is not missing physics."
+    return Table(caption, ("Constant", "Declared", "Eq. 9", "With what was left out"), rows)

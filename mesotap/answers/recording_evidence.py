@@ -1,0 +1,74 @@
+"""What is behind an answer about simulated recordings: errors against time and frequency, the law, the selection."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from markupsafe import Markup
+
+from analysis.mismatch.recordings.account import BlockAccount
+from analysis.mismatch.recordings.fit import SimulatedFit
+from analysis.mismatch.recordings.judge import mean_of
+from analysis.mismatch.recordings.recorded import CHOOSE
+from analysis.mismatch.selection import SelectionStep
+from mesotap.answers.diagnosis_page import Evidence, Picture, Table
+from mesotap.answers.rounding import significant
+from mesotap.report import figures
+from sim_backend.mechanisms.catalogue import catalogue
+from sim_backend.mechanisms.kinds import Mechanism
+
+METHOD = (
+    "The recording is simulated from end to end. Blocks of it fit, others choose, others are held out; nothing is "
+    "refitted on what is held out. A mechanism is added where the choosing blocks get better by more than chance and "
+    "by at least 3 % of what the rig as described misses; nothing is named where a force of any shape would still take "
+    "away more than 5 %."
+)
+
+
+def evidence_of_recordings(account: BlockAccount, known: Mapping[str, tuple[Mechanism, ...]]) -> Evidence:
+    """Return figure and tables of a diagnosis; ``known`` are the mechanisms that took part, by id."""
+    return Evidence(
+        where=(),
+        what=(),
+        gained=(_errors(account),),
+        candidates=tuple(_step(step, first=i == 0) for i, step in enumerate(account.selection.steps)),
+        constants=(_constants(account),),
+        excluded=tuple(m for m in catalogue() if m not in known),
+        method=METHOD,
+    )
+
+
+def _errors(account: BlockAccount) -> Picture:
+    third = (
+        "frequency and damping ratio along the decay against amplitude, read from the recording (dots) and from the "
+        "simulations (lines)"
+        if account.decay
+        else "the force that was left out, along the motion"
+    )
+    return Picture(
+        "errors",
+        figures.rig_figure(account),
+        "Errors before and after against time and frequency, and the law that was left out",
+        "(a) rms of the recording and of what is left of it by the rig as described and with what was left out, from "
+        f"one simulation from end to end; grey: held out; (b) their spectra; (c) {third}.",
+    )
+
+
+def _constants(account: BlockAccount) -> Table:
+    fitted = account.fitted()
+    constants = {} if fitted is None else fitted.constants
+    rows = tuple(
+        (name, significant(value, 5), "" if unit == "1" else unit) for name, (value, unit) in constants.items()
+    )
+    return Table("Constants of the rig as fitted.", ("Constant", "Value", "Unit"), rows, (0, 2))
+
+
+def _step(step: SelectionStep[SimulatedFit], *, first: bool) -> Table:
+    missed = math.sqrt(mean_of(step.before.by_block(CHOOSE)))
+    rows: list[tuple[str | Markup, ...]] = [("nothing" if first else "what was accepted before", f"{missed:.5f}")]
+    for c in sorted((c for c in step.candidates if c.fit is not None), key=lambda c: mean_of(c.losses)):
+        name = Markup("<strong>{}</strong>").format(c.id) if c is step.accepted else c.id
+        rows.append((name, f"{math.sqrt(mean_of(c.losses)):.5f}"))
+    caption = "Error on blocks that took no part in fitting and by which is chosen, over the recording's rms."
+    return Table(caption, ("With", "Error"), tuple(rows))

@@ -1,0 +1,48 @@
+"""What a session's own configuration declares of its rig, with its uncertainties."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import yaml
+
+from daq.records import Session
+from mesotap.configuration.config import ConfigError, parse_config
+from mesotap.configuration.yaml_text import NOT_YAML
+from rig.settings import Masses, RigSettings, Springs
+
+
+def rig_settings(session: Session) -> RigSettings:
+    """Return the rig of the configuration that was in force; the program's own where a session keeps none.
+
+    A configuration of another version may hold keys that this one does not know: then its masses and springs count.
+    """
+    if not session.config.strip():
+        return RigSettings()
+    try:
+        return parse_config(session.config).rig
+    except ConfigError:
+        pass
+    try:
+        content = yaml.safe_load(session.config)
+        rig = content.get("rig", {}) if isinstance(content, dict) else {}
+        known = {
+            name: {key: value for key, value in rig[name].items() if key in section.model_fields}
+            for name, section in (("masses", Masses), ("springs", Springs))
+            if name in rig
+        }
+        return RigSettings.model_validate(known)
+    except (*NOT_YAML, ValueError):
+        return RigSettings()
+
+
+def header_uncertainty(session: Session) -> Mapping[str, float]:
+    """Return the standard errors of the masses (kg) and springs (N/m) in a session's header, by its names."""
+    rig = rig_settings(session)
+    share = rig.springs.uncertainty_percent / 100
+    return {
+        "m1_kg": rig.masses.uncertainty_kg,
+        "m2_kg": rig.masses.uncertainty_kg,
+        "k1_n_per_m": share * session.rig.k1_n_per_m,
+        "k2_n_per_m": share * session.rig.k2_n_per_m,
+    }

@@ -21,14 +21,16 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from analysis.mismatch import contest
-from analysis.mismatch.diagnosis import diagnose_session, tester_problem
-from analysis.mismatch.fit import fit
+from analysis.mismatch.diagnosis import diagnose_sessions
+from analysis.mismatch.ring_downs.judge import ImpactJudge
+from analysis.mismatch.ring_downs.sessions import ring_downs
 from daq.session_file import read_session, write_session
+from mesotap.configuration.declared import header_uncertainty
+from mesotap.configuration.rig_files import tester_rig
 from mesotap.proof.generator.concealed import Concealed, conceal, record
-from mesotap.proof.generator.deck import effect_named
 from mesotap.proof.generator.plan import PRETRIGGER, Plan, random_plan
-from sim_backend.mechanisms.mechanism import mechanisms
+from mesotap.proof.generator.scenarios import effect_named
+from sim_backend.mechanisms.catalogue import catalogue, variants
 
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "diagnosis.md"
 LOADS, IMPACTS, SAMPLES = 6, 48, 2500
@@ -46,11 +48,11 @@ CASES = (
     ("quadratic_damping", 200.0, "quadratic_damping"),
     ("adhesion", 60.0, "adhesion"),
 )
-"""What is hidden, its d, and what is struck from the list."""
+"""What is hidden, its d, and what is excluded from the list."""
 
 
 def plan_of(seed: int, effect: str) -> Plan:
-    """Return the first plan from this seed on that has the loads and impacts, with records of the right length.
+    """Return the first plan from this seed on that has the loads and impacts, with recordings of the right length.
 
     Where the effect is a contact law, k_c grows with load as it does by this law.
     """
@@ -74,16 +76,17 @@ def write(path: Path, plan: Plan, effect: str, d: float, seed: int) -> None:
 
 def measure(path: Path, without: str) -> dict[str, object]:
     """Diagnose a session in this process."""
-    known = [m for m in mechanisms().values() if m.id != without]
+    known = [m for m in variants(catalogue()) if m.id != without]
     session = read_session(path)
+    rig, uncertainty = tester_rig(), header_uncertainty(session)
     with threadpool_limits(limits=1, user_api="blas"):
-        problem = tester_problem(session)
-        baseline = fit(problem.only(contest.split(problem)[0]))
+        judge = ImpactJudge.of(ring_downs([session], rig, uncertainty), known)
+        baseline = judge.baseline()
         begin = time.perf_counter()
-        contest.screen(baseline, known)
+        judge.screen(baseline)
         screened = time.perf_counter() - begin
     begin = time.perf_counter()
-    answer = diagnose_session(session, known)
+    answer = diagnose_sessions([session], rig, uncertainty, known).answer
     return {
         "screening_s": screened,
         "whole_s": time.perf_counter() - begin,
@@ -110,7 +113,7 @@ def main() -> None:
             command = [sys.executable, __file__, "--one", str(path), without]
             row = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
             if number:
-                print(effect or "nothing", without and "(struck)", row, flush=True)
+                print(effect or "nothing", without and "(excluded)", row, flush=True)
                 rows.append((effect or "nothing", d, bool(without), row))
     PAGE.write_text(page(rows, chosen.seed))
 
@@ -121,15 +124,15 @@ def page(rows: list[tuple[str, float, bool, dict[str, object]]], seed: int) -> s
         "# Time and memory of a diagnosis",
         "",
         f"`python benchmarks/diagnosis.py --seed {seed}` on {date.today()}, Python {platform.python_version()}, one "
-        "process. Sessions of 6 loads x 8 impacts x 2 channels x 2500 samples; all mechanisms but the struck one are "
+        "process. Sessions of 6 loads x 8 impacts x 2 channels x 2500 samples; all mechanisms but the excluded one are "
         "known. Goals: 30 s, 1 GB, screening alone 3 s.",
         "",
-        "| hidden | d | struck from the list | screening, s | whole, s | peak memory, MB | answer |",
+        "| hidden | d | excluded from the list | screening, s | whole, s | peak memory, MB | answer |",
         "|---|---|---|---|---|---|---|",
     ]
-    for effect, d, struck, row in rows:
+    for effect, d, excluded, row in rows:
         lines.append(
-            f"| {effect} | {d:g} | {'yes' if struck else ''} | {row['screening_s']:.1f} | {row['whole_s']:.0f} | "
+            f"| {effect} | {d:g} | {'yes' if excluded else ''} | {row['screening_s']:.1f} | {row['whole_s']:.0f} | "
             f"{row['peak_mb']:.0f} | {row['said']} |"
         )
     return "\n".join(lines) + "\n"

@@ -87,7 +87,7 @@ class Checked(Accelerometers):
 class Nobody(Impactor):
     """Never taps."""
 
-    def strike(self, load_mn: float, hint: str = "") -> None:
+    def tap(self, load_mn: float, hint: str = "") -> None:
         pass
 
 

@@ -61,7 +61,7 @@ def test_a_time_that_cannot_be_read_is_midway(time):
     history = GaugeHistory(line(EIGHT, 0.3), line(TEN, 0.5), SETTINGS)
     fraction, note = history.fraction_at(time)
     assert fraction == 0.5
-    assert "no ISO 8601 time" in note
+    assert "not an ISO 8601 time" in note
     assert history.scale_at(time).offset_mv == pytest.approx(0.4)
 
 

@@ -53,7 +53,7 @@ def test_a_session_does_not_wait_for_a_fifo(tmp_path: Path, name: str) -> None:
     SessionFolder.create(tmp_path / "run", {"seed": 1}).close()
     (tmp_path / "run" / name).unlink()
     os.mkfifo(tmp_path / "run" / name)
-    with pytest.raises(RecordingError, match=f"{name}: cannot be written: what stands there is no plain file"):
+    with pytest.raises(RecordingError, match=f"{name}: cannot be written: what is there is not a regular file"):
         SessionFolder.open(tmp_path / "run")
 
 

@@ -59,7 +59,7 @@ def test_a_shot_and_its_checkpoint_come_back(folder: Path, shot: Shot) -> None:
 def test_a_shot_is_never_overwritten(folder: Path, shot: Shot) -> None:
     with SessionFolder.open(folder) as run:
         run.write_shot(shot, {})
-        with pytest.raises(RecordingError, match=r"00003\.h5: this shot was recorded already"):
+        with pytest.raises(RecordingError, match=r"00003\.h5: this impact was recorded already"):
             run.write_shot(shot, {})
 
 
@@ -122,7 +122,7 @@ def test_a_damaged_header_is_named(folder: Path, content: str) -> None:
 def test_what_is_no_session_folder(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="there is no such session folder"):
         SessionFolder.open(tmp_path / "none")
-    with pytest.raises(RecordingError, match=r"is no session folder: it holds no session\.json"):
+    with pytest.raises(RecordingError, match=r"is not a session folder: it holds no session\.json"):
         SessionFolder.open(tmp_path)
 
 
@@ -299,7 +299,7 @@ def test_a_shot_that_was_altered_is_named(folder: Path, shot: Shot, item: str) -
     with SessionFolder.open(folder) as run:
         run.write_shot(shot, {})
         altered(folder / "shots" / "00003.h5", item)
-        with pytest.raises(RecordingError, match=r"00003\.h5: /shot: .* of shot 00003 were altered"):
+        with pytest.raises(RecordingError, match=r"00003\.h5: /shot: .* of impact 00003 were altered"):
             run.read_shot(3)
 
 
@@ -315,7 +315,7 @@ def test_a_shot_that_was_exchanged_for_another_is_named(folder: Path, shot: Shot
     with SessionFolder.open(folder) as run:
         run.append({"event": "shot", "number": 3, "digest": digest_of(shot)})
         run.write_shot(replace(shot, load_after_mn=265.2), {})
-        with pytest.raises(RecordingError, match="is not the shot 3 that the journal lists"):
+        with pytest.raises(RecordingError, match="is not the impact 3 that the journal lists"):
             run.read_shot(3)
 
 

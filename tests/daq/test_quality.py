@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from daq.quality import Verdict, contact_force, is_clipped, judge
-from daq.second_blow import find_second_blow
+from daq.second_impact import find_second_impact
 from daq.settings import Quality
 
 from .two_mass import TwoMass, tap
@@ -176,7 +176,7 @@ def synthetic(rng: np.random.Generator, second: bool, noise_db: float = 40.0) ->
 
 
 def is_double(a2: np.ndarray) -> bool:
-    found = find_second_blow(a2, RATE, 250)
+    found = find_second_impact(a2, RATE, 250)
     return found.ratio > max(Quality().second_blow_ratio, 6 * found.noise_ratio)
 
 
@@ -197,12 +197,12 @@ def test_a_second_blow_is_told_with_strength_and_time() -> None:
     result = verdict(pair(a2))
     assert float(result.numbers["second_blow_ratio"]) == pytest.approx(0.3, abs=0.02)
     assert float(result.numbers["second_blow_ms"]) == pytest.approx(4.0, abs=0.1)
-    assert "a second blow of 30% of the first came 4 ms after it" in result.reason
+    assert "a second impact of 30% of the first came 4 ms after it" in result.reason
 
 
 def test_a_record_too_short_to_tell_has_no_second_blow() -> None:
-    assert math.isnan(find_second_blow(np.ones(300), RATE, 250).ratio)
-    assert math.isnan(find_second_blow(np.zeros(3000), RATE, 250).ratio)
+    assert math.isnan(find_second_impact(np.ones(300), RATE, 250).ratio)
+    assert math.isnan(find_second_impact(np.zeros(3000), RATE, 250).ratio)
 
 
 @pytest.mark.parametrize("pretrigger", [0, 1, 20])

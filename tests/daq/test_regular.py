@@ -53,7 +53,7 @@ def test_no_descriptor_is_left_open(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not Path("/proc/version").exists(), reason="no /proc on this machine")
 def test_a_file_that_says_it_is_empty_and_is_not_is_refused():
-    with pytest.raises(RecordingError, match="it is no file that stays as it is"):
+    with pytest.raises(RecordingError, match="it is not a regular file"):
         read_regular(Path("/proc/version"), 10_000)
 
 

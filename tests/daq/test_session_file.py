@@ -142,12 +142,12 @@ FAULTS = [
     (_attribute(I3, "target_load_mn", np.inf), "target_load_mn of /impacts/00003 is infinite"),
     (_attribute(I3, "accepted", "yes"), "accepted of /impacts/00003 is neither true nor false"),
     (_attribute(I3, "time", "yesterday"), "time of /impacts/00003 is 'yesterday', not an ISO 8601 date"),
-    (_attribute(I3, "reject_reason", 4), "reject_reason of /impacts/00003 is not a text"),
-    (_attribute("/", "format", "other"), "is no session file"),
-    (_attribute("/", "format"), "is no session file"),
+    (_attribute(I3, "reject_reason", 4), "reject_reason of /impacts/00003 is not text"),
+    (_attribute("/", "format", "other"), "is not a session file"),
+    (_attribute("/", "format"), "is not a session file"),
     (_attribute("/", "format_version", 2), "format_version of / is 2, this program reads 1"),
     (_attribute("/", "complete"), "attribute complete of / is missing"),
-    (_attribute("/", "operator", 3), "attribute operator of / is not a text"),
+    (_attribute("/", "operator", 3), "attribute operator of / is not text"),
     (_attribute("/", "created", "noon"), "created of / is 'noon', not an ISO 8601 date"),
     (_attribute("rig", "m1_kg", -0.1), "attribute m1_kg of /rig is -0.1, expected above 0"),
     (_attribute("rig", "k2_n_per_m", "stiff"), "attribute k2_n_per_m of /rig is not a number"),
@@ -202,7 +202,7 @@ def test_attributes_as_other_programs_write_them_are_read(file: Path) -> None:
         (lambda p: None, "there is no such file"),
         (lambda p: p.mkdir(), "is a folder"),
         (lambda p: p.write_bytes(b""), "the file is empty"),
-        (lambda p: p.write_text("Dear Sir,"), "is no HDF5 file"),
+        (lambda p: p.write_text("Dear Sir,"), "is not an HDF5 file"),
     ],
 )
 def test_what_is_no_session_file_gets_one_sentence(
@@ -366,7 +366,7 @@ def test_an_impact_that_was_altered_is_named(session: Session, tmp_path: Path) -
     write_session(file, session)
     with h5py.File(file, "r+") as opened:
         opened["impacts/00003/acceleration"][0, 0] += 1e-9
-    with pytest.raises(RecordingError, match=r"/impacts/00003: the samples or numbers of shot 00003 were altered"):
+    with pytest.raises(RecordingError, match=r"/impacts/00003: the samples or numbers of impact 00003 were altered"):
         read_session(file)
 
 

@@ -45,7 +45,7 @@ class Bench(Accelerometers, Impactor, Clock):
     def utc(self) -> str:
         return "2026-01-01T00:00:00.000Z"
 
-    def strike(self, load_mn: float, hint: str = "") -> None:
+    def tap(self, load_mn: float, hint: str = "") -> None:
         assert self.running
         self.hints.append((load_mn, hint))
         self.struck = self.position + self.delay
@@ -181,7 +181,7 @@ def test_samples_that_come_twice_are_told() -> None:
 def test_a_value_that_is_no_number_is_told() -> None:
     bench = Bench()
     bench.offset = lambda t: np.where(t > 0.03, np.nan, 0.0)
-    with pytest.raises(RigError, match="no number"):
+    with pytest.raises(RigError, match="not a number"):
         record_shot(bench, bench, bench, SHORT, 265.0)
     assert not bench.running
 
@@ -192,7 +192,7 @@ def test_the_stream_is_stopped_when_the_impactor_fails(monkeypatch: pytest.Monke
     def fail(load_mn: float, hint: str = "") -> None:
         raise RigError("The solenoid does not answer.")
 
-    monkeypatch.setattr(bench, "strike", fail)
+    monkeypatch.setattr(bench, "tap", fail)
     with pytest.raises(RigError, match="solenoid"):
         record_shot(bench, bench, bench, SHORT, 265.0)
     assert not bench.running

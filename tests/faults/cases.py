@@ -192,8 +192,8 @@ def unplug_power(bench: FaultyBench) -> None:
 
 def nobody_taps(bench: FaultyBench) -> None:
     impactor = bench.rig.physics.impactor
-    impactor.strike = lambda load_mn, hint="": None
-    bench.mends.append(lambda: vars(impactor).pop("strike"))
+    impactor.tap = lambda load_mn, hint="": None
+    bench.mends.append(lambda: vars(impactor).pop("tap"))
 
 
 def terminate(bench: FaultyBench) -> None:

@@ -57,7 +57,7 @@ def test_check_watches_the_load_while_a_tap_is_waited_for(tmp_path, monkeypatch,
 
         rig = emulated_rig(config, operator, seed=1, amplifier_wire=wire)
         clock = rig.clock
-        rig.physics.impactor.strike = lambda *what, **more: seen.setdefault("asked", clock.now())
+        rig.physics.impactor.tap = lambda *what, **more: seen.setdefault("asked", clock.now())
         sleep = clock.sleep
 
         def slept(seconds: float) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import yaml
 
-from analysis.mismatch.rigs.described import DescribedRig
+from analysis.mismatch.rig_description import DescribedRig
 from mesotap.configuration.config import ConfigError
 from mesotap.configuration.rig_files import parse_rig
 from tests.fuzz.configs import Edits, places, put, value
@@ -18,11 +18,12 @@ name: two masses
 bodies: {upper: 0.107, lower: {value: 0.108, uncertainty: 0.001}}
 springs:
   - {between: [upper, ground], stiffness: 5.0e+5}
-  - {between: [lower, ground], stiffness: unknown, component: tube springs}
+  - {between: [lower, ground], stiffness: {per: load, symbol: k2}, component: tube springs, alike: feet}
 dampers:
   - {between: [lower, ground], damping: 0.1}
 contacts:
-  - {between: [upper, lower], name: the contact}
+  - {between: [upper, lower], name: the contact, preload: 0.4, damping: {header: k1_n_per_m}}
+tapped: upper
 inputs:
   - {channel: force, force_on: upper, gain: 1.0}
 sensors:

@@ -71,7 +71,7 @@ def any_bytes(place: Path) -> Target:
     return Target(lambda source: source.content(600), check)
 
 
-# --- sound HDF5 that is no sound session
+# --- sound HDF5 that is not a sound session
 
 
 GROUPS = ("", "rig", "calibration", "calibration/pre", "impacts", "impacts/00000", "impacts/00001")

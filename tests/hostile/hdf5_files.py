@@ -264,7 +264,7 @@ EDITS: tuple[tuple[str, Edit, dict[str, Any]], ...] = (
         attribute("/", "title", "[link=file:///etc]x[/nope]"),
         {"shows": "[link=file:///etc]x[/nope]"},
     ),
-    ("a software that is no UTF-8", attribute("/", "software", np.bytes_(b"\xff\xfe")), {"says": "software"}),
+    ("a software that is not UTF-8", attribute("/", "software", np.bytes_(b"\xff\xfe")), {"says": "software"}),
     ("a reason for a number", attribute("impacts/00000", "load_after_mn", HOSTILE_TEXT), {"says": "load_after_mn"}),
     ("a name of control characters", lambda f: f["impacts"].create_group("\x1b[2J"), {"shows": "impacts: 2"}),
     ("a negative impact", lambda f: f["impacts"].create_group("-0001"), {"shows": "impacts: 2"}),
@@ -275,7 +275,7 @@ BYTES: tuple[tuple[str, Callable[[Path], list[str]], dict[str, Any]], ...] = (
     ("a text that claims 4 GB", long_text, {"says": "longer than the file"}),
     ("half of a file", bytes_of(lambda c: c[: len(c) // 2]), {"says": "truncated"}),
     ("a signature alone", bytes_of(lambda c: c[:8]), {"says": "x.h5"}),
-    ("zeros", bytes_of(lambda c: bytes(len(c))), {"says": "no HDF5 file"}),
+    ("zeros", bytes_of(lambda c: bytes(len(c))), {"says": "not an HDF5 file"}),
     ("nothing", bytes_of(lambda c: b""), {"says": "empty", "quick": True}),
     ("half of an old file", bytes_of(lambda c: c[: len(c) // 2], old=True), {"says": "damaged"}),
     ("an old file behind 512 bytes", bytes_of(lambda c: bytes(512) + c, old=True), {"either": True}),
@@ -340,7 +340,7 @@ MATS: tuple[tuple[str, Edit, dict[str, Any]], ...] = (
     ("an array of 8 TB", huge, {"says": "claims shape"}),
     ("an array of itself", lambda f: (sound(f), virtual("a", (100,), ".", "a")(f)), {"says": "made of other arrays"}),
     ("zeros for 3.2 GB as a channel", lambda f: (sound(f), bomb("a", 200, 1_000_000)(f)), {"says": "claims shape"}),
-    ("no numbers at all", lambda f: f.create_group("x"), {"says": "no recording"}),
+    ("no numbers at all", lambda f: f.create_group("x"), {"says": "not a recording"}),
 )
 
 

@@ -1,4 +1,4 @@
-"""What is no file, or has a name that is no name, given to every command that reads one."""
+"""What is not a file, or has a name that is not a name, given to every command that reads one."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ NAMES = {
     "that acts on terminals": "\x1b]0;x\x07\x1b[31m.h5",
     "with a line end": "a\nmesotap: all is well.h5",
     "that turns the writing": "\u202e5h.x",
-    "that is no UTF-8": os.fsdecode(b"\xff\xfe.h5"),
+    "that is not UTF-8": os.fsdecode(b"\xff\xfe.h5"),
     "that is markup": "[red]x[bold].h5",
     "that is an option": "--help.h5",
     "that is mathematics": "$\\frac{.h5",

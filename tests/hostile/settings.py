@@ -49,7 +49,7 @@ CONFIGS: tuple[tuple[str, str | bytes, dict[str, Any]], ...] = (
     ("zeros", bytes(1000), {"says": "c.yaml"}),
     ("a load limit of 1e29", limit("load_mn", 1e29), {"says": "rig.limits.load_mn", "quick": True}),
     ("a load limit of infinity", limit("load_mn", ".inf"), {"says": "rig.limits.load_mn"}),
-    ("a load limit that is no number", limit("load_mn", ".nan"), {"says": "rig.limits.load_mn"}),
+    ("a load limit that is not a number", limit("load_mn", ".nan"), {"says": "rig.limits.load_mn"}),
     ("a step of 1 m", limit("largest_approach_step_um", 1e6), {"says": "largest_approach_step_um"}),
     ("readings of last year", limit("stale_reading_s", 3e7), {"says": "stale_reading_s"}),
     ("a million frozen readings", limit("frozen_readings", 10**6), {"says": "frozen_readings"}),
@@ -72,7 +72,7 @@ CONFIGS: tuple[tuple[str, str | bytes, dict[str, Any]], ...] = (
     ("an operator that acts on terminals", 'mesotap: {operator: "\\e[31m\\n\\u202E"}', {"shows": "good"}),
     ("a date for a number", "mesotap: {dwell_s: 9999-99-99}", {"says": "c.yaml"}),
     ("a set for a section", "rig: !!set {a, b}", {"says": "rig"}),
-    ("a list at the top", "- 1\n- 2", {"says": "no configuration"}),
+    ("a list at the top", "- 1\n- 2", {"says": "not a configuration"}),
 )
 
 RIG = (
@@ -100,7 +100,7 @@ RIGS: tuple[tuple[str, str, dict[str, Any]], ...] = (
     (
         "a sensor of nobody",
         RIG.format(body="m", shows="velocity").replace("of: m", 'of: "\\e[2J"'),
-        {"says": "no body"},
+        {"says": "not a body"},
     ),
     (
         "a mass of 1e400",
@@ -131,9 +131,9 @@ DIAGNOSES: tuple[tuple[str, str | bytes, dict[str, Any]], ...] = (
     ("100,000 maps within maps", '{"a":' * 100_000, {"says": "not JSON"}),
     ("a number of 100,000 digits", '{"version": ' + "9" * 100_000 + "}", {"says": "not JSON"}),
     ("30 MB", "[" + "1," * 15_000_000 + "1]", {"says": "16 MB"}),
-    ("no mapping", "[1, 2]", {"says": "is no mesotap-diagnosis"}),
-    ("another format", '{"format": "mesotap-results", "version": 1}', {"says": "is no mesotap-diagnosis"}),
-    ("nothing of a diagnosis", '{"format": "mesotap-diagnosis", "version": 1}', {"says": "no complete"}),
+    ("no mapping", "[1, 2]", {"says": "is not a mesotap-diagnosis"}),
+    ("another format", '{"format": "mesotap-results", "version": 1}', {"says": "is not a mesotap-diagnosis"}),
+    ("nothing of a diagnosis", '{"format": "mesotap-diagnosis", "version": 1}', {"says": "not a complete"}),
     (
         "no mechanism",
         '{"format": "mesotap-diagnosis", "version": 1, "mechanisms": [], "verdict": "\\u001b[31m"}',
@@ -145,9 +145,9 @@ DIAGNOSES: tuple[tuple[str, str | bytes, dict[str, Any]], ...] = (
     (
         "a value of 1e400",
         named("hunt_crossley_damping", parameter="damping_growth_per_relative_approach").replace("1.0", "1e400"),
-        {"says": "no number"},
+        {"says": "not a number"},
     ),
-    ("a value that is a text", named("hunt_crossley_damping", HOSTILE_TEXT), {"says": "no number"}),
+    ("a value that is a text", named("hunt_crossley_damping", HOSTILE_TEXT), {"says": "not a number"}),
     (
         "a value of 1e308",
         named("hunt_crossley_damping", 1e308, "damping_growth_per_relative_approach"),
@@ -168,8 +168,8 @@ def truths(content: str) -> Callable[[Path], list[str]]:
 
 
 TRUTHS: tuple[tuple[str, str, dict[str, Any]], ...] = (
-    ("100,000 lists within lists", "[" * 100_000, {"says": "is no JSON"}),
-    ("a number of 100,000 digits", "9" * 100_000, {"says": "is no JSON"}),
+    ("100,000 lists within lists", "[" * 100_000, {"says": "is not JSON"}),
+    ("a number of 100,000 digits", "9" * 100_000, {"says": "is not JSON"}),
     ("a session elsewhere", '{"../../etc/passwd": {"kinds": [], "d": 1}}', {"says": "is missing"}),
     ("a session that acts on terminals", '{"\\u001b[2J\\n": {"kinds": [], "d": 1}}', {"says": "is missing"}),
     ("no sessions", "[]", {"says": "expected an object"}),

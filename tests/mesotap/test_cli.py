@@ -196,7 +196,7 @@ def test_what_is_wrong_with_a_recording(tmp_path):
     scipy.io.savemat(tmp_path / "m.mat", {"time": np.arange(500) / 1e3, "a": np.ones(500), "b": np.ones(500)})
     (tmp_path / "short.mat").write_bytes((tmp_path / "m.mat").read_bytes()[:3000])
     assert "short.mat" in refused("import", tmp_path / "short.mat")
-    (tmp_path / "letter.csv").write_text("Dear reader,\nthis is no recording at all.\nYours\n")
+    (tmp_path / "letter.csv").write_text("Dear reader,\nthis is not a recording at all.\nYours\n")
     assert "letter.csv" in refused("import", tmp_path / "letter.csv")
     (tmp_path / "picture.mat").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 20)
     assert "picture.mat" in refused("import", tmp_path / "picture.mat")

@@ -13,7 +13,7 @@ from analysis.modal.exponentials import (
     _power_sums,
     exponentials,
     fit_exponentials,
-    foretell,
+    predict,
 )
 from analysis.modal.modes import mode_from_sampled_pole, sampled_pole
 
@@ -102,7 +102,7 @@ def test_foretold_samples_scatter_as_their_covariance_says():
     squares = []
     for _ in range(200):
         fit = fit_exponentials(y + 0.01 * rng.normal(size=y.size), z)
-        values, covariance = foretell(fit, before, y.size)
+        values, covariance = predict(fit, before, y.size)
         squares.append((values - truth) ** 2 / (1e-4 * np.diagonal(covariance)))
     assert np.mean(squares) == pytest.approx(1.0, abs=0.25)
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from analysis.modal.era import hankel, realise
+from analysis.modal.era import hankel_svd, realise
 from analysis.modal.exponentials import FitFailure, fit_exponentials
 from analysis.modal.identify import identify_ring_down
 from analysis.modal.modes import sampled_pole
@@ -50,7 +50,7 @@ def frequency_and_damping(z):
 @pytest.mark.parametrize(("f1", "f2", "zeta2"), PUBLISHED)
 def test_era_is_exact_on_clean_data(f1, f2, zeta2):
     z = pair(f1, f2, zeta2)
-    realised = realise(hankel(ringing(z, 4000)), 4)
+    realised = realise(hankel_svd(ringing(z, 4000)), 4)
     f, zeta = frequency_and_damping(realised.poles)
     assert f == pytest.approx([f1, f2], rel=1e-7)
     assert zeta == pytest.approx([0.002, zeta2], rel=1e-5)
@@ -65,7 +65,7 @@ def test_era_covers_at_40_decibels(f1, f2, zeta2):
     sigma = 0.01 * np.abs(y).max()
     scores, frequencies = [], []
     for _ in range(40):
-        realised = realise(hankel(y + sigma * rng.normal(size=y.size)), 4, sigma**2)
+        realised = realise(hankel_svd(y + sigma * rng.normal(size=y.size)), 4, sigma**2)
         assert realised.poles.size == 2
         error = np.log(realised.poles) - np.log(z)
         spread = realised.log_pole_covariance
@@ -78,7 +78,7 @@ def test_era_covers_at_40_decibels(f1, f2, zeta2):
 def test_era_of_several_channels_finds_shapes():
     z = pair(356, 1410, 0.02)
     first, second = ringing(z[:1], 3000, (0.4,)), ringing(z[1:], 3000, (0.3,))
-    realised = realise(hankel(np.stack([first + second, first - second])), 4)
+    realised = realise(hankel_svd(np.stack([first + second, first - second])), 4)
     ratio = realised.shapes[1] / realised.shapes[0]
     assert ratio == pytest.approx([1.0, -1.0], abs=1e-8)
     assert realised.mpc == pytest.approx([1.0, 1.0], abs=1e-8)
@@ -86,7 +86,7 @@ def test_era_of_several_channels_finds_shapes():
 
 def test_hankel_products_are_those_of_the_matrix():
     y = np.random.default_rng(0).normal(size=(2, 60))
-    decomposed = hankel(y, lags=5)
+    decomposed = hankel_svd(y, lags=5)
     h0 = np.stack([y[a, i : i + 55] for i in range(5) for a in range(2)])
     h1 = np.stack([y[a, i + 1 : i + 56] for i in range(5) for a in range(2)])
     assert decomposed.shifted == pytest.approx(h1 @ h0.T, abs=1e-10)
@@ -95,9 +95,9 @@ def test_hankel_products_are_those_of_the_matrix():
 
 def test_an_empty_record_and_a_short_one_say_so():
     with pytest.raises(FitFailure, match="zeros"):
-        hankel(np.zeros(500))
+        hankel_svd(np.zeros(500))
     with pytest.raises(FitFailure, match="too few"):
-        hankel(np.ones(9))
+        hankel_svd(np.ones(9))
 
 
 # --- noise -----------------------------------------------------------------------------------------------

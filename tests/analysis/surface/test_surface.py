@@ -43,7 +43,7 @@ def test_decimal_commas():
 @pytest.mark.parametrize("cell", ["0,{:04d}", '"0,{:04d}"', '"5,{:03d}.0"'])
 def test_commas_within_numbers_are_not_taken_for_separators(cell):
     rows = "\n".join(",".join(cell.format(37 * i * j % 900) for j in range(N)) for i in range(40))
-    with pytest.raises(ScanError, match=r"line [34] holds (something that is no number|a number that beg)"):
+    with pytest.raises(ScanError, match=r"line [34] holds (something that is not a number|a number that beg)"):
         parse_scan("# unit: um\n# spacing_um: 0.5\n" + rows, "scan.csv")
 
 
@@ -95,10 +95,10 @@ def test_missing_points_are_filled_in():
         ("x_um,z_nm\n1,2\n3,4,5", "line 3 has 3 numbers"),
         ("x,z\n1,2", "does not name a unit"),
         ("x_furlong,z_nm\n1,2", "does not name a unit"),
-        ("a,b\n1,2", "no header with x and z"),
+        ("a,b\n1,2", "not a header with x and z"),
         ("1,2\n3,4", "unit of its heights"),
         ("# unit: nm\n1,2\n3,4", "how far apart"),
-        ("# unit: nm\n# spacing_um: wide\n1,2", "which is no spacing"),
+        ("# unit: nm\n# spacing_um: wide\n1,2", "which is not a spacing"),
         (PROFILE.replace("\n0.5,", "\n0.7,"), "not evenly spaced along x"),
         ("\n".join(PROFILE.splitlines()[:20]), "too few"),
         ("x_um,z_nm\n" + "\n".join(f"{i},5" for i in range(40)), "all heights are the same"),
@@ -120,7 +120,7 @@ def test_what_is_wrong_is_said_in_one_sentence(text, said):
 def test_a_file_of_bytes_is_refused(tmp_path):
     file = tmp_path / "scan.csv"
     file.write_bytes(bytes(range(128, 256)))
-    with pytest.raises(ScanError, match="no text file"):
+    with pytest.raises(ScanError, match="not a text file"):
         read_scan(file)
 
 

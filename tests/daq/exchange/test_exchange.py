@@ -235,7 +235,7 @@ def _insert(line: str) -> str:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (_insert("1,2,abc"), "line 51, column 3: 'abc' is no number"),
+        (_insert("1,2,abc"), "line 51, column 3: 'abc' is not a number"),
         (_insert("1,,3"), "line 51, column 2: is empty"),
         (_insert("1,2"), "line 51 has 2 fields, expected 3"),
         (_insert("")[: _insert("").rindex(",")], "line 402 has 2 fields, expected 3; the file seems truncated"),
@@ -254,9 +254,9 @@ PROSE = "Call me Ishmael. Some years ago, never mind how long, I had 1, 2 or\n3 
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("x.png", b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "is no recording but a PNG image"),
-        ("x.csv", bytes(range(256)) * 4, "is no recording"),
-        ("x.txt", PROSE.encode(), "is no recording: it holds no table of numbers"),
+        ("x.png", b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "is not a recording but a PNG image"),
+        ("x.csv", bytes(range(256)) * 4, "is not a recording"),
+        ("x.txt", PROSE.encode(), "is not a recording: it holds no table of numbers"),
         ("x.csv", b"", "the file is empty"),
         ("x.csv", b"\n\n \n", "the file is empty"),
         ("x.mat", b"MATLAB 5.0 MAT-file, but not really", "is damaged, truncated, or no MAT file of version 5 or 7.3"),
@@ -306,7 +306,7 @@ def test_a_truncated_file_is_told(tmp_path: Path, kind: str, fraction: float) ->
         uff(path, [A])
     content = path.read_bytes()
     path.write_bytes(content[: int(len(content) * fraction)])
-    with pytest.raises(RecordingError, match=r"truncated|no array|is no HDF5 file"):
+    with pytest.raises(RecordingError, match=r"truncated|no array|is not an HDF5 file"):
         import_recording(path)
 
 

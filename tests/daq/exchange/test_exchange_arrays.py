@@ -1,4 +1,4 @@
-"""What MAT, HDF5 and universal files say of rates, times and units, and what of them is no channel."""
+"""What MAT, HDF5 and universal files say of rates, times and units, and what of them is not a channel."""
 
 from __future__ import annotations
 

@@ -63,7 +63,9 @@ def test_many_quoted_lines_are_read_as_few_are(tmp_path: Path) -> None:
 @pytest.mark.parametrize("cell", ["5,123.4", "5,123,456"])
 def test_commas_between_thousands_are_refused(tmp_path: Path, cell: str) -> None:
     text = "t,a,b\n" + "".join(f'{i},"{cell}",1.5\n' for i in range(40))
-    assert refused(tmp_path, text).startswith(f"line 2, column 2: '{cell}' is no number: write numbers without commas")
+    assert refused(tmp_path, text).startswith(
+        f"line 2, column 2: '{cell}' is not a number: write numbers without commas"
+    )
 
 
 def test_a_quoted_comma_that_may_be_either_is_refused(tmp_path: Path) -> None:
@@ -145,11 +147,11 @@ def with_lines(line: str, at: int, count: int = 1, header: str = "a,b\n") -> str
 @pytest.mark.parametrize(
     ("line", "at", "message"),
     [
-        ("#N/A,0.5", 100, "line 102, column 1: '#N/A' is no number"),
-        ("#DIV/0!,0.5", 0, "line 2, column 1: '#DIV/0!' is no number"),
-        ("#N/A,0.5", N, "line 402, column 1: '#N/A' is no number"),
+        ("#N/A,0.5", 100, "line 102, column 1: '#N/A' is not a number"),
+        ("#DIV/0!,0.5", 0, "line 2, column 1: '#DIV/0!' is not a number"),
+        ("#N/A,0.5", N, "line 402, column 1: '#N/A' is not a number"),
         (",", 100, "line 102 is empty, with numbers above and below (line 112)"),
-        ("OVER,0.7312", 0, "line 2, column 1: 'OVER' is no number"),
+        ("OVER,0.7312", 0, "line 2, column 1: 'OVER' is not a number"),
         ("", 100, "line 102 holds no numbers but stands among numbers"),
         ("# paused", 100, "line 102 holds no numbers but stands among numbers"),
     ],
@@ -160,7 +162,7 @@ def test_no_line_is_dropped_from_among_the_numbers(tmp_path: Path, line: str, at
 
 def test_decimal_commas_between_blanks_are_no_numbers(tmp_path: Path) -> None:
     text = "1,5 0.5\n" + rows("{a:.4f} {b:.4f}", a=A, b=B)
-    assert refused(tmp_path, text, rate_hz=1.0).startswith("line 1, column 1: '1,5' is no number")
+    assert refused(tmp_path, text, rate_hz=1.0).startswith("line 1, column 1: '1,5' is not a number")
 
 
 def test_lines_without_numbers_at_the_end_or_beside_times_are_no_gap(tmp_path: Path) -> None:

@@ -18,8 +18,8 @@ from mesotap.answers.correction import Correction, correct, with_correction
 from mesotap.commands import session as commands
 from mesotap.configuration.config import Config, ConfigError
 from rig.settings import Masses, Springs
-from sim_backend.mechanisms.mechanism import mechanisms
 from tests.analysis.ring_downs import session_of, two_mass, with_law
+from tests.analysis.terms import listed
 
 GENTLE = (0.2, 0.3, 0.4, 0.5)
 HERTZ = AdoptedModel("found.json", {"hertz_stiffness": {}}, (), {})
@@ -27,7 +27,7 @@ HERTZ = AdoptedModel("found.json", {"hertz_stiffness": {}}, (), {})
 
 @pytest.fixture(scope="module")
 def made() -> Session:
-    return session_of(with_law("hertz"), noise=0.02, ratios=GENTLE)
+    return session_of(with_law("hertz_stiffness"), noise=0.02, ratios=GENTLE)
 
 
 @pytest.fixture(scope="module")
@@ -54,11 +54,12 @@ def test_programs_find_the_corrected_values_beside_the_plain_ones(correction: Co
 
 
 def test_a_model_that_cannot_be_is_refused(made: Session) -> None:
-    with pytest.raises(ConfigError, match=r"bad\.json: 'magnetism' is no mechanism"):
+    with pytest.raises(ConfigError, match=r"bad\.json: unknown mechanism 'magnetism'"):
         correct(made, AdoptedModel("bad.json", {"magnetism": {}}, (), {}))
 
 
 def ended(session: Session, folder: Path, config: Config) -> str:
+    (folder / session.source).touch()
     results = analyse_session(
         session, AnalysisSettings(), CalibrationSettings(), Masses(), Springs(system_resonance_hz=356.0)
     )
@@ -68,10 +69,10 @@ def ended(session: Session, folder: Path, config: Config) -> str:
 
 
 def test_a_session_is_diagnosed_at_its_end(tmp_path: Path, monkeypatch) -> None:
-    few = {name: mechanisms()[name] for name in ("hertz_stiffness", "channel_gain")}
-    monkeypatch.setattr("mesotap.commands.diagnose.known_mechanisms", lambda: few)
+    few = {name: (listed(name),) for name in ("hertz_stiffness", "channel_gain")}
+    monkeypatch.setattr("mesotap.commands.diagnose.known_mechanisms", lambda folders: few)
     wanted = Config.model_validate({"mesotap": {"diagnose": True}})
-    said = ended(session_of(with_law("linear"), ratios=GENTLE), tmp_path, wanted)
+    said = ended(session_of(with_law(), ratios=GENTLE), tmp_path, wanted)
     assert json.loads((tmp_path / "diagnosis.json").read_text())["verdict"] == "consistent"
     assert "nothing is left beyond noise" in (tmp_path / "diagnosis.html").read_text()
     assert "diagnosis.html" in said
@@ -81,7 +82,7 @@ def test_a_session_that_cannot_be_diagnosed_stays_what_it_is(made: Session, tmp_
     few = Session(made.created, made.rig, made.shots[:2], source="few.h5")
     said = ended(few, tmp_path, Config.model_validate({"mesotap": {"diagnose": True}}))
     assert "no diagnosis: few.h5: a diagnosis needs at least four accepted impacts" in said
-    assert not list(tmp_path.iterdir())
+    assert [f.name for f in tmp_path.iterdir()] == ["few.h5"]
 
 
 def test_it_is_diagnosed_only_where_the_configuration_says_so(made: Session, tmp_path: Path) -> None:

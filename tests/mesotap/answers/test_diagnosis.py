@@ -6,27 +6,34 @@ import json
 import re
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from analysis.mismatch.diagnosis import Diagnosis, diagnose_session
+from analysis.mismatch.answer import Answer, RecordingFile
+from analysis.mismatch.diagnosis import Diagnosis
 from daq.errors import RecordingError
 from mesotap.answers.adoption import read_diagnosis, with_model
-from mesotap.answers.diagnosis_files import diagnosis_answer
+from mesotap.answers.candidates import candidates
+from mesotap.answers.diagnosis_json import diagnosis_json
+from mesotap.answers.diagnosis_page import write_page
+from mesotap.answers.evidence import evidence_of
 from mesotap.configuration.config import Config, ConfigError, load_config
-from mesotap.report.diagnosis_report import contenders, write_diagnosis
 from sim_backend.adopted import adopted
-from sim_backend.mechanisms.mechanism import mechanisms
+from sim_backend.mechanisms.catalogue import variants
 from sim_backend.twin import twin_record
 from tests.analysis.ring_downs import FILTER, K1, M1, ONSET_S, RATE_HZ, SAMPLES, analog_filter, session_of, two_mass
+from tests.analysis.terms import listed
 from tests.mesotap.test_cli import mesotap, refused
+from tests.mesotap.tester import diagnosed
 
 HUNT_CROSSLEY, GROWTH = "hunt_crossley_damping", "damping_growth_per_relative_approach"
 CONTEST = (HUNT_CROSSLEY, "hertz_stiffness", "squeeze_film", "quadratic_damping")
 TRUE_GROWTH = 1.4
 ANALOG = analog_filter(FILTER)
+CONTRACTS = Path(__file__).parents[2] / "contracts"
 
 
 def damped(rig, load_n, pulse) -> np.ndarray:
@@ -34,23 +41,28 @@ def damped(rig, load_n, pulse) -> np.ndarray:
     return twin_record(rig, load_n, found, pulse, ONSET_S, SAMPLES, RATE_HZ, ANALOG)[0]
 
 
-KNOWN = {name: mechanisms()[name] for name in CONTEST}
+KNOWN = {name: (listed(name),) for name in CONTEST}
 
 
 @pytest.fixture(scope="module")
 def found() -> Diagnosis:
-    return diagnose_session(session_of(damped), list(KNOWN.values()))
+    return diagnosed(session_of(damped), variants(KNOWN), [RecordingFile("made", "0" * 64)])
 
 
 @pytest.fixture(scope="module")
-def answer(found: Diagnosis) -> dict:
-    return diagnosis_answer(found, 1.0)
+def said(found: Diagnosis) -> Answer:
+    return found.answer
 
 
-@pytest.fixture
-def diagnosis(answer: dict, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def answer(said: Answer) -> dict:
+    return diagnosis_json(said, 1.0)
+
+
+@pytest.fixture(params=[1, 2])
+def diagnosis(request: pytest.FixtureRequest, said: Answer, tmp_path: Path) -> Path:
     path = tmp_path / "diagnosis.json"
-    path.write_text(json.dumps(answer))
+    path.write_text(json.dumps(diagnosis_json(said, 1.0, request.param)))
     return path
 
 
@@ -60,26 +72,61 @@ def test_what_the_rig_was_given_is_named_with_an_interval_that_holds_it(answer: 
     assert named["parameters"][GROWTH]["low"] < TRUE_GROWTH < named["parameters"][GROWTH]["high"]
 
 
-def test_the_page_says_what_where_and_why_not_and_needs_nothing_else(found: Diagnosis, answer: dict, tmp_path) -> None:
-    page = write_diagnosis(tmp_path, found, answer, KNOWN, pdf_figures=False)
+@pytest.mark.parametrize("version", [1, 2])
+def test_the_answer_fits_the_contract(said: Answer, version) -> None:
+    schema = json.loads((CONTRACTS / f"diagnosis-{version}.schema.json").read_text())
+    text = json.dumps(diagnosis_json(said, 1.0, version), allow_nan=False)
+    jsonschema.Draft202012Validator(schema).validate(json.loads(text))
+
+
+def test_what_is_not_named_and_not_there_has_a_low_limit(answer: dict) -> None:
+    limits = {u["id"]: u["value"] for u in answer["upper_limits"]}
+    assert set(limits) == {"squeeze_film", "quadratic_damping"}  # Hertz's law has no strength
+    assert limits["squeeze_film"] < 0.1  # of c_c
+
+
+def test_the_limit_of_what_is_too_weak_to_be_seen_holds_its_true_strength() -> None:
+    weak = 0.004
+
+    def hardly_damped(rig, load_n, pulse) -> np.ndarray:
+        found = [adopted(HUNT_CROSSLEY, {GROWTH: weak})]
+        return twin_record(rig, load_n, found, pulse, ONSET_S, SAMPLES, RATE_HZ, ANALOG)[0]
+
+    answer = diagnosed(session_of(hardly_damped), variants(KNOWN)).answer
+    (limit,) = (u for u in answer.upper_limits if u.id == HUNT_CROSSLEY)
+    assert answer.verdict == "consistent"
+    assert weak < limit.value < 10 * weak
+
+
+def test_the_runner_up_is_told_of(answer: dict) -> None:
+    first = answer["rivals"][0]
+    assert first["ids"] != [HUNT_CROSSLEY]
+    assert first["probability"] < answer["mechanisms"][0]["probability"]
+    assert first["heldout_rms"] >= answer["fit"]["heldout_rms_after"]
+
+
+def test_the_page_says_what_where_and_why_not_and_needs_nothing_else(
+    found: Diagnosis, said: Answer, answer: dict, tmp_path: Path
+) -> None:
+    page = write_page(tmp_path, said, evidence_of(found, KNOWN), answer, pdf_figures=False)
     text = page.read_text()
     assert json.loads((tmp_path / "diagnosis.json").read_text()) == answer
     assert f"it leaves out {HUNT_CROSSLEY.replace('_', ' ')}" in text
-    assert all(f"{name}</" in text for name in CONTEST)  # a row in the contest's table
-    assert "Struck from the list" in text
+    assert all(f"{name}</" in text for name in CONTEST)  # a row in the table of candidates
+    assert "Excluded from the list" in text
     assert text.count("<svg") == 6
     outside = set(re.findall(r"""(?:src|href)=["']([^#"'][^"']*)""", text))
     assert all(where.startswith("data:") for where in outside)
 
 
-def test_the_contests_table_tells_the_named_one_from_the_others(found: Diagnosis) -> None:
-    rows = {row.id: row for row in contenders(found.contest, KNOWN)}
+def test_the_table_of_candidates_tells_the_named_one_from_the_others(found: Diagnosis) -> None:
+    rows = {row.id: row for row in candidates(found.selection, KNOWN)}
     assert rows[HUNT_CROSSLEY].outcome == "named"
     assert all(not row.named and row.outcome for name, row in rows.items() if name != HUNT_CROSSLEY)
 
 
 def test_the_contact_is_corrected_for_it(answer: dict) -> None:
-    for load in answer["adopted"]["loads"]:
+    for load in answer["fitted"]["loads"]:
         true = two_mass(1e-3 * load["load_mn"])
         for key, value in (("contact_stiffness_n_per_m", true.kc), ("damping_ratio", true.modes()[3])):
             estimate = load[key]
@@ -106,15 +153,19 @@ def test_adopt_writes_a_configuration_and_never_over_one(diagnosis: Path, tmp_pa
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"format": "mesotap-results"}, "is no mesotap-diagnosis 1"),
+        ({"format": "mesotap-results"}, "is not a mesotap-diagnosis 1 or 2"),
+        ({"version": 3}, "is not a mesotap-diagnosis 1 or 2"),
+        ({"version": True}, "is not a mesotap-diagnosis 1 or 2"),
+        ({"rig": "beam"}, "is of another rig than the two-mass tester"),
         ({"mechanisms": []}, "nothing to adopt"),
-        ({"mechanisms": [{"id": "contact_loss"}]}, "is no complete mesotap-diagnosis 1"),
+        ({"mechanisms": [{"id": "contact_loss"}]}, "is not a complete mesotap-diagnosis 2"),
         ({"mechanisms": [{"id": "load_drift", "where": "load cell", "parameters": {}}]}, "nothing to adopt"),
-        ({"mechanisms": [{"id": "magnetism", "parameters": {}}]}, "'magnetism' is no mechanism"),
+        ({"mechanisms": [{"id": "magnetism", "parameters": {}}]}, "unknown mechanism 'magnetism'"),
         ({"mechanisms": [{"id": HUNT_CROSSLEY, "parameters": {}}]}, f"needs {GROWTH}"),
     ],
 )
-def test_what_cannot_be_adopted_is_refused_in_a_sentence(diagnosis: Path, answer, change, sentence) -> None:
+def test_what_cannot_be_adopted_is_refused_in_a_sentence(tmp_path: Path, answer, change, sentence) -> None:
+    diagnosis = tmp_path / "edited.json"
     diagnosis.write_text(json.dumps(answer | change))
     with pytest.raises((RecordingError, ConfigError)) as refusal:
         with_model(Config(), read_diagnosis(diagnosis))
@@ -141,11 +192,12 @@ JSON = st.recursive(
 
 
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-@given(mechanisms=JSON, augmented=JSON)
-def test_any_json_is_adopted_or_refused_in_a_sentence(tmp_path: Path, mechanisms, augmented) -> None:
+@given(mechanisms=JSON, augmented=JSON, version=st.sampled_from([1, 2]))
+def test_any_json_is_adopted_or_refused_in_a_sentence(tmp_path: Path, mechanisms, augmented, version) -> None:
     path = tmp_path / "any.json"
-    head = {"format": "mesotap-diagnosis", "version": 1}
-    path.write_text(json.dumps(head | {"mechanisms": mechanisms, "adopted": augmented}))
+    head = {"format": "mesotap-diagnosis", "version": version, "rig": "two-mass tester"}
+    key = {1: "adopted", 2: "fitted"}[version]
+    path.write_text(json.dumps(head | {"mechanisms": mechanisms, key: augmented}))
     try:
         with_model(Config(), read_diagnosis(path))
     except (RecordingError, ConfigError) as refusal:

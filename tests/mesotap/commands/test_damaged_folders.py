@@ -139,26 +139,26 @@ def recovered(folder: Path) -> tuple[Session, list[str]]:
 @pytest.mark.parametrize(
     ("damage", "shots", "lost"),
     [
-        ("journal: a line damaged in the middle", [0, 1, 2], "journal.jsonl, line 4: is no journal entry"),
+        ("journal: a line damaged in the middle", [0, 1, 2], "journal.jsonl, line 4: is not a journal entry"),
         ("journal: missing", [0, 1, 2], "journal.jsonl: is missing"),
         ("journal: empty", [0, 1, 2], "journal.jsonl: is empty"),
         ("journal: a shot twice", [0, 1, 2], "journal.jsonl, line 8: stands twice"),
         ("journal: a shot accepted maybe", [0, 1, 2], "journal.jsonl, line 7: entry 'shot': accepted is 'maybe'"),
         ("journal: a voltage that is NaN", [0, 1, 2], "journal.jsonl, line 3: entry 'calibrated': voltage_mv.1 is nan"),
         ("journal: without its first half", [0, 1, 2], "journal.jsonl, line 1: entry 'settled' cannot happen while"),
-        ("journal: a shot that is not in it", [0, 1, 2], "shot 00000: is not in the journal; kept"),
+        ("journal: a shot that is not in it", [0, 1, 2], "impact 00000: is not in the journal; kept"),
         ("journal: shots out of order", [0, 1, 2], "journal.jsonl, line 8: entry 'shot': number is 0, after 1"),
-        ("journal: a shot of another digest", [1, 2], "shots/00000.h5: is left out: it is not the shot 00000 that"),
+        ("journal: a shot of another digest", [1, 2], "shots/00000.h5: is left out: it is not the impact 00000 that"),
         ("header: of a newer version", [0, 1, 2], "session.json: was written by a newer version (mesotap 9.9"),
         ("header: missing", [0, 1, 2], "configuration: none can be read: masses, springs and filter are unknown"),
         ("header: cut", [0, 1, 2], "session.json: is damaged: of its items created, config, simulated could be read"),
-        ("shots: one missing", [0, 2], "shot 00001: is lost: the journal lists it, but there is no whole file of it"),
+        ("shots: one missing", [0, 2], "impact 00001: is lost: the journal lists it, but there is no whole file of it"),
         ("shots: one cut", [0, 2], "shots/00001.h5: is lost: the file is damaged or truncated"),
-        ("shots: a sample altered", [0, 2], "shots/00001.h5: is lost: /shot: the samples or numbers of shot 00001"),
-        ("shots: one renamed", [0, 1, 2], "shots/tap number 1.h5: is under another name: it is shot 00001"),
-        ("shots: two exchanged", [0, 1, 2], "shots/00000.h5: is under another name: it is shot 00001"),
-        ("shots: a copy of one", [0, 1, 2], "shots/00001 (copy).h5: is left out: it is a copy of shot 00001"),
-        ("shots: a foreign HDF5 file", [0, 1, 2], "shots/00003.h5: is lost: it is no shot of a session"),
+        ("shots: a sample altered", [0, 2], "shots/00001.h5: is lost: /shot: the samples or numbers of impact 00001"),
+        ("shots: one renamed", [0, 1, 2], "shots/tap number 1.h5: is under another name: it is impact 00001"),
+        ("shots: two exchanged", [0, 1, 2], "shots/00000.h5: is under another name: it is impact 00001"),
+        ("shots: a copy of one", [0, 1, 2], "shots/00001 (copy).h5: is left out: it is a copy of impact 00001"),
+        ("shots: a foreign HDF5 file", [0, 1, 2], "shots/00003.h5: is lost: it is not an impact of a session"),
     ],
 )
 def test_what_is_whole_is_recovered_and_the_rest_is_told(
@@ -234,7 +234,7 @@ def test_nothing_whole_is_one_sentence_and_no_file(sound: Path, tmp_path: Path, 
     folder = tmp_path / "run"
     shutil.copytree(sound / "unfinished", folder)
     DAMAGES[damage](folder)
-    assert said_by("recover", folder) == f"{folder}: holds no whole shot to make a session of"
+    assert said_by("recover", folder) == f"{folder}: holds no intact impact to make a session of"
     assert list(tmp_path.iterdir()) == [folder]
 
 

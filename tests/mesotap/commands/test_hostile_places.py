@@ -135,7 +135,7 @@ def test_a_key_twice_in_the_header_is_damage(folder: Path) -> None:
 def test_a_key_twice_in_a_diagnosis_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "d.json"
     file.write_text('{"format": "mesotap-diagnosis", "version": 1, "mechanisms": [], "mechanisms": []}')
-    with pytest.raises(RecordingError, match=r"d\.json: 'mechanisms' is given twice; which one counts cannot be told"):
+    with pytest.raises(RecordingError, match=r"d\.json: 'mechanisms' is given twice; it is ambiguous which one counts"):
         read_diagnosis(file)
 
 

@@ -78,8 +78,8 @@ def test_one_decay_of_a_bolted_beam_leaves_amplitude_and_time_confounded(decay, 
     assert first["probability"] < 0.9
     assert "amplitude and time" in first["statement"]
     assert "different strength" in answer["next_experiment"]["why"]
-    assert answer["fit"]["heldout_rms_before_m_s2"] == pytest.approx(0.5, abs=0.06)
-    assert answer["fit"]["heldout_rms_after_m_s2"] <= 0.10
+    assert answer["fit"]["heldout_rms_before"] == pytest.approx(0.5, abs=0.06)
+    assert answer["fit"]["heldout_rms_after"] <= 0.10
     along = [(p["amplitude"], p["frequency_hz"], p["damping_ratio"]) for p in answer["decay"]]
     assert along[0][2] > 0.0020 > 0.0015 > along[-1][2]
     assert along[0][1] < 80.45 < 80.58 < along[-1][1]
@@ -97,5 +97,5 @@ def test_steady_responses_settle_it(data, decay, tmp_path):
     assert "contact_creep" not in first["indistinguishable_from"]
     assert first["probability"] > 0.9
     assert "amplitude is the cause" in first["statement"]
-    assert answer["fit"]["heldout_rms_after_m_s2"] <= 0.10
+    assert answer["fit"]["heldout_rms_after"] <= 0.10
     assert answer["fit"]["steady_relative_error_after"] < 0.5 * answer["fit"]["steady_relative_error_before"]

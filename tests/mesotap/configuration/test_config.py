@@ -58,10 +58,10 @@ def test_what_is_in_force_reads_back_as_itself():
         ("analysis: {contact: {geometry: sphere, radius: 3}}", ["analysis.contact.radius", "did you mean radius_um?"]),
         ("analysis: {method: magic}", ["analysis.method", "'magic'", "'ml' or 'era'"]),
         ("sim_backend: {contact: {load_mn: [3, 2]}}", ["sim_backend.contact", "one length"]),
-        ("nonsense: 3", ["nonsense is no known key", "allowed here: analysis, calibration, daq"]),
+        ("nonsense: 3", ["nonsense is not a known key", "allowed here: analysis, calibration, daq"]),
         ("daq: {trigger: {pretrigger_samples: 4000}}", ["pretrigger_samples", "less than half"]),
         ("rig: {masses: {m1_kg: .nan}}", ["rig.masses.m1_kg", "nan"]),
-        ("- a\n- b", ["is no configuration"]),
+        ("- a\n- b", ["is not a configuration"]),
         ("rig: [1", ["line 1", "is not YAML"]),
         ("rig: 3", ["rig is 3"]),
     ],
@@ -96,7 +96,7 @@ def test_an_unreadable_file_is_named(tmp_path, content):
     path = tmp_path / "c.yaml"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(ConfigError, match=r"c\.yaml: (is not a text|there is no such file)"):
+    with pytest.raises(ConfigError, match=r"c\.yaml: (is not text|there is no such file)"):
         load_config(path)
 
 

@@ -12,12 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from analysis.mismatch.rigs.diagnosis import diagnose_rig
+from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.session import AnalysisError
 from daq.exchange import Recording
 from mesotap.cli import app
+from mesotap.configuration import rig_files
 from mesotap.configuration.config import ConfigError
 from mesotap.configuration.rig_files import load_rig, parse_rig
+from sim_backend.mechanisms.catalogue import catalogue
 
 SENSOR = "sensors: [{channel: 0, of: m, shows: displacement}]\n"
 SPRING = "springs: [{between: [m, ground]}]\n"
@@ -52,14 +54,14 @@ def test_a_constant_with_an_uncertainty_is_held_by_it():
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "is no rig"),
+        ("", "is not a rig"),
         ("a: [", "line 1: is not YAML"),
         ("bodies: {m: 1}\n" + SENSOR, "nothing holds the bodies"),
         ("bodies: {m: heavy}\n" + SPRING + SENSOR, "line 1: bodies.m is 'heavy'"),
         ("bodies: {m: 0}\n" + SPRING + SENSOR, "bodies.m: a mass must be above 0"),
         ("bodies: {m: unknown}\n" + SPRING + SENSOR, "at least one body's mass"),
         ("bodies: {ground: 1}\n" + SPRING + SENSOR, "ground is what does not move"),
-        ("bodies: {m: 1}\nsprings: [{between: [x, ground]}]\n" + SENSOR, "names 'x', which is no body; bodies are m"),
+        ("bodies: {m: 1}\nsprings: [{between: [x, ground]}]\n" + SENSOR, "'x', which is not a body; bodies are m"),
         ("bodies: {m: 1}\nsprings: [{between: [m, m]}]\n" + SENSOR, "between m and itself"),
         ("bodies: {m: 1}\nsprings: [{between: [m, ground], stifness: 1}]\n" + SENSOR, "did you mean stiffness"),
         ("bodies: {m: 1}\n" + SPRING, "sensors is missing"),
@@ -70,6 +72,19 @@ def test_a_constant_with_an_uncertainty_is_held_by_it():
             "without a measured input",
         ),
         ("bodies: {m: 1}\n" + SPRING + "recording: {band_hz: [9, 2]}\n" + SENSOR, "two rising frequencies"),
+        ("bodies: {m: 1}\n" + SPRING + SENSOR + "tapped: x", "tapped names 'x', which is not a body; bodies are m"),
+        ("bodies: {m: 1}\n" + SPRING + SENSOR + "tapped: ground", "tapped names 'ground', which is not a body"),
+        ("bodies: {m: 1}\n" + SPRING + SENSOR + "tapped: [m]", "line 4: tapped is ['m']"),
+        (
+            "bodies: {m: {value: 1, uncertainty: 0.1, symbol: a}}\n"
+            "springs: [{between: [m, ground], stiffness: {per: load, symbol: a}}]\n" + SENSOR,
+            "the symbol 'a' stands for two constants",
+        ),
+        (
+            "bodies: {m: 1, n: 1}\ncontacts:\n"
+            "  [{between: [m, ground], preload: 1}, {between: [n, m], preload: 2}]\n" + SENSOR,
+            "contacts are pressed together by different preloads",
+        ),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_is_said_in_a_sentence(text, said):
@@ -77,6 +92,61 @@ def test_what_cannot_be_used_is_said_in_a_sentence(text, said):
         parse_rig(text)
     assert said in str(error.value)
     assert len(str(error.value).splitlines()) == 1
+
+
+def test_a_constant_of_the_header_has_its_symbol_and_the_headers_name() -> None:
+    rig = parse_rig("bodies: {m: {header: m1_kg, symbol: m1}}\n" + SPRING + SENSOR)
+    assert rig.arrangement.masses == ("m1",)
+    assert rig.header == {"m1": "m1_kg"}
+
+
+def test_a_constant_of_each_load_has_its_scope() -> None:
+    rig = parse_rig("bodies: {m: 1}\nsprings: [{between: [m, ground], stiffness: {per: load, symbol: k}}]\n" + SENSOR)
+    assert [p.name for p in rig.arrangement.parameters if p.scope == "load"] == ["k"]
+
+
+@pytest.mark.parametrize(("said", "force"), [("0.4", 0.4), ("load", 0.0)])
+def test_a_preload_is_a_force_or_what_the_session_says(said: str, force: float) -> None:
+    rig = parse_rig(f"bodies: {{m: 1}}\ncontacts: [{{between: [m, ground], preload: {said}}}]\n" + SENSOR)
+    assert rig.arrangement.elements[0].preload
+    assert rig.preload_n == force
+
+
+def test_springs_that_are_alike_share_a_place() -> None:
+    rig = parse_rig(
+        "bodies: {m: 1, n: 1}\nsprings: [{between: [m, ground], alike: feet}, {between: [n, ground], alike: feet}]\n"
+        + SENSOR
+    )
+    assert catalogue()["tube_spring_cubic"][0].places(rig.arrangement) == [(0, 1)]
+
+
+@pytest.mark.parametrize(("said", "struck"), [("", "m"), ("tapped: n\n", "n")])
+def test_the_first_body_is_tapped_unless_another_is_named(said: str, struck: str) -> None:
+    assert parse_rig("bodies: {m: 1, n: 1}\n" + SPRING + SENSOR + said).arrangement.tapped == struck
+
+
+def test_the_shipped_tester_is_eq_9() -> None:
+    m1, m2, k1, k2, kc, cc = 0.107, 0.108, 4.6e5, 4.7e5, 8e6, 5.0
+    shipped = rig_files.tester_rig().arrangement
+    mass, damping, stiffness = shipped.matrices({"m1": m1, "m2": m2, "k1": k1, "k2": k2, "kc": kc, "cc": cc})
+    assert mass.tolist() == [m1, m2]
+    assert damping.tolist() == [[cc, -cc], [-cc, cc]]
+    assert stiffness.tolist() == [[k1 + kc, -kc], [-kc, k2 + kc]]
+
+
+def test_a_rig_that_takes_its_constants_from_a_session_refuses_a_recording() -> None:
+    t = np.arange(2000) / 1000
+    recording = Recording(np.exp(-t) * np.sin([40 * t, 90 * t]), 1000.0, ("a", "b"), "", "ring.csv")
+    with pytest.raises(AnalysisError, match=r"ring\.csv: is not a session, and two-mass tester takes from one its m1"):
+        diagnose_recordings([recording], rig_files.tester_rig(), [])
+
+
+def test_a_preload_that_only_a_session_tells_refuses_a_recording() -> None:
+    t = np.arange(2000) / 1000
+    recording = Recording(np.exp(-t)[None] * np.sin(90 * t), 1000.0, ("a",), "", "ring.csv")
+    rig = parse_rig("bodies: {m: 1}\ncontacts: [{between: [m, ground], preload: load}]\n" + SENSOR)
+    with pytest.raises(AnalysisError, match=r"ring\.csv: .* takes from one its preload of contact"):
+        diagnose_recordings([recording], rig, [])
 
 
 @settings(max_examples=150, deadline=None)
@@ -125,6 +195,29 @@ def test_any_value_of_a_section_is_accepted_or_refused(section, value):
         ("springs: [{between: [m, ground], stiffness: {value: -5, uncertainty: 1}}]", "stiffness: -5 holds nothing"),
         ("springs: [{between: [m, ground], stiffness: 1.0e+300}]", "springs.0.stiffness: 1e+300 is larger than"),
         ("springs: [{between: [m, ground], damping: -1}]", "springs.0.damping: -1 would drive the rig"),
+        ("bodies: {m: {header: m3_kg}}", "bodies.m.header is 'm3_kg': input should be 'm1_kg', 'm2_kg'"),
+        (
+            "bodies: {m: {header: m1_kg, value: 1}}",
+            "bodies.m.value is 1: is not a known key; allowed here: header, symbol",
+        ),
+        ("bodies: {m: {header: m1_kg, symbol: 5}}", "bodies.m.symbol is 5: input should be a valid string"),
+        ("bodies: {m: {value: 1, uncertainty: 1, symbol: [a]}}", "bodies.m.symbol is ['a']"),
+        ("bodies: {m: {value: 1}}", "bodies.m.uncertainty is missing"),
+        ("springs: [{between: [m, ground], stiffness: {per: tap}}]", "stiffness.per is 'tap': input should be 'load'"),
+        ("springs: [{between: [m, ground], damping: {per: tap}}]", "damping.per is 'tap': input should be 'load'"),
+        (
+            "springs: [{between: [m, ground], stiffness: {per: load, value: 3}}]",
+            "value is 3: is not a known key; allowed",
+        ),
+        ("springs: [{between: [m, ground], stiffness: none}]", "stiffness is 'none': is not a number"),
+        ("springs: [{between: [m, ground], alike: [a]}]", "springs.0.alike is ['a']: input should be a valid string"),
+        ("springs: [{between: [m, ground], preload: 1}]", "springs.0.preload is not a known key"),
+        (
+            "contacts: [{between: [m, ground], preload: heavy}]",
+            "preload is 'heavy': is not a force above 0 N, nor 'load'",
+        ),
+        ("contacts: [{between: [m, ground], preload: -1}]", "contacts.0.preload is -1: input should be greater than 0"),
+        ("contacts: [{between: [m, ground], preload: 01}]", "contacts.0.preload: 01 is not written like a number"),
         ("sensors: [{channel: 0, of: m, shows: velocity, gain: 0.0}]", "sensors.0.gain: with a gain of 0"),
         ("sensors: [{channel: 0, of: m, shows: velocity, gain: -1.0e+200}]", "sensors.0.gain: -1e+200 is larger than"),
         ("sensors: [{channel: 0, of: {m: 0}, shows: velocity}]", "sensors.0.of: no body has a share"),
@@ -167,7 +260,7 @@ def test_constants_far_from_the_recording_are_an_error_in_a_sentence(line):
     t = np.arange(2000) / 1000
     recording = Recording(np.array([np.exp(-t) * np.sin(2 * math.pi * 20 * t)]), 1000.0, ("a",), "", "ring.csv")
     with pytest.raises(AnalysisError, match=r"ring\.csv: ") as error:
-        diagnose_rig(parse_rig("".join(text.values())), [recording], [])
+        diagnose_recordings([recording], parse_rig("".join(text.values())), [])
     assert len(str(error.value).splitlines()) == 1
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from mesotap.proof.generator import march as marching
+from mesotap.proof.generator import integration
 from mesotap.proof.generator.concealed import Concealed, Hidden, conceal, record, signals, surviving
-from mesotap.proof.generator.deck import GRADES, HAND, deal
 from mesotap.proof.generator.effects import LISTED, OUTSIDE
 from mesotap.proof.generator.plan import PRETRIGGER, RATE_HZ, Noise, Plan, machine_of, random_plan
 from mesotap.proof.generator.recorder import converted, filtered, innovations, noise_of, sampled, whitened
+from mesotap.proof.generator.scenarios import DOZEN, GRADES, draw_scenarios
 from mesotap.proof.generator.survival import alike, knowing_rms, refit
 
 EFFECTS = {**LISTED, **OUTSIDE}
@@ -29,7 +29,7 @@ def small_plan(seed: int = 3, exponent: float | None = None) -> Plan:
         kc=plan.kc[:2],
         cc=plan.cc[:2],
         group=np.array([0, 1]),
-        blows=plan.blows[kept],
+        pulses=plan.pulses[kept],
         offset=plan.offset[kept],
         samples=1000,
     )
@@ -38,8 +38,8 @@ def small_plan(seed: int = 3, exponent: float | None = None) -> Plan:
 def test_ring_down_is_that_of_the_matrix_exponential() -> None:
     plan = small_plan()
     machine = machine_of(plan)
-    seen = marching.march(machine, 16_000, plan.step_s)
-    start, later = 4000, 12_000  # after the blow
+    seen = integration.integrate(machine, 16_000, plan.step_s)
+    start, later = 4000, 12_000  # after the pulse
     for i in range(2):
         mass = np.diag(1 / machine.mass)
         motion = np.block([[np.zeros((2, 2)), np.eye(2)], [-mass @ machine.stiffness[i], -mass @ machine.damping[i]]])
@@ -62,7 +62,7 @@ def test_half_the_step_makes_the_same_of_an_effect(name: str, monkeypatch: pytes
         plan = plan.louder(3.0 if name == "contact_loss" else 1.0)
     hidden = (Hidden(effect, min(effect.first, effect.largest), effect.draw(np.random.default_rng(1), plan)),)
     coarse = signals(Concealed(plan, hidden)) - signals(Concealed(plan))
-    for module in ("march", "plan", "recorder"):
+    for module in ("integration", "plan", "recorder"):
         monkeypatch.setattr(f"mesotap.proof.generator.{module}.STEPS_PER_SAMPLE", 32)
     plan = replace(plan, offset=2 * plan.offset)
     fine = signals(Concealed(plan, hidden)) - signals(Concealed(plan))
@@ -150,7 +150,7 @@ def test_knowing_fit_leaves_the_noise_less_its_freedom() -> None:
 
 def test_b_is_late_by_the_delay() -> None:
     plan = small_plan()
-    fine = filtered(plan, marching.march(machine_of(plan), plan.steps, plan.step_s))
+    fine = filtered(plan, integration.integrate(machine_of(plan), plan.steps, plan.step_s))
     y = sampled(plan, fine, delay_of_b=0.5)
     shifted = sampled(replace(plan, offset=plan.offset + 8), fine)
     np.testing.assert_allclose(y[:, 1, 1:], shifted[:, 1, :-1], atol=1e-9 * np.abs(y).max())
@@ -167,12 +167,12 @@ def test_contact_that_parts_never_pulls() -> None:
     effect = EFFECTS["contact_loss"]
     assert effect.machined is not None
     machine = effect.machined(machine_of(plan), plan, 1.0, {})
-    seen = marching.march(machine, 8000, plan.step_s)[:, 0]
+    seen = integration.integrate(machine, 8000, plan.step_s)[:, 0]
     h = plan.step_s
     place = np.cumsum(np.cumsum(seen, axis=1), axis=1) * h * h
     force = machine.mass[1] * seen + plan.springs[1] * place + plan.of_each_impact(plan.loads)[:, None]
     assert force.min() > -2e-2 * plan.loads.max()
-    linear = marching.march(machine_of(plan), 8000, plan.step_s)[:, 0]
+    linear = integration.integrate(machine_of(plan), 8000, plan.step_s)[:, 0]
     assert np.abs(seen - linear).max() > 0.1 * np.abs(linear).max()
 
 
@@ -188,13 +188,13 @@ def test_a_record_begins_with_noise_alone_and_is_what_the_rig_shows() -> None:
     assert recorded.rig.k1_n_per_m == plan.declared_springs[0]
 
 
-def test_deck_is_that_of_its_seed_and_holds_every_kind() -> None:
-    cards = deal(7, 240)
-    assert cards == deal(7, 240)
-    assert cards != deal(8, 240)
-    assert cards[:50] == deal(7, 50)
-    kinds = [c.kind for c in cards]
-    assert {k: kinds.count(k) for k in set(kinds)} == {k: 20 * HAND.count(k) for k in set(HAND)}
-    singles = [(c.effects[0], c.d[0]) for c in cards if c.kind == "single"]
+def test_scenarios_are_those_of_their_seed_and_hold_every_kind() -> None:
+    scenarios = draw_scenarios(7, 240)
+    assert scenarios == draw_scenarios(7, 240)
+    assert scenarios != draw_scenarios(8, 240)
+    assert scenarios[:50] == draw_scenarios(7, 50)
+    kinds = [c.kind for c in scenarios]
+    assert {k: kinds.count(k) for k in set(kinds)} == {k: 20 * DOZEN.count(k) for k in set(DOZEN)}
+    singles = [(c.effects[0], c.d[0]) for c in scenarios if c.kind == "single"]
     assert set(singles) == {(e, d) for e in LISTED for d in GRADES}
-    assert {c.kind for c in deal(1, 9, only="null")} == {"null"}
+    assert {c.kind for c in draw_scenarios(1, 9, only="null")} == {"null"}

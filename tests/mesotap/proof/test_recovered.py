@@ -8,23 +8,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.mismatch import diagnosis
-from analysis.mismatch.contest import started
-from analysis.mismatch.diagnosis import Interval, diagnose_session
-from analysis.mismatch.fit import fit
-from analysis.mismatch.lengthening import misfit
-from analysis.mismatch.screen import screen
+from analysis.mismatch.answer import Interval
+from analysis.mismatch.ring_downs.candidates import started
+from analysis.mismatch.ring_downs.fit import Stop, fit
+from analysis.mismatch.score_test import screen
 from daq.session_file import read_session
-from mesotap.proof.generator.deck import Card, make
+from mesotap.proof.generator.scenarios import Scenario, make
 from mesotap.proof.parameters import true_parameters
-from sim_backend.mechanisms.mechanism import mechanisms
+from tests.analysis.terms import listed
+from tests.mesotap.tester import diagnosed, problem_of
 
 
 def recovered(folder: Path, effect: str, d: float, seed: int) -> tuple[dict[str, float], dict[str, Interval]]:
     """True values, and the intervals where only the true mechanism is known."""
-    card = Card(0, "single", (effect,), (d,))
-    truth = make(seed, card, folder)
-    found = diagnose_session(read_session(folder / f"{card.name}.h5"), [mechanisms()[effect]])
+    scenario = Scenario(0, "single", (effect,), (d,))
+    truth = make(seed, scenario, folder)
+    found = diagnosed(read_session(folder / f"{scenario.name}.h5"), [listed(effect)]).answer
     assert [m.id for m in found.mechanisms] == [effect]
     return true_parameters(truth, effect), found.mechanisms[0].parameters
 
@@ -47,25 +46,26 @@ def test_a_part_of_unknown_mass_gets_an_interval_that_says_so(tmp_path: Path) ->
 
 
 def test_the_interval_of_a_mass_beside_a_force_law_is_its_profile(tmp_path: Path) -> None:
-    card = Card(0, "two", ("quadratic_damping", "attached_mass"), (60.0, 30.0))
-    truth = make(2, card, tmp_path)
-    known = [mechanisms()[effect] for effect in card.effects]
-    found = diagnose_session(read_session(tmp_path / f"{card.name}.h5"), known)
+    scenario = Scenario(0, "two", ("quadratic_damping", "attached_mass"), (60.0, 30.0))
+    truth = make(2, scenario, tmp_path)
+    found = diagnosed(
+        read_session(tmp_path / f"{scenario.name}.h5"), [listed(effect) for effect in scenario.effects]
+    ).answer
     named = {m.id: m.parameters for m in found.mechanisms}
-    assert set(named) == set(card.effects)
+    assert set(named) == set(scenario.effects)
     for name, true in true_parameters(truth, "attached_mass").items():
         assert named["attached_mass"][name].low < true < named["attached_mass"][name].high, name
 
 
 def test_the_fit_of_an_added_body_knows_its_errors_even_where_it_only_competed(tmp_path: Path) -> None:
-    card = Card(0, "single", ("frame_compliance",), (30.0,))
-    make(3, card, tmp_path)
-    problem = diagnosis.tester_problem(read_session(tmp_path / f"{card.name}.h5"))
-    frame = mechanisms()["frame_compliance"]
+    scenario = Scenario(0, "single", ("frame_compliance",), (30.0,))
+    make(3, scenario, tmp_path)
+    problem = problem_of(read_session(tmp_path / f"{scenario.name}.h5"))
+    frame = listed("frame_compliance")
     with np.errstate(all="ignore"):
         linear = fit(problem)
-        begin = next(s for s in screen(linear, [frame]).scores if s.term.mechanism.id == frame.id)
-        found = fit(problem, [started(begin)], linear, competing=True)
+        begin = next(s for s in screen(problem, linear, [frame]).scores if s.term.mechanism.id == frame.id)
+        found = fit(problem, [started(begin)], linear, stop=Stop(competing=True))
     assert np.all(np.diag(found.term_covariances[0]) > 0)
 
 
@@ -77,9 +77,9 @@ def test_intervals_of_strong_laws_hold_the_truth(tmp_path: Path, effect: str, d:
 
 
 def test_a_delayed_channel_is_not_taken_for_a_mass_that_turns(tmp_path: Path) -> None:
-    card = Card(118, "struck", ("channel_skew",), (30.0,))
-    make(1, card, tmp_path)
-    found = diagnose_session(read_session(tmp_path / f"{card.name}.h5"), [mechanisms()["rocking"]])
+    scenario = Scenario(118, "struck", ("channel_skew",), (30.0,))
+    make(1, scenario, tmp_path)
+    found = diagnosed(read_session(tmp_path / f"{scenario.name}.h5"), [listed("rocking")]).answer
     assert found.verdict == "unexplained"
 
 
@@ -89,32 +89,32 @@ def test_a_delayed_channel_is_not_taken_for_a_mass_that_turns(tmp_path: Path) ->
 def test_an_imitation_that_a_simple_force_without_a_name_beats_is_not_stated_with_confidence(
     tmp_path: Path, effect: str, imitation: str
 ) -> None:
-    card = Card(7, "outside", (effect,), (30.0,))
-    make(3, card, tmp_path)
-    found = diagnose_session(read_session(tmp_path / f"{card.name}.h5"), [mechanisms()[imitation]])
+    scenario = Scenario(7, "outside", (effect,), (30.0,))
+    make(3, scenario, tmp_path)
+    found = diagnosed(read_session(tmp_path / f"{scenario.name}.h5"), [listed(imitation)]).answer
     assert found.verdict != "consistent"
     assert all(m.probability < 0.8 for m in found.mechanisms)
 
 
 def test_what_has_a_name_is_not_beaten_by_the_same_force_without_one(tmp_path: Path) -> None:
-    card = Card(7, "single", ("quadratic_damping",), (60.0,))
-    make(3, card, tmp_path)
-    found = diagnose_session(read_session(tmp_path / f"{card.name}.h5"), [mechanisms()["quadratic_damping"]])
-    assert [m.id for m in found.mechanisms] == ["quadratic_damping"]
-    assert found.contest.unnamed < 6
-    assert found.mechanisms[0].probability > 0.9
+    scenario = Scenario(7, "single", ("quadratic_damping",), (60.0,))
+    make(3, scenario, tmp_path)
+    found = diagnosed(read_session(tmp_path / f"{scenario.name}.h5"), [listed("quadratic_damping")])
+    assert [m.id for m in found.answer.mechanisms] == ["quadratic_damping"]
+    assert found.selection.left.unnamed < 6
+    assert found.answer.mechanisms[0].probability > 0.9
 
 
 @pytest.mark.parametrize("error", [-0.3, -0.1, 0.2])
 def test_springs_declared_far_off_are_found(tmp_path: Path, error: float) -> None:
-    card = Card(2, "null", (), ())
-    make(5, card, tmp_path)
-    session = read_session(tmp_path / f"{card.name}.h5")
+    scenario = Scenario(2, "null", (), ())
+    make(5, scenario, tmp_path)
+    session = read_session(tmp_path / f"{scenario.name}.h5")
     true = session.rig
     wrong = replace(true, k1_n_per_m=(1 + error) * true.k1_n_per_m, k2_n_per_m=(1 + error) * true.k2_n_per_m)
     with np.errstate(all="ignore"):  # of trial steps
-        found = fit(diagnosis.tester_problem(replace(session, rig=wrong)))
-    assert misfit(found) < 1.05
+        found = fit(problem_of(replace(session, rig=wrong)))
+    assert found.reduced_chi_squared < 1.05
     springs = [
         v for name, v in zip(found.constants.names()[0], found.constants.rig, strict=True) if name in ("k1", "k2")
     ]

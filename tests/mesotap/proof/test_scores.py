@@ -41,7 +41,7 @@ def answered(
         "p_value": p,
         "mechanisms": list(named),
         "location": {"component": component} if p < 0.01 else None,
-        "fit": {"heldout_rms_before_m_s2": 2.0, "heldout_rms_after_m_s2": 1.01 if named else None},
+        "fit": {"heldout_rms_before": 2.0, "heldout_rms_after": 1.01 if named else None},
         "seconds": 3.0,
     }
     told: dict[str, Any] = {"kinds": hidden, "d": d, "effect": {}, "knowing_rms": 1.0, **truth}
@@ -188,16 +188,16 @@ def test_truths_are_turned_into_the_parameters_of_the_answers() -> None:
     assert slip == pytest.approx({"slip_stiffness_share": 0.1, "slip_reach_share": 0.2})
     assert true_parameters(truth, "tube_spring_damping") == {"c_n_s_per_m": 0.5}
     assert true_parameters(truth, "channel_gain")["gain_error_of_b"] == pytest.approx(-0.02)
-    # a ratio that differs from load to load is no single number
+    # a ratio that differs from load to load is not a single number
     assert true_parameters(truth, "quadratic_damping") == {}
     assert true_parameters(truth, "hertz_stiffness") == {}
 
 
 def test_parameters_scored_are_those_that_the_program_reports() -> None:
     from mesotap.proof.parameters import _DERIVED, _SAME
-    from sim_backend.mechanisms.mechanism import mechanisms
+    from sim_backend.mechanisms.catalogue import catalogue
 
-    known = mechanisms()
+    known = {name: family[0] for name, family in catalogue().items()}
     scored = [(m, p) for m, names in _SAME.items() for p in names] + [(m, p) for m, ps in _DERIVED.items() for p in ps]
     for name, parameter in scored:
         reported = {q.name for q in known[name].parameters} | {d.name for d in known[name].derived}

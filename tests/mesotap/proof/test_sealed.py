@@ -18,11 +18,12 @@ from mesotap.proof import sealed
 from mesotap.proof.errors import ProofError
 
 ANSWER = {
+    "version": 2,
     "verdict": "consistent",
     "p_value": 0.5,
     "mechanisms": [],
     "location": None,
-    "fit": {"heldout_rms_before_m_s2": 1.0, "heldout_rms_after_m_s2": None},
+    "fit": {"heldout_rms_before": 1.0, "heldout_rms_after": None},
     "seconds": 1.0,
 }
 
@@ -53,7 +54,7 @@ def test_sealed_proof_is_gone_on_with(folder: Path) -> None:
     text = sealed.seal(folder, 4, 2, None, 1, quiet)
     assert text == (folder / sealed.HASHES).read_text(encoding="utf-8")
     assert sealed.names(folder) == ["session-0000", "session-0001"]
-    assert sealed.struck(folder) == {"session-0001": "adhesion"}
+    assert sealed.excluded(folder) == {"session-0001": "adhesion"}
 
 
 def test_another_proof_is_not_mixed_in(folder: Path) -> None:
@@ -105,9 +106,9 @@ json.dump(answer, open('answer.json', 'w'))
     stand_in(tmp_path, monkeypatch, body)
     files = {n: folder / "sessions" / f"{n}.h5" for n in sealed.names(folder)}
     seen: list[tuple[int, int]] = []
-    sealed.diagnose_all(files, sealed.struck(folder), folder / "answers", 2, lambda a, b: seen.append((a, b)))
+    sealed.diagnose_all(files, sealed.excluded(folder), folder / "answers", 2, lambda a, b: seen.append((a, b)))
     plain, struck = (sealed.answer_of(folder / "answers", n) for n in files)
-    assert plain["arguments"] == ["diagnose", "session.h5", "--json", "answer.json"]
+    assert plain["arguments"] == ["diagnose", "session.h5", "--json", "answer.json", "--contract", "2"]
     assert plain["files"] == ["session.h5"]
     assert struck["arguments"][-2:] == ["--without", "adhesion"]
     assert seen == [(0, 2), (1, 2), (2, 2)]
@@ -135,7 +136,7 @@ def test_answers_are_kept_and_failures_tried_again(
     ("content", "said"),
     [
         (None, "there is no such file"),
-        ("{", "is no JSON"),
+        ("{", "is not JSON"),
         ('{"a": 1}', "expected"),
         ('{"a": {"kinds": []}}', "no number 'd'"),
         ('{"a": {"kinds": [], "d": 0.0}}', "missing"),

@@ -77,7 +77,7 @@ def test_the_shots_of_a_folder_claim_no_more_than_it_may_hold(folder: Path, monk
     monkeypatch.setattr(recovery, "folder_room", lambda size: 2 * one)
     found = recover(folder)
     assert [s.number for s in found.session.shots] == [0, 1]
-    assert any(line.startswith("shots/00002.h5: is lost: the shots claim more samples") for line in found.losses)
+    assert any(line.startswith("shots/00002.h5: is lost: the impacts claim more samples") for line in found.losses)
     assert folder_room(0) == LEAST_ROOM
 
 
@@ -137,7 +137,7 @@ def test_half_a_character_in_the_configuration_is_escaped(folder: Path, tmp_path
 def test_a_linked_folder_of_shots_is_not_followed(folder: Path, sound: Path) -> None:
     shutil.rmtree(folder / "shots")
     (folder / "shots").symlink_to(sound / "unfinished/shots")
-    with pytest.raises(RecordingError, match="holds no whole shot"):
+    with pytest.raises(RecordingError, match="holds no intact impact"):
         recover(folder)
 
 

@@ -199,7 +199,7 @@ def test_a_shot_file_that_is_gone_stops_everything(tmp_path):
     with folder:
         runner.run()
         (tmp_path / "s" / "shots" / "00001.h5").unlink()
-        with pytest.raises(RecordingError, match="shot 00001"):
+        with pytest.raises(RecordingError, match="impact 00001"):
             runner_in(folder, config, simulated_rig(config))
 
 
@@ -299,9 +299,9 @@ def test_a_session_turned_by_hand(tmp_path):
     assert rig.peak_true_load_mn < config.rig.limits.load_mn
 
 
-@pytest.mark.parametrize("law", ["hertz", "exponential"])
+@pytest.mark.parametrize("law", ["hertz_stiffness", "rough_surface_stiffness"])
 def test_a_session_on_a_nonlinear_contact_that_can_part(tmp_path, law):
-    config = small_config(f"sim_backend.contact.law={law}", "sim_backend.contact.can_part=true")
+    config = small_config(f"sim_backend.mechanisms=[{{id: {law}}}, {{id: contact_loss}}]")
     folder, runner = new_runner(tmp_path / "s", config)
     with folder:
         runner.run()

@@ -195,14 +195,14 @@ def test_an_smc100_that_lost_its_reference_while_jogging_is_not_referenced():
 )
 def test_a_state_of_the_other_controller_is_a_damaged_reply(controller, code):
     assert AxisState.of(code) is not None
-    with pytest.raises(ReplyError, match="is no state"):
+    with pytest.raises(ReplyError, match="is not a state"):
         parse_status(f"0000{code:02X}", controller)
 
 
 @pytest.mark.parametrize("letter", ["W", "X"])
 def test_the_letters_for_the_other_version_of_an_smc100_are_sentences(letter):
     assert "version of the controller" in parse_error(letter, "smc100").value[1]
-    with pytest.raises(ReplyError, match="is no error letter"):
+    with pytest.raises(ReplyError, match="is not an error letter"):
         parse_error(letter, "conex-cc")
 
 

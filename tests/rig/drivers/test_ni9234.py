@@ -158,7 +158,7 @@ def test_the_actual_rate_reaches_the_record():
     assert driver.sample_rate_hz == 25600.0
 
     class Nobody(Impactor):
-        def strike(self, load_mn: float, hint: str = "") -> None:
+        def tap(self, load_mn: float, hint: str = "") -> None:
             pass
 
     trigger = Trigger(threshold_m_s2=1e-3, pretrigger_samples=256, record_samples=1024)

@@ -34,7 +34,7 @@ def solenoid(*failing: int, **changes) -> tuple[SolenoidImpactor, Lines]:
 
 def pulse_ms(impactor: SolenoidImpactor, lines: Lines, load_mn: float = 0.0, hint: str = "") -> float:
     lines.calls.clear()
-    impactor.strike(load_mn, hint)
+    impactor.tap(load_mn, hint)
     (_, on, begin), (_, off, end) = lines.calls
     assert (on, off) == (True, False)
     return (end - begin) * 1e3
@@ -64,13 +64,13 @@ def test_it_learns_from_what_was_wrong_within_bounds():
 def test_a_line_that_fails_to_rise_is_lowered_all_the_same():
     impactor, lines = solenoid(1)
     with pytest.raises(RigError, match="recorder: gone"):
-        impactor.strike(0.0)
+        impactor.tap(0.0)
     assert lines.calls[-1][1] is False
 
 
 def test_a_line_that_fails_to_fall_is_tried_again():
     impactor, lines = solenoid(2)
-    impactor.strike(0.0)
+    impactor.tap(0.0)
     assert [high for _, high, _ in lines.calls] == [True, False, False]
 
 
@@ -79,12 +79,12 @@ def test_a_line_that_stays_up_is_told():
     with pytest.raises(
         RigError, match=r"solenoid: it may still be under current \(recorder: gone\); switch its supply"
     ):
-        impactor.strike(0.0)
+        impactor.tap(0.0)
 
 
 @pytest.mark.parametrize("load", [math.nan, -1.0])
 def test_an_unknown_preload_is_refused(load):
     impactor, lines = solenoid()
     with pytest.raises(RigError, match="the load must be known"):
-        impactor.strike(load)
+        impactor.tap(load)
     assert not lines.calls

@@ -157,7 +157,7 @@ def test_wiring_that_the_recorder_does_not_have_is_refused(wiring, said):
         ([ask(SERIAL, b"01D2", length=8)], "its serial number reads b'01D2'"),
         ([ask(SERIAL, b"\xff\x00abcde!", length=8)], "its serial number reads"),
         ([ask(SERIAL, b"", length=8)], "its serial number reads b''"),
-        ([ask(SERIAL, timed_out(), length=8)], "usb 1:2: it did not answer request 0x48; plug it out"),
+        ([ask(SERIAL, timed_out(), length=8)], "usb 1:2: it did not answer request 0x48; unplug it"),
         ([ask(SERIAL, stalled(), length=8)], "it refused request 0x48"),
         ([*connecting()[:2], ask(CALIBRATION, b"\x00" * 7, 64, 8)], "calibration memory gave 7 of 8 bytes"),
         ([*connecting()[:2], ask(CALIBRATION, struct.pack("<ff", float("nan"), 0), 64)], "slope nan, .* cannot be"),
@@ -444,7 +444,7 @@ def test_another_recorder_in_its_place_is_not_taken():
 
 def test_what_libusb_cannot_name_is_still_one_sentence():
     device = Scripted(ask(SERIAL, USBError("Other error", -99, None), length=8))
-    with pytest.raises(DeviceError, match=r"request 0x48 failed \(Other error\); plug it out and in again"):
+    with pytest.raises(DeviceError, match=r"request 0x48 failed \(Other error\); unplug it and plug it in again"):
         recorder(device).connect()
 
 

@@ -208,8 +208,8 @@ def test_a_kill_costs_at_most_the_last_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"", "is no recording of a wire"),
-        (b'{"format": "photographs"}\n', "is no recording of a wire"),
+        (b"", "is not a recording of a wire"),
+        (b'{"format": "photographs"}\n', "is not a recording of a wire"),
         (b'{"format": "mesotap-wire", "format_version": 9}\n', "is of version 9"),
         (b'{"format": "mesotap-wire", "format_version": 1}\nrubbish\n{}\n', "line 2 is damaged"),
         (b'{"format": "mesotap-wire", "format_version": 1}\n{"act": "read", "t": 0}\n', "line 2 is damaged"),

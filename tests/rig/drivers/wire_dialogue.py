@@ -29,7 +29,7 @@ class Dialogue(Transport):
         assert self._pairs, f"{data!r} was sent, and nothing was to be"
         sent, received = self._pairs.pop(0)
         assert data == sent, f"{data!r} was sent where {sent!r} was to be"
-        # an empty piece is silence until the time-out; no answer at all is no piece
+        # an empty piece is silence until the time-out; no answer at all is not a piece
         self._coming += [received] * bool(received) if isinstance(received, bytes) else list(received)
 
     def read(self, timeout_s: float) -> bytes:

@@ -113,7 +113,7 @@ def test_an_accelerometer_the_other_way_round_than_declared_shows():
     driver = Usb1608(Wiring(), Usb1608Settings(), rig.clock, device.bus)
     driver.connect()
     driver.start()
-    rig.impactor.strike(500.0)
+    rig.impactor.tap(500.0)
     a, b = np.hstack([driver.read_block().acceleration for _ in range(30)])
     assert np.corrcoef(a, b)[0, 1] < -0.99
 
@@ -213,7 +213,7 @@ def test_a_device_that_answers_nothing_is_told_within_half_a_second():
     stream.read()
     stream.device.inject("silent")
     now = stream.clock.now()
-    with pytest.raises(RigError, match=r"did not answer .*; plug it out and in again"):
+    with pytest.raises(RigError, match=r"did not answer .*; unplug it and plug it in again"):
         stream.read()
     assert stream.clock.now() - now <= 0.5
     stream.driver.stop()
@@ -269,7 +269,7 @@ def test_whatever_comes_together_no_sample_is_altered_or_joined(schedule):
 class Tapping(Impactor):
     """Lets the counting source look like a tap: the trigger sees the jump where the count turns over."""
 
-    def strike(self, load_mn: float, hint: str = "") -> None:
+    def tap(self, load_mn: float, hint: str = "") -> None:
         pass
 
 
@@ -356,6 +356,6 @@ def test_a_solenoid_on_a_line_is_switched_for_as_long_as_the_preload_asks():
     device = EmulatedUsb1608(source, clock, on_line=lambda line, high: seen.append((line, high, clock.now())))
     driver = Usb1608(WIRING, Usb1608Settings(), clock, device.bus)
     driver.connect()
-    SolenoidImpactor(driver, SolenoidSettings(line=3, pulse_ms=4.0, pulse_ms_per_n=2.0), clock).strike(500.0)
+    SolenoidImpactor(driver, SolenoidSettings(line=3, pulse_ms=4.0, pulse_ms_per_n=2.0), clock).tap(500.0)
     assert [(line, high) for line, high, _ in seen] == [(3, True), (3, False)]
     assert seen[1][2] - seen[0][2] == pytest.approx(5e-3)

@@ -12,6 +12,18 @@ from scipy.interpolate import CubicSpline
 from daq.exchange import Recording
 
 Real = NDArray[np.float64]
+SAMPLES, RATE = 2400, 200.0
+OMEGA = 2 * np.pi * 12
+SPRING = """
+bodies: {mass: 1}
+springs: [{between: [mass, ground], damping: unknown}]
+"""
+INPUT = "inputs: [{channel: 0, force_on: mass, gain: unknown}]\n"
+JOINT = """
+bodies: {mass: 1}
+joints: [{between: [mass, ground]}]
+sensors: [{channel: 0, of: mass, shows: displacement}]
+"""
 
 
 def noise_input(samples: int, rate: float, low: float, high: float, seed: int) -> Real:
@@ -44,3 +56,14 @@ def recorded(columns: list[Real], rate: float, noise: float, seed: int = 1) -> R
     data = np.array(columns)
     data[-1] += noise * data[-1].std() * random.normal(size=data.shape[1])
     return Recording(data, rate, tuple(f"column{i + 1}" for i in range(len(data))), "", "simulated")
+
+
+def sensor(shows: str, channel: int = 1) -> str:
+    return f"sensors: [{{channel: {channel}, of: mass, shows: {shows}}}]\n"
+
+
+def duffing(u: Real) -> Recording:
+    y = motion(
+        lambda s, x, v: 100 * s - OMEGA**2 * x * (1 + 8 * x * x) - 0.04 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, u
+    )
+    return recorded([u, y[1]], RATE, 0.01)

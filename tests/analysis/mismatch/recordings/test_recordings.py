@@ -1,0 +1,172 @@
+"""Rigs described in YAML, recorded by other integrators than the one that diagnoses them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from analysis.mismatch.answer import Answer
+from analysis.mismatch.diagnosis import diagnose_recordings
+from analysis.mismatch.rig_description import DescribedRig
+from daq.exchange import Recording
+from mesotap.configuration.rig_files import parse_rig
+from sim_backend.mechanisms.catalogue import catalogue, variants
+from sim_backend.mechanisms.kinds import Mechanism
+from tests.analysis.mismatch.recordings.described_rigs import (
+    INPUT,
+    JOINT,
+    OMEGA,
+    RATE,
+    SAMPLES,
+    SPRING,
+    duffing,
+    motion,
+    noise_input,
+    recorded,
+    sensor,
+)
+
+Real = NDArray[np.float64]
+
+SHORT = ("tube_spring_cubic", "quadratic_damping", "guide_friction", "micro_slip", "contact_creep", "input_curvature")
+KNOWN = [catalogue()[name][-1] for name in SHORT]  # enough rivals for tests that must not take long
+PENDULUM = """
+bodies: {bob: 1}
+pendulums: [{between: [bob, ground]}]
+sensors: [{channel: 0, of: bob, shows: displacement}]
+"""
+
+
+@pytest.fixture(scope="module")
+def u() -> Real:
+    return noise_input(SAMPLES, RATE, 2, 25, seed=3)
+
+
+def answer_of(rig: DescribedRig, recordings: Sequence[Recording], known: Sequence[Mechanism]) -> Answer:
+    return diagnose_recordings(recordings, rig, known).answer
+
+
+def named(answer: Answer) -> list[str]:
+    return [m.id for m in answer.mechanisms]
+
+
+def test_a_linear_rig_with_correlated_noise_is_consistent(u: Real) -> None:
+    y = motion(lambda s, x, v: 100 * s - OMEGA**2 * x - 0.04 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, u)
+    recording = recorded([u, y[0]], RATE, 0.0)
+    recording.data[1] += 0.02 * y[0].std() * lfilter([1], [1, -0.9], np.random.default_rng(5).normal(size=SAMPLES))
+    found = answer_of(parse_rig(SPRING + INPUT + sensor("displacement")), [recording], KNOWN)
+    assert found.verdict == "consistent"
+    assert found.p_value > 0.01
+    assert found.fitted is not None
+    assert found.fitted.constants["stiffness of spring"][0] == pytest.approx(OMEGA**2, rel=5e-3)
+
+
+def test_a_cubic_spring_seen_by_its_velocity_under_a_measured_force_is_named_alone(u: Real) -> None:
+    found = answer_of(parse_rig(SPRING + INPUT + sensor("velocity")), [duffing(u)], KNOWN)
+    assert found.verdict == "missing_physics"
+    assert named(found) == ["tube_spring_cubic"]
+    interval = found.mechanisms[0].parameters["cubic_stiffness_n_per_m3"]
+    assert interval.value == pytest.approx(8 * OMEGA**2, rel=0.01)
+    assert found.mechanisms[0].indistinguishable_from == ()
+    assert found.fit.heldout_rms_after is not None
+    assert found.fit.heldout_rms_after < 0.03 * found.fit.heldout_rms_before
+
+
+def test_without_the_true_mechanism_nothing_is_named(u: Real) -> None:
+    rest = [m for m in KNOWN if m.id != "tube_spring_cubic"]
+    found = answer_of(parse_rig(SPRING + INPUT + sensor("velocity")), [duffing(u)], rest)
+    assert found.verdict == "unexplained"
+    assert found.mechanisms == ()
+    assert found.location is not None
+
+
+def test_dry_friction_of_a_slide_without_a_spring_is_named(u: Real) -> None:
+    y = motion(lambda s, x, v: 30 * s - 3 * v - 8 * np.tanh(v / 2e-3), [0.0, 0.0], SAMPLES, RATE, u)
+    rig = parse_rig(
+        "bodies: {mass: 1}\nslides: [{between: [mass, ground]}]\n"
+        "inputs: [{channel: 0, force_on: mass, gain: 30}]\n" + sensor("displacement")
+    )
+    found = answer_of(rig, [recorded([u, y[0]], RATE, 0.002)], KNOWN)
+    assert named(found) == ["guide_friction"]
+    assert found.mechanisms[0].parameters["friction_force_n"].value == pytest.approx(8, rel=0.06)
+
+
+def test_a_base_that_shakes_and_drag_seen_by_acceleration(u: Real) -> None:
+    def rest(s: float, x: Real, v: Real) -> Real:
+        return -5 * s - OMEGA**2 * x - 0.01 * OMEGA * v - 3 * v * np.abs(v)
+
+    y = motion(rest, [0.0, 0.0], SAMPLES, RATE, u)
+    acceleration = rest(u, y[0], y[1])
+    rig = parse_rig(SPRING + "inputs: [{channel: 0, base_acceleration: true, gain: 5}]\n" + sensor("acceleration"))
+    found = answer_of(rig, [recorded([u, acceleration], RATE, 0.01)], KNOWN)
+    assert named(found) == ["quadratic_damping"]
+    assert found.mechanisms[0].parameters["quadratic_damping_n_s2_per_m2"].value == pytest.approx(3, rel=0.02)
+
+
+def test_a_pendulum_with_drag_is_named_by_its_sine_and_its_drag_and_time_is_not_ruled_out() -> None:
+    y = motion(lambda s, x, v: -36 * np.sin(x) - 0.02 * v - 0.03 * v * np.abs(v), [0.35, 0.0], SAMPLES, 50.0)
+    found = answer_of(parse_rig(PENDULUM), [recorded([y[0]], 50.0, 0.003)], KNOWN)
+    assert named(found) == ["tube_spring_cubic", "quadratic_damping"]
+    assert found.mechanisms[0].parameters["cubic_stiffness_n_per_m3"].value == pytest.approx(-6, rel=0.03)
+    assert found.mechanisms[1].parameters["quadratic_damping_n_s2_per_m2"].value == pytest.approx(0.03, rel=0.1)
+    assert "contact_creep" in found.mechanisms[0].indistinguishable_from
+    assert "amplitude and time" in found.mechanisms[0].statement
+    assert found.next_experiment is not None
+    assert "different strength" in found.next_experiment.why
+
+
+def test_a_stiffness_that_settles_with_time_is_named_as_such() -> None:
+    omega = 2 * np.pi * 30
+    t = np.arange(3000) / 300.0
+
+    def rest(z_t: float, x: Real, v: Real) -> Real:
+        return -(omega**2) * (1 + 0.01 * (1 - np.exp(-z_t / 4))) * x - 0.002 * omega * v
+
+    y = motion(rest, [0.01, 0.0], t.size, 300.0, t)  # the "input" is the time itself
+    found = answer_of(parse_rig(JOINT), [recorded([y[0]], 300.0, 0.003)], KNOWN)
+    assert named(found) == ["contact_creep"]
+    assert found.mechanisms[0].parameters["settling_time_s"].value == pytest.approx(4, rel=0.1)
+
+
+@pytest.mark.parametrize("stiffness", [1e-12, 5.0, 15.79, 157_910.0])
+def test_a_rig_described_far_from_the_one_recorded_is_not_consistent(stiffness: float) -> None:
+    t = np.arange(3000) / 1000
+    decay = np.exp(-1.5 * t) * np.sin(2 * np.pi * 20 * t)  # of 1 kg on 15,791 N/m
+    rig = parse_rig(SPRING.replace("damping: unknown", f"stiffness: {stiffness}") + sensor("displacement", 0))
+    found = answer_of(rig, [recorded([decay], 1000.0, 3e-4)], KNOWN)
+    assert found.verdict == "unexplained"
+    assert found.far_off
+    assert found.location is not None
+    assert "most of the motion" in found.location.why
+    assert found.mechanisms == ()
+
+
+def test_a_gain_of_many_decades_overflows_nothing() -> None:
+    t = np.arange(3000) / 1000
+    decay = np.exp(-1.5 * t) * np.sin(2 * np.pi * 20 * t)
+    rig = parse_rig(SPRING.replace(", damping: unknown", "") + sensor("displacement, gain: 1.0e+20", 0))
+    found = answer_of(rig, [recorded([decay], 1000.0, 3e-4)], variants(catalogue()))
+    assert np.isfinite(found.fit.heldout_rms_before)  # a warning of numpy's is an error in tests
+
+
+def test_wrong_constants_under_a_measured_force_are_not_consistent(u: Real) -> None:
+    y = motion(lambda s, x, v: 100 * s - OMEGA**2 * x - 0.04 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, u)
+    rig = parse_rig(
+        SPRING.replace("damping", f"stiffness: {1e-3 * OMEGA**2}, damping") + INPUT + sensor("displacement")
+    )
+    found = answer_of(rig, [recorded([u, y[0]], RATE, 1e-3)], KNOWN)
+    assert (found.verdict, found.far_off) == ("unexplained", True)
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.9, 0.99])
+def test_strong_noise_does_not_make_a_sound_rig_far_off(u: Real, pole: float) -> None:
+    y = motion(lambda s, x, v: 100 * s - OMEGA**2 * x - 0.04 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, u)[0]
+    noise = lfilter([1], [1, -pole], np.random.default_rng(6).normal(size=SAMPLES))
+    rig = parse_rig(SPRING + INPUT + sensor("displacement"))
+    found = answer_of(rig, [recorded([u, y + y.std() * noise / noise.std()], RATE, 0.0)], KNOWN)
+    assert found.verdict == "consistent"
+    assert not found.far_off

@@ -1,0 +1,95 @@
+"""Full fits of candidates: where they begin, which are out, which are looked for again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.policy import POLICY
+from analysis.mismatch.ring_downs import candidates
+from analysis.mismatch.ring_downs.candidates import competing, looked_for_again, stiffness_evidence, variants
+from analysis.mismatch.ring_downs.fit import Start, fit
+from analysis.mismatch.score_test import Score
+from tests.analysis.mismatch.ring_downs.selections import linear
+from tests.analysis.ring_downs import PRETRIGGER, problem_of, session_of, with_law
+from tests.analysis.terms import at_work, listed
+
+
+def test_sliders_one_and_many_are_both_begun_where_both_are_near() -> None:
+    slip = listed("micro_slip")
+
+    def score(sliders: int, reach: float, gain: float) -> Score:
+        values = {"slip_stiffness_share": 1e-3, "slip_reach_share": reach, "sliders": sliders}
+        return Score(Term(slip, values, (2,)), gain, 1, 1.0, 0.0)
+
+    scores = [score(8, 0.1, 1000.0), score(8, 0.2, 990.0), score(1, 0.1, 900.0), score(1, 0.2, 890.0)]
+    assert variants(scores, POLICY.hopeful) == [scores[0], scores[2]]
+    assert variants([scores[0], score(1, 0.1, 500.0)], POLICY.hopeful) == [scores[0]]
+
+
+@pytest.mark.parametrize(("exponent", "out"), [(1 / 3, False), (0.42, False), (0.6, True), (1.0, True)])
+def test_a_force_law_that_the_growth_of_the_stiffness_contradicts_is_out(exponent: float, out: bool) -> None:
+    constants = linear().constants
+    loads = np.array(linear().problem.experiment.loads_n)
+    fitted = replace(linear(), constants=replace(constants, load=np.c_[2e6 * loads**exponent, np.ones(loads.size)]))
+    against = -stiffness_evidence(listed("hertz_stiffness"), fitted)
+    assert (against > POLICY.contradicted) == out
+    assert against == pytest.approx(((exponent - 1 / 3) / 0.03) ** 2, abs=1e-6)
+    assert stiffness_evidence(listed("micro_slip"), fitted) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("begun", "wanted", "taken_over"),
+    [
+        (("contact_loss",), ("contact_loss", "double_hit"), True),
+        (("contact_loss",), ("contact_loss", "frame_compliance"), False),
+        (("contact_loss",), ("frame_compliance", "contact_loss"), False),
+        (("frame_compliance",), ("frame_compliance", "contact_loss"), False),
+        ((), ("contact_loss",), False),
+    ],
+)
+def test_a_fit_beside_laws_begins_at_the_amplitudes_they_left(
+    monkeypatch: pytest.MonkeyPatch, begun: tuple[str, ...], wanted: tuple[str, ...], taken_over: bool
+) -> None:
+    asked: list[Start] = []
+
+    def recorded(problem: Any, terms: Any, begin: Any, start: Start, stop: Any) -> Any:
+        asked.append(start)
+        return begin
+
+    monkeypatch.setattr(candidates, "fit", recorded)  # where a fit began cannot be seen from its end
+    begin = replace(linear(), terms=tuple(at_work(n) for n in begun))
+    competing(begin.problem, tuple(at_work(n) for n in wanted), begin)
+    (start,) = asked
+    assert tuple(start.amplitudes) == (begin.amplitudes if taken_over else ())
+
+
+def test_when_a_second_impact_fell_is_looked_for_again_beside_what_came_later() -> None:
+    share, late, gain = 0.2, 120, 0.02
+    session = session_of(with_law(), noise=0.02)
+
+    def hit_again(y: np.ndarray) -> np.ndarray:
+        # the rig is linear: the second impact adds the whole response once more, later and weaker
+        later = np.zeros_like(y)
+        later[:, PRETRIGGER + late :] = share * y[:, PRETRIGGER:-late]
+        return (y + later) * np.array([[1.0], [1 + gain]])
+
+    shots = tuple(replace(s, acceleration=hit_again(s.acceleration)) for s in session.shots)
+    problem = problem_of(replace(session, shots=shots)).only((0, 3, 5, 10))
+    terms = [
+        at_work("double_hit", {"second_impulse_fraction": 0.02}),
+        at_work("channel_gain", {"gain_error_of_b": 0.0}),
+    ]
+    with np.errstate(all="ignore"):  # of a trial step
+        wrong = fit(problem, terms, fit(problem), Start(delays=[400.0] * 4))
+        found = looked_for_again(wrong, lambda fitted: fitted)
+    assert found.objective < 0.5 * wrong.objective
+    assert [t.mechanism.id for t in found.terms] == ["double_hit", "channel_gain"]
+    assert found.terms[0].values["second_impulse_fraction"] == pytest.approx(share, rel=0.02)
+    rate = problem.experiment.sample_rate_hz
+    for segment in found.segments:
+        assert segment.second + segment.since_tap_s * rate == pytest.approx(late, abs=20)

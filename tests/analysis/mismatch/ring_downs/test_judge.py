@@ -1,0 +1,203 @@
+"""What is accepted, named and left out, judged by chi-squared and by impacts that took no part in fitting."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from analysis.mismatch.problem import ComputeBudget
+from analysis.mismatch.ring_downs.fit import SUBSTEPS, RingDownFit, Stop, fit
+from analysis.mismatch.ring_downs.judge import ImpactJudge, _without_idle_ones, split
+from analysis.mismatch.selection import Candidate, Selection, State, select
+from daq.records import Session
+from tests.analysis.mismatch.ring_downs.selections import (
+    Scripted,
+    accepted,
+    linear,
+    scored,
+    screening,
+    scripted,
+    small,
+    with_objective,
+)
+from tests.analysis.ring_downs import problem_of, session_of, with_law
+from tests.analysis.terms import at_work
+
+
+def flawed(session: Session, gain: float = 0.0, delay: float = 0.0) -> Session:
+    """Return a session whose channel B has a wrong gain and is late by a part of a sample (linearly interpolated)."""
+
+    def changed(y: np.ndarray) -> np.ndarray:
+        late = y[1].copy()
+        late[1:] += delay * (y[1, :-1] - y[1, 1:])
+        return np.stack([y[0], (1 + gain) * late])
+
+    return replace(session, shots=tuple(replace(s, acceleration=changed(s.acceleration)) for s in session.shots))
+
+
+@dataclass(frozen=True, slots=True)
+class Explaining(Scripted):
+    """A judge for whom one first mechanism explains all, and every other one nothing."""
+
+    explains: str = ""
+
+    def accepts(
+        self, state: State[RingDownFit], candidates: Sequence[Candidate[RingDownFit]]
+    ) -> tuple[Candidate[RingDownFit], Mapping[int, float]]:
+        return candidates[0], {}
+
+    def after(self, state: State[RingDownFit], accepted: Candidate[RingDownFit]) -> tuple[State[RingDownFit], bool]:
+        return state, False
+
+    def outcome(self, baseline: State[RingDownFit], state: State[RingDownFit]) -> Selection[RingDownFit]:
+        found = self._ended(baseline, state)
+        first = state.steps[0].accepted
+        assert first is not None
+        return replace(found, chosen=first.fit if first.id == self.explains else None)
+
+
+@pytest.mark.parametrize(
+    ("second", "explains", "exhausted", "taken"),
+    [
+        (80.0, "channel_skew", False, "channel_skew"),
+        (60.0, "channel_skew", False, "channel_gain"),
+        (80.0, "", False, "channel_gain"),
+        (80.0, "channel_skew", True, "channel_gain"),
+    ],
+)
+def test_where_the_best_first_mechanism_leads_nowhere_one_nearly_as_good_is_tried(
+    second: float, explains: str, exhausted: bool, taken: str
+) -> None:
+    problem = replace(small(), budget=ComputeBudget(1e12 if exhausted else 0.0))
+    first_two = tuple(
+        Candidate(scored(name, gain), linear(), gain)
+        for name, gain in (("channel_gain", 100.0), ("channel_skew", second))
+    )
+    judge = Explaining(problem, problem, (), (), seen=screening(), ranked=first_two, explains=explains)
+    found = select(judge, State(linear(), screening(p_value=1e-6)))
+    first = found.steps[0].accepted
+    assert first is not None
+    assert first.id == taken
+
+
+def test_a_session_is_worth_a_budget_in_proportion_to_its_samples_and_a_small_one_no_less_than_a_usual_one() -> None:
+    policy, samples = small().policy, small().samples
+
+    def exhausted(usual_samples: int, spent: float, selections: float) -> bool:
+        chosen = replace(policy, usual_samples=usual_samples)
+        return replace(small(), policy=chosen, budget=ComputeBudget(spent)).exhausted(selections)
+
+    large, usual = 100 * samples, policy.budget * 100 * samples
+    assert exhausted(large, 1.01 * usual, 1)
+    assert not exhausted(large, 0.99 * usual, 1)
+    assert not exhausted(large, 1.99 * usual, 2)
+    assert not exhausted(samples // 3, 0.99 * policy.budget * samples, 1)
+    assert exhausted(samples // 3, 1.01 * policy.budget * samples, 1)
+
+
+def test_every_fourth_impact_is_held_out_but_never_all_of_a_load_nor_the_strongest() -> None:
+    problem = problem_of(session_of(with_law(), ratios=(0.35, 0.5, 0.65, 0.6)))
+    training, held = split(problem)
+    assert sorted((*training, *held)) == list(range(12))
+    assert held == (3, 7, 11)
+    segments = problem.experiment.segments
+    assert {segments[i].group for i in training} == {0, 1, 2}
+    assert max(range(12), key=lambda i: float(np.abs(segments[i].raw).max())) in training
+
+
+@pytest.mark.parametrize(("gain", "fitted"), [(0.0, ["channel_gain", "channel_skew"]), (0.05, ["channel_gain"])])
+def test_where_the_best_screened_gains_little_the_next_that_promises_more_is_fitted_too(
+    gain: float, fitted: list[str]
+) -> None:
+    problem = problem_of(flawed(session_of(with_law(), noise=0.02), gain=gain)).only((0, 3, 5, 10))
+    baseline = fit(problem)
+    scores = (scored("channel_gain", 5e3, strength=1e-4), scored("channel_skew", 1e3, strength=1e-4))
+    scores = tuple(replace(s, term=at_work(s.term.mechanism.id, {s.term.mechanism.strength: 1.0})) for s in scores)
+    judge = ImpactJudge(problem, problem, (), ())
+    found = judge.candidates(State(baseline, replace(screening(), scores=scores)))
+    assert sorted(c.id for c in found if c.fit is not None) == fitted
+
+
+@pytest.mark.parametrize(("free", "explained"), [(800.0, True), (815.0, False)])
+def test_nothing_is_named_where_something_without_a_name_is_clearly_better(free: float, explained: bool) -> None:
+    before, best = with_objective(1800.0), with_objective(1000.0, "channel_gain")
+    seen = screening(p_value=0.5)
+    baseline = State(before, screening(alone=free))
+    state = State(best, seen, (accepted("channel_gain", before, best, 793.0),))
+    found = scripted(seen).outcome(baseline, state)
+    assert found.left.unnamed == pytest.approx(free - np.log(free) - 793.0)
+    assert (found.chosen is best) == explained
+
+
+def test_mechanisms_that_only_stood_in_for_later_ones_are_left_out() -> None:
+    problem = problem_of(flawed(session_of(with_law(), noise=0.02), 0.02, 0.1)).only((0, 3, 5, 10))
+    names = ("tube_spring_damping", "channel_gain", "channel_skew")
+    start = ({"c_n_s_per_m": 0.01}, {"gain_error_of_b": 0.01}, {"delay_of_b_samples": 0.05})
+    fits = [fit(problem)]
+    for count in (1, 2, 3):
+        terms = [at_work(n, v) for n, v in zip(names[:count], start[:count], strict=True)]
+        fits.append(fit(problem, terms, fits[0]))
+    steps = [
+        accepted(name, before, after, before.objective - after.objective)
+        for name, before, after in zip(names, fits, fits[1:], strict=False)
+    ]
+    lean, kept = _without_idle_ones(fits[-1], tuple(steps))
+    assert [t.mechanism.id for t in lean.terms] == ["channel_gain", "channel_skew"]
+    assert [s.accepted.id for s in kept if s.accepted is not None] == ["channel_gain", "channel_skew"]
+    assert lean.objective == pytest.approx(fits[-1].objective, abs=small().policy.least_gain)
+
+
+@pytest.mark.parametrize(("left", "further"), [(250.0, 0), (150.0, 1)])
+def test_no_further_mechanism_is_looked_for_where_too_much_is_left(left: float, further: int) -> None:
+    fitted = fit(small(), [at_work("channel_gain", {"gain_error_of_b": 1e-4})], linear())
+    before = replace(linear(), chi_squared=fitted.objective + 100.0, penalty=0.0)
+    seen = screening(unexplained=left)
+    candidate = Candidate(scored("channel_gain", 95.0), fitted, 95.0)
+    judge = scripted(seen)
+    state = State(before, seen, (accepted("channel_gain", before, fitted, 95.0, seen),))
+    moved, more = judge.after(state, candidate)
+    assert more == bool(further)
+    assert judge.outcome(State(before, seen), moved).chosen is None
+
+
+@pytest.mark.parametrize(
+    ("gain", "found", "better"),
+    [(9.0, 50.0, True), (3.0, 50.0, False), (3.0, 500.0, True), (-1.0, 500.0, False), (-1.0, 50.0, False)],
+)
+def test_held_out_impacts_must_gain_or_not_lose_by_what_is_beyond_doubt(
+    gain: float, found: float, better: bool
+) -> None:
+    before, after = with_objective(100.0), with_objective(100.0 - gain, "channel_gain")
+    added = Candidate(scored("channel_gain", found), after, found)
+    assert scripted(held_out=(3,))._better_held_out(before, added) == better
+
+
+def test_what_is_named_is_fitted_to_its_end() -> None:
+    problem = problem_of(session_of(with_law("hertz_stiffness"), noise=0.02)).only((0, 3, 5, 10))
+    with np.errstate(all="ignore"):  # of a trial step
+        baseline = fit(problem)
+        begun = fit(problem, [at_work("hertz_stiffness")], baseline, stop=Stop(6, competing=True))
+        # before, forces of any shape seemed to explain much more than the mechanism; then nothing is left over
+        gained = baseline.objective - begun.objective
+        before, after = screening(20 * abs(gained)), screening(p_value=0.9)
+        judge = Scripted(problem, problem, (), (), seen=after)
+        step = accepted("hertz_stiffness", baseline, begun, gained - 5, before)
+        assert step.accepted is not None
+        state, more = judge.after(State(baseline, before, (step,)), step.accepted)
+        found = judge.outcome(State(baseline, before), state)
+    assert gained > 0
+    assert not more
+    assert state.current is begun
+    assert found.chosen is not None
+    assert (begun.substeps, found.chosen.substeps) == (SUBSTEPS // 2, SUBSTEPS)
+    assert found.chosen.objective < begun.objective
+
+
+@pytest.mark.parametrize(("left", "least"), [(100.0, 300.0), (280.0, 224.0), (2000.0, 300.0), (201.0, 300.0)])
+def test_what_takes_up_most_of_too_much_that_is_left_is_worth_naming(left: float, least: float) -> None:
+    before, current = with_objective(11_000.0), with_objective(1000.0, "channel_gain")
+    state = State(current, screening(left), (accepted("channel_gain", before, current, 1e4),))
+    assert scripted()._least_gain(state) == pytest.approx(least)

@@ -1,0 +1,89 @@
+"""From sessions to what is fitted: several of one rig together, and an element's constants from a pole."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from analysis.mismatch.answer import RecordingFile
+from analysis.mismatch.diagnosis import diagnose_sessions
+from analysis.mismatch.ring_downs.sessions import element_from_pole
+from analysis.session import AnalysisError
+from analysis.stiffness import ResonanceError, contact_from_pole
+from daq.records import Session
+from mesotap.configuration.declared import header_uncertainty
+from sim_backend.arrangement import tester as eq_9
+from tests.analysis.ring_downs import K1, K2, LOADS_N, M1, M2, RATIOS, RIG, problem_of, session_of, two_mass, with_law
+
+
+def made(seed: int, noise: float = 0.01) -> Session:
+    return replace(session_of(with_law(), noise=noise, seed=seed), source=f"session {seed}")
+
+
+def test_loads_stay_each_sessions_own_and_every_impact_takes_part() -> None:
+    problem = problem_of(made(1), made(2))
+    segments = problem.experiment.segments
+    assert len(segments) == 2 * len(LOADS_N) * len(RATIOS)
+    assert problem.experiment.loads_n == pytest.approx((*LOADS_N, *LOADS_N))
+    assert len(problem.start) == 2 * len(LOADS_N)
+    assert sorted({s.group for s in segments}) == list(range(2 * len(LOADS_N)))
+    assert [s.order for s in segments] == list(range(len(segments)))
+    assert len({s.name for s in segments}) == len(segments)
+
+
+def test_two_sound_sessions_together_are_consistent_and_told_by_both_names() -> None:
+    sessions = [made(1), made(2)]
+    files = [RecordingFile(s.source, "") for s in sessions]
+    found = diagnose_sessions(sessions, RIG, header_uncertainty(sessions[0]), [], recordings=files).answer
+    assert found.verdict == "consistent"
+    assert [r.file for r in found.recordings] == ["session 1", "session 2"]
+
+
+def test_sessions_of_different_rigs_are_refused() -> None:
+    other = made(2)
+    other = replace(other, rig=replace(other.rig, m1_kg=0.2))
+    with pytest.raises(AnalysisError, match="session 2: its masses, springs, filter or sampling rate are not those"):
+        problem_of(made(1), other)
+
+
+def test_a_session_given_twice_is_refused() -> None:
+    with pytest.raises(AnalysisError, match="holds the impacts of session 1 once more"):
+        problem_of(made(1), replace(made(1), source="a copy"))
+
+
+def test_sessions_of_different_noise_are_refused() -> None:
+    with pytest.raises(AnalysisError, match=r"its noise is .* times that of the sessions together"):
+        problem_of(made(1), made(2, noise=0.02))
+
+
+def test_the_problem_of_a_session_is_eq_9_with_what_its_header_declares() -> None:
+    rig = problem_of(made(1)).arrangement
+    expected = eq_9(M1, M2, K1, K2, 1.0, 1.0, mass_uncertainty=0.0, spring_uncertainty=0.0)
+    values = {p.name: p.value for p in rig.parameters} | {"kc": 8e6, "cc": 3.0}
+    for found, true in zip(rig.matrices(values), expected.matrices(values), strict=True):
+        assert found == pytest.approx(true)
+    declared = {p.name: p for p in rig.parameters}
+    assert [declared[n].value for n in ("m1", "m2", "k1", "k2")] == [M1, M2, K1, K2]
+
+
+@given(st.floats(-2000.0, -1.0), st.floats(2100.0, 60_000.0))
+def test_stiffness_and_damping_of_the_contact_from_a_pole_are_those_of_eq_10(decay: float, omega: float) -> None:
+    rig = eq_9(M1, M2, K1, K2, 1.0, 1.0, mass_uncertainty=0.0, spring_uncertainty=0.0)
+    found = element_from_pole(rig, rig.declared(), rig.element("contact"), complex(decay, omega))
+    try:
+        expected = contact_from_pole(complex(decay, omega), M1, M2, K1, K2)
+    except ResonanceError:
+        expected = None
+    if expected is not None:
+        assert found == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_contact_is_recovered_from_the_pole_it_makes() -> None:
+    true = two_mass(0.4)
+    rig = eq_9(M1, M2, K1, K2, true.kc, true.cc, mass_uncertainty=0.0, spring_uncertainty=0.0)
+    poles = [complex(p) for p in true.poles() if p.imag > 0]
+    found = element_from_pole(rig, rig.declared(), rig.element("contact"), max(poles, key=abs))
+    assert found == pytest.approx((true.kc, true.cc), rel=1e-8)

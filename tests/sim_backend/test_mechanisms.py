@@ -1,0 +1,152 @@
+"""The catalogue of mechanisms: where each acts, a user's own beside the program's, and what all of them keep to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim_backend.adopted import ANY_RIG, adopted
+from sim_backend.mechanisms import undeclared_filter
+from sim_backend.mechanisms.catalogue import PARTS, MechanismError, catalogue, load_file, placed, variants
+from sim_backend.mechanisms.conformance import benches, conformance, is_unit
+from sim_backend.mechanisms.kinds import ForceLaw
+
+PACKAGE = Path(undeclared_filter.__file__).parent
+FILES = sorted(p for p in PACKAGE.glob("[!_]*.py") if p.stem not in PARTS)
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "cubed_rate_damping.py"
+SMALL = benches()[1].rig
+BAD = """
+from sim_backend.mechanisms.kinds import ForceLaw, Quantity, law
+
+@law
+def force_law(force, d, v, t, p, before, after):
+    return force - p[4] * v
+
+MECHANISM = ForceLaw(
+    id="engine", component="contact", summary="", source="",
+    parameters=(Quantity("power", "furlong", 0.0, 1.0, ""),), strength="power",
+    trials=lambda scale: [{"power": 2.0}], law=force_law, fits=("contact",),
+    constants=lambda values, rest: (1e3 * values["power"],), statement=lambda values, name: "It drives.",
+)
+"""
+
+
+@pytest.mark.parametrize("file", [*FILES, EXAMPLE], ids=lambda p: p.stem)
+def test_a_mechanism_keeps_to_what_all_have_to(file: Path) -> None:
+    assert [c for c in conformance(file) if not c.holds] == []
+
+
+def test_an_engine_with_a_unit_of_its_own_is_found_out(tmp_path: Path) -> None:
+    file = tmp_path / "engine.py"
+    file.write_text(BAD)
+    failed = {c.name for c in conformance(file) if not c.holds}
+    assert failed == {
+        "its units are units",
+        *(f"trials lie within the parameters' ranges in {rig}" for rig in ("the tester", "a described rig")),
+        *(f"it delivers no net work over a closed cycle in {rig}" for rig in ("the tester", "a described rig")),
+    }
+
+
+@pytest.mark.parametrize("unit", ["1", "m", "N s/m", "N s2/m2", "N/m3", "m/s2", "1/s", "samples"])
+def test_units(unit: str) -> None:
+    assert is_unit(unit)
+
+
+@pytest.mark.parametrize("unit", ["", "furlong", "N/m/s", "m^2", "N*m", "2 m"])
+def test_no_units(unit: str) -> None:
+    assert not is_unit(unit)
+
+
+def test_equal_springs_share_a_place_in_the_tester() -> None:
+    assert catalogue()["tube_spring_cubic"][0].places(ANY_RIG) == [(0, 1)]
+
+
+@pytest.mark.parametrize(
+    ("name", "tester", "described"),
+    [
+        ("hertz_stiffness", [(2,)], []),  # needs a preload
+        ("contact_loss", [(2,)], []),
+        ("guide_friction", [(3,)], [(4,)]),  # of all that could rub, the guide
+        ("attached_mass", [(1,)], [(0,), (1,)]),  # each body that a sensor sees
+        ("rocking", [(2, 0, 1)], []),  # needs two sensors on a body
+        ("channel_skew", [(1,)], [(0,), (1,)]),
+        ("clipping", [(0, 1)], [(0,), (1,)]),
+        ("undeclared_filter", [], [(0,), (1,)]),  # only a measured input shows it
+        ("input_curvature", [], [(0,)]),
+        ("double_hit", [()], []),  # a measured input shows it
+        ("mains_hum", [()], [()]),
+        ("load_drift", [], []),
+    ],
+)
+def test_where_a_mechanism_acts(name: str, tester: list, described: list) -> None:
+    (mechanism,) = catalogue()[name]
+    assert (mechanism.places(ANY_RIG), mechanism.places(SMALL)) == (tester, described)
+
+
+def test_of_one_id_only_what_fits_its_component_is_tried_in_the_tester() -> None:
+    assert [place for _, place in placed(catalogue()["micro_slip"], ANY_RIG)] == [(2,)]
+    assert [place for _, place in placed(catalogue()["end_stop"], ANY_RIG)] == [(0, 1)]
+
+
+def test_variants_need_a_preload_or_its_absence() -> None:
+    for family in catalogue().values():
+        if len(family) > 1:
+            assert {m.preloaded for m in family if isinstance(m, ForceLaw)} == {True, False}
+
+
+def test_an_undeclared_filter_is_a_first_order_low_pass() -> None:
+    rate, corner, f = 2000.0, 40.0, 25.0
+    t = np.arange(4000) / rate
+    shown = undeclared_filter.distort(np.sin(2 * np.pi * f * t)[None], {"corner_hz": corner}, rate)[0]
+    h = 1 / (1 + 1j * f / corner)
+    np.testing.assert_allclose(shown[2000:], np.imag(h * np.exp(2j * np.pi * f * t[2000:])), atol=2e-3)
+
+
+def test_a_shipped_file_is_the_programs_own_module() -> None:
+    # compiled laws are kept on disk with the name of their module, which other processes have to know
+    assert load_file(PACKAGE / "adhesion.py")[0] is catalogue()["adhesion"][0]
+
+
+def test_a_users_own_is_listed_beside_the_programs() -> None:
+    own = catalogue([EXAMPLE.parent])
+    assert set(own) - set(catalogue()) == {"cubed_rate_damping"}
+    assert len(variants(own)) == len(variants(catalogue())) + 1
+
+
+def test_a_users_own_can_be_simulated() -> None:
+    found = adopted("cubed_rate_damping", {"cubed_rate_damping_n_s3_per_m3": 2.0}, [EXAMPLE.parent])
+    assert found.place == (2,)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("x = 1", "holds no MECHANISM"),
+        ("import nowhere", "cannot be imported: ModuleNotFoundError: No module named 'nowhere'"),
+        ("from sim_backend.mechanisms.hertz_stiffness import MECHANISM", "hertz_stiffness is the id of another"),
+        ("MECHANISM = ()", "holds no MECHANISM"),
+    ],
+)
+def test_a_file_that_is_no_mechanism_is_refused_with_its_name(tmp_path: Path, text: str, sentence: str) -> None:
+    (tmp_path / "mine.py").write_text(text)
+    with pytest.raises(MechanismError, match=f"mine.py: .*{sentence}"):
+        catalogue([tmp_path])
+
+
+def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(MechanismError, match="is not a folder of mechanisms"):
+        catalogue([tmp_path / "nowhere"])
+
+
+def test_an_installed_package_can_offer_a_mechanism(monkeypatch: pytest.MonkeyPatch) -> None:
+    from importlib.metadata import EntryPoint
+
+    from sim_backend.mechanisms import catalogue as module
+
+    entry = EntryPoint("slip", "sim_backend.mechanisms.micro_slip", module.GROUP)
+    monkeypatch.setattr(module, "entry_points", lambda group: [entry])
+    module._catalogue.cache_clear()
+    with pytest.raises(MechanismError, match=r"entry point slip .*: micro_slip is the id of another"):
+        catalogue()

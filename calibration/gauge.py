@@ -97,7 +97,7 @@ class GaugeHistory:
             return MIDWAY, "the times of the calibrations cannot be told apart: the load is by their mean"
         now = _seconds(time)
         if now is None:
-            return MIDWAY, f"the time {time!r} is no ISO 8601 time: the load is by the mean of the calibrations"
+            return MIDWAY, f"the time {time!r} is not an ISO 8601 time: the load is by the mean of the calibrations"
         fraction = (now - start) / (end - start)
         if abs(fraction - MIDWAY) > BEYOND + MIDWAY:
             return MIDWAY, f"the time {time} is far from both calibrations: the load is by their mean"

@@ -27,7 +27,7 @@ def calibrate(
     rig: Rig,
     settings: CalibrationSettings,
     operator_say: Callable[[str], None],
-    progress: Callable[[int, int], None] | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> CalibrationPoints:
     """Hang each weight ``repeats`` times, upwards and downwards in turn, and record the voltages.
 
@@ -42,7 +42,7 @@ def calibrate(
         Weights, repeats and averaging time.
     operator_say
         Told in sentences what goes on.
-    progress
+    on_progress
         Called with the number of readings done and to do.
 
     Returns
@@ -68,8 +68,8 @@ def calibrate(
         for done, load in enumerate(sequence):
             rig.weights.place(load)
             readings.append(_living_reading(rig, load, settings.averaging_s))
-            if progress is not None:
-                progress(done + 1, len(sequence))
+            if on_progress is not None:
+                on_progress(done + 1, len(sequence))
         ended = rig.clock.utc()
     voltages, quantum = np.array([r.voltage_mv for r in readings]), max(r.quantum_mv for r in readings)
     return CalibrationPoints(np.array(sequence, dtype=np.float64), voltages, _midway(begun, ended), quantum)

@@ -25,7 +25,7 @@ _CAUSES = {
     errno.ENAMETOOLONG: "the name is too long",
     errno.ELOOP: "a link stands there, which could lead anywhere; remove it",
     errno.EEXIST: "another program writes it at this moment; try again",
-    errno.EMEDIUMTYPE: "what stands there is no plain file; remove it",
+    errno.EMEDIUMTYPE: "what is there is not a regular file; remove it",
 }
 
 
@@ -76,7 +76,7 @@ def open_plain(path: Path, flags: int) -> int:
     Raises
     ------
     OSError
-        It cannot be opened; ``ELOOP`` for a link, ``EMEDIUMTYPE`` for anything else that is no file.
+        It cannot be opened; ``ELOOP`` for a link, ``EMEDIUMTYPE`` for anything else that is not a file.
     """
     descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):

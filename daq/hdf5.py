@@ -34,7 +34,7 @@ LARGEST_COUNT = 2**53
 """Whole numbers beyond which floating-point numbers skip some."""
 
 MOST_NAMES = 100_000
-"""Items of one group beyond which a file is no recording: five digits number the impacts of a session."""
+"""Items of one group beyond which a file is not a recording: five digits number the impacts of a session."""
 
 LARGEST_ATTRIBUTE = 1_000_000
 """Bytes of one attribute; HDF5 keeps up to 64 kB of it beside its item."""
@@ -84,7 +84,7 @@ def open_hdf5(path: Path, room: Callable[[int], int] = data_room) -> Iterator[No
     Raises
     ------
     RecordingError
-        There is no such file, or it is no HDF5 file, or it is a damaged one.
+        There is no such file, or it is not an HDF5 file, or it is a damaged one.
     """
     damaged = "damaged or truncated"
     descriptor, size = open_regular(path)
@@ -94,7 +94,7 @@ def open_hdf5(path: Path, room: Callable[[int], int] = data_room) -> Iterator[No
         same = f"/proc/self/fd/{descriptor}"  # what was looked at, whatever has the name by now
         with reading(path, "", damaged):
             if not h5py.is_hdf5(same):
-                raise RecordingError(f"{path}: is no HDF5 file")
+                raise RecordingError(f"{path}: is not an HDF5 file")
             if not _heaps_are_sound(descriptor):
                 raise RecordingError(f"{path}: the file is {damaged}")
             file = h5py.File(same, "r")
@@ -332,7 +332,7 @@ class Node:
         if value is None:
             raise self._attribute_error(name, "is missing")
         if not isinstance(value, str):
-            raise self._attribute_error(name, f"is not a text but {value!r:.40}")
+            raise self._attribute_error(name, f"is not text but {value!r:.40}")
         if not is_storable(value):
             raise self._attribute_error(name, "holds a character that is none in UTF-8")
         return value

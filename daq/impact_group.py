@@ -209,14 +209,14 @@ def read_impact(node: Node, number: int) -> Shot:
 
 def _check_digest(node: Node, shot: Shot) -> None:
     kept = node.attribute(DIGEST)
-    # what another program keeps under that name is no fault
+    # what another program keeps under that name is not a fault
     if isinstance(kept, str) and _DIGEST_FORM.fullmatch(kept) and kept != digest_of(shot):
         raise node.error(
-            f": the samples or numbers of shot {shot.name} were altered after it was recorded (its digest differs)"
+            f": the samples or numbers of impact {shot.name} were altered after it was recorded (its digest differs)"
         )
 
 
-# Items beside format 1. Another program may use these names for something else: what is not ours is no fault.
+# Items beside format 1. Another program may use these names for something else: what is not ours is not a fault.
 
 
 def _beside(node: Node, name: str) -> float:
@@ -256,7 +256,7 @@ def scalar_text(node: Node) -> str:
     Raises
     ------
     RecordingError
-        It is no dataset, no scalar, no string, longer than the file, or not UTF-8.
+        It is not a dataset, no scalar, no string, longer than the file, or not UTF-8.
     """
     if not isinstance(node.item, h5py.Dataset) or node.item.shape != () or node.item.dtype.kind not in "OS":
         raise node.error(" is not a scalar string")

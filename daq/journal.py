@@ -111,7 +111,7 @@ class SessionFolder:
         if not path.is_dir():
             raise RecordingError(f"{path}: there is no such session folder")
         if not (path / SHOTS).is_dir() and not (path / HEADER).exists():
-            raise RecordingError(f"{path}: is no session folder: it holds no {HEADER}")
+            raise RecordingError(f"{path}: is not a session folder: it holds no {HEADER}")
         _not_linked(path / SHOTS)
         lock = _take_lock(path)
         try:
@@ -165,7 +165,7 @@ class SessionFolder:
         """
         path = self._shot_path(shot.number)
         if path.exists():
-            raise RecordingError(f"{path}: this shot was recorded already")
+            raise RecordingError(f"{path}: this impact was recorded already")
         check_shot(shot, str(path))
         try:
             with h5py.File("shot", "w", driver="core", backing_store=False, libver=CHECKSUMMED) as file:
@@ -176,7 +176,7 @@ class SessionFolder:
                 file.flush()
                 image = file.id.get_file_image()
         except (ValueError, TypeError, RuntimeError, OSError) as error:
-            raise RecordingError(f"{path}: the shot cannot be put into a file: {error}") from error
+            raise RecordingError(f"{path}: the impact cannot be put into a file: {error}") from error
         write_whole(path, image)
 
     def shot_numbers(self) -> list[int]:
@@ -231,7 +231,7 @@ class SessionFolder:
         noted = self._noted_digest(shot.number)
         if noted and noted != digest_of(shot):
             raise RecordingError(
-                f"{self._shot_path(shot.number)}: is not the shot {shot.number} that the journal lists: its digest "
+                f"{self._shot_path(shot.number)}: is not the impact {shot.number} that the journal lists: its digest "
                 "does not agree; put that one back"
             )
 
@@ -248,7 +248,7 @@ def shot_in(path: Path, number: int) -> tuple[Shot, dict[str, Any]]:
     """Return a shot and its checkpoint from a file that this process opens itself; see `SessionFolder.read_shot`."""
     with open_hdf5(path, shot_room) as root:
         if root.attribute("format") != SHOT_FORMAT or root.count("number") != number:
-            raise RecordingError(f"{path}: is not the file of shot {number}")
+            raise RecordingError(f"{path}: is not the file of impact {number}")
         checkpoint = root.child("checkpoint")
         if checkpoint is None:
             raise root.error(" is missing", "/checkpoint")
@@ -263,7 +263,7 @@ def any_shot_in(path: Path) -> Shot:
     """Return the shot, of whatever number, in a file that this process opens itself, without its checkpoint."""
     with open_hdf5(path, shot_room) as root:
         if root.attribute("format") != SHOT_FORMAT:
-            raise RecordingError(f"{path}: it is no shot of a session")
+            raise RecordingError(f"{path}: it is not an impact of a session")
         return read_impact(root.need_group("shot"), root.count("number"))
 
 
@@ -300,7 +300,7 @@ def _read_header(path: Path) -> dict[str, Any]:
         raise RecordingError(f"{file}: is damaged: {error}; {mend(path)}") from error
     except FileNotFoundError:
         if any((path / SHOTS).glob("*.h5")):
-            raise RecordingError(f"{path}: its {HEADER} is lost, but there are shots; {mend(path)}") from None
+            raise RecordingError(f"{path}: its {HEADER} is lost, but there are impacts; {mend(path)}") from None
         raise RecordingError(
             f"{path}: holds no session: it was stopped before it began; start it again with mesotap run"
         ) from None

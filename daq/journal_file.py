@@ -21,7 +21,7 @@ LARGEST_TEXT = 64 * 2**20
 
 def mend(folder: Path) -> str:
     """Return what to do about a session folder that is damaged."""
-    return f"'mesotap recover {folder}' makes a session file of its whole shots"
+    return f"'mesotap recover {folder}' makes a session file of its intact impacts"
 
 
 def open_journal(path: Path) -> tuple[int, list[dict[str, Any]], int]:
@@ -103,13 +103,13 @@ def append_after_death(folder: Path, event: dict[str, Any]) -> bool:
 def parse_journal(content: bytes, path: Path) -> tuple[list[dict[str, Any]], int]:
     """Return the events in a journal and how many of its bytes they take; a torn last line is left out.
 
-    A line counts once its line end is there. A last line that is no event was cut off in a power failure
+    A line counts once its line end is there. A last line that is not an event was cut off in a power failure
     (it was never reported as written) and is left out too.
 
     Raises
     ------
     RecordingError
-        A line before the last one is no event; its number is named.
+        A line before the last one is not an event; its number is named.
     """
     lines = content.split(b"\n")[:-1]
     events: list[dict[str, Any]] = []
@@ -122,7 +122,7 @@ def parse_journal(content: bytes, path: Path) -> tuple[list[dict[str, Any]], int
         if event is None:
             if number == len(lines):
                 break
-            raise RecordingError(f"{path}: line {number} is damaged: it is no journal entry; {mend(path.parent)}")
+            raise RecordingError(f"{path}: line {number} is damaged: it is not a journal entry; {mend(path.parent)}")
         events.append(event)
         length += len(line) + 1
     return events, length

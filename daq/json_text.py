@@ -20,7 +20,7 @@ def parsed_once(text: str | bytes) -> Any:
     GivenTwice
         One of its objects has a key twice.
     ValueError, RecursionError
-        It is no JSON, or nested too deeply.
+        It is not JSON, or nested too deeply.
     """
     return json.loads(text, object_pairs_hook=_once)
 

@@ -18,7 +18,7 @@ _CPU_S, _WALL_S = 8.0, 15.0
 _CPU_BYTES_PER_S, _WALL_BYTES_PER_S = 4e6, 3e6
 """A text of numbers is read at 8 MB/s of a slow processor, everything else faster; a network disk gives 10 MB/s."""
 
-_LARGEST_TEXT = 100_000_000  # bytes; what is larger is no text, and read a hundred times as fast
+_LARGEST_TEXT = 100_000_000  # bytes; what is larger is not text, and read a hundred times as fast
 
 
 def data_room(size: int) -> int:

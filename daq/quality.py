@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.contact_force import contact_force, taper_samples
-from daq.second_blow import find_second_blow
+from daq.second_impact import find_second_impact
 from daq.settings import Quality
 from rig.settings import STANDARD_GRAVITY
 
@@ -21,8 +21,8 @@ FLAT_TOP = 4
 SMOOTH_TOP = 1000
 """Steps of the recorder below which the top of a slow swing is flat by rounding: 115 at 350 Hz and 25 kHz."""
 
-BLOW_SIGNIFICANCE = 6.0
-"""Standard deviations over what noise can pass for as a second blow."""
+SECOND_IMPACT_SIGNIFICANCE = 6.0
+"""A second impact is reported where it exceeds what noise alone gives by this many standard deviations."""
 
 QUIETEST_PRETRIGGER = 16
 """Samples before the trigger below which the noise is not known."""
@@ -106,7 +106,7 @@ def judge(
     peak = float(np.abs(a).max())
     signal = float(np.abs(mean[pretrigger:]).max())
     rotation = _rotation(a[:, pretrigger:], sample_rate_hz, quality.rotation_window_ms)
-    second = find_second_blow(mean, sample_rate_hz, pretrigger)
+    second = find_second_impact(mean, sample_rate_hz, pretrigger)
     change = abs(load_after_mn - load_before_mn)
     numbers: dict[str, float | str] = {
         "peak_acceleration_m_s2": peak,
@@ -134,9 +134,9 @@ def judge(
 
     reasons += _judge_force(mean, sample_rate_hz, pretrigger, preload_mn, m2_kg, k2_n_per_m, quality, numbers)
 
-    blow_limit = max(quality.second_blow_ratio, BLOW_SIGNIFICANCE * second.noise_ratio)
-    if second.ratio > blow_limit:
-        text = f"a second blow of {second.ratio:.0%} of the first came {second.delay_s * 1e3:.2g} ms after it"
+    second_limit = max(quality.second_blow_ratio, SECOND_IMPACT_SIGNIFICANCE * second.noise_ratio)
+    if second.ratio > second_limit:
+        text = f"a second impact of {second.ratio:.0%} of the first came {second.delay_s * 1e3:.2g} ms after it"
         reasons.append((second.ratio / max(quality.second_blow_ratio, 1e-3), f"{text}: pull back faster"))
 
     if rotation > quality.largest_rotation:

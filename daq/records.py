@@ -75,7 +75,7 @@ class Shot:
     extra
         More that is worth keeping beside (JSON types), such as the numbers behind the verdict.
     channels
-        For a recording that is no tester's: all its channels, (c, n), with ``channel_names``; else None.
+        For a recording that is not a tester's: all its channels, (c, n), with ``channel_names``; else None.
     """
 
     number: int

@@ -72,7 +72,7 @@ def read_regular(path: Path, most: int, what: str = "what is expected here") -> 
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
     # what only looks like a file, such as the log of the kernel, may have nothing to give now, or more than it says
     if content is None or (size == 0 and content):
-        raise RecordingError(f"{path}: cannot be read: it is no file that stays as it is")
+        raise RecordingError(f"{path}: cannot be read: it is not a regular file")
     if max(size, len(content)) > most:
         raise RecordingError(f"{path}: is larger than {_readable(most)}, too large for {what}")
     return content

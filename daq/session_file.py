@@ -156,7 +156,7 @@ def session_in(path: Path) -> Session:
         kind = root.attribute("format")
         if kind != FORMAT:
             raise RecordingError(
-                f"{path}: is no session file: attribute format of / is {kind!r:.40}, expected {FORMAT!r}"
+                f"{path}: is not a session file: attribute format of / is {kind!r:.40}, expected {FORMAT!r}"
             )
         version = root.number("format_version")
         if version != VERSION:

@@ -1,4 +1,4 @@
-"""From the stream of samples to a record of one tap: pretrigger, strike, threshold, record."""
+"""From the stream of samples to a record of one tap: pretrigger, tap, threshold, record."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class _Stream:
                 f"The recorder sent sample {block.first_sample} again where {self.end} was due; check its driver."
             )
         if not np.isfinite(block.acceleration).all():
-            raise RigError("The recorder delivered a value that is no number; check its driver.")
+            raise RigError("The recorder delivered a value that is not a number; check its driver.")
         if block.strain_mv is not None and block.strain_mv.shape != (samples,):
             raise RigError(f"The recorder delivered {block.strain_mv.shape} strain values for {samples} samples.")
         if block.first_sample > self.end:
@@ -158,20 +158,20 @@ def record_shot(
     """Have one tap made and record it. The stream is stopped on return, also by an error.
 
     Only samples after the pretrigger stretch are looked at, so every record has its whole pretrigger. The
-    threshold is raised to 6 standard deviations of the noise before the strike where it lies below that. A record
+    threshold is raised to 6 standard deviations of the noise before the tap where it lies below that. A record
     never spans samples that were lost; samples lost before the tap cost nothing.
 
     Parameters
     ----------
     load_mn, hint
-        Passed on to ``impactor.strike``.
+        Passed on to ``impactor.tap``.
     idle
         Called after each block until the tap is felt; what it raises ends the waiting.
 
     Raises
     ------
     NoTap
-        Nothing passed the threshold within ``trigger.timeout_s`` of the strike.
+        Nothing passed the threshold within ``trigger.timeout_s`` of the tap.
     SamplesLost
         Samples were lost from the record, or just before the tap.
     RigError
@@ -196,7 +196,7 @@ def record_shot(
                 raise _lost(stream)
         threshold = _Threshold(stream.acceleration(stream.begin, stream.end), rate, trigger.threshold_m_s2)
         called = clock.now()
-        impactor.strike(load_mn, hint)
+        impactor.tap(load_mn, hint)
         found = _await_tap(stream, threshold, clock, trigger, clock.now() - called, rate, idle)
         time = clock.utc()
         first = found - trigger.pretrigger_samples
@@ -230,7 +230,7 @@ def _await_tap(
         if over is not None:
             found = block.first_sample + over
             if found - stream.unbroken < trigger.pretrigger_samples:
-                raise _lost(stream)  # only after a gap: before the strike there was a whole pretrigger stretch
+                raise _lost(stream)  # only after a gap: before the tap there was a whole pretrigger stretch
             return found
         stream.forget(stream.end - trigger.pretrigger_samples)
         idle()

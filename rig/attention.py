@@ -44,7 +44,7 @@ class Attention:
     def attend(self, *others: Waiting) -> None:
         """Be called by the rig's parts, and by others, while they wait.
 
-        A move is watched by the readings before and after it, and a reading is no time to read: stage and gauge only
+        A move is watched by the readings before and after it, and a reading is not a time to read: stage and gauge only
         heed.
         """
         for part in (self._rig.accelerometers, self._rig.weights, *others):

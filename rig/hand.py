@@ -79,7 +79,7 @@ class HandImpactor(Impactor):
     def __init__(self, operator: Operator) -> None:
         self._operator = operator
 
-    def strike(self, load_mn: float, hint: str = "") -> None:
+    def tap(self, load_mn: float, hint: str = "") -> None:
         """Ask for one tap."""
         about_the_last = f" The last one was not used: {hint}." if hint else ""
         self._operator.say(f"Tap the upper mass once, lightly (preload {load_mn:.0f} mN).{about_the_last}")

@@ -166,7 +166,7 @@ class Impactor(ABC):
     """Whatever taps the upper mass."""
 
     @abstractmethod
-    def strike(self, load_mn: float, hint: str = "") -> None:
+    def tap(self, load_mn: float, hint: str = "") -> None:
         """Have one tap made soon after this call, fit for a preload of ``load_mn``.
 
         ``hint`` is what was wrong with the tap before (empty if nothing was).

@@ -23,7 +23,7 @@ from rig.settling import MOST_TURNS, let_settle
 from rig.travel import TravelWitness
 from rig.witness import LoadWitness
 
-Progress = Callable[[str], None]
+OnProgress = Callable[[str], None]
 
 RETRACTIONS = 3
 LEFT_THRESHOLDS = 3.0  # load, in contact thresholds, that a gauge may show with the surfaces apart
@@ -32,7 +32,7 @@ CAREFUL_READING_S = 0.2
 STEP_READING_S = 0.05  # after a step: its noise is far below what a step makes
 CONFIRMING_READING_S = 0.1  # what a tap adds to one reading has died away, or averages out, in a longer one
 STANDING_DRIFT_UM = 1.0  # by which the encoder of a standing stage may be off: many steps of any actuator
-SETTLED_THRESHOLDS = 0.1  # change within a settling time, in contact thresholds, that is no lag but a creep
+SETTLED_THRESHOLDS = 0.1  # change within a settling time, in contact thresholds, that is not a lag but a creep
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +136,7 @@ class Interlock:
 
     # --- moves ----------------------------------------------------------------------------------------------
 
-    def approach(self, progress: Progress | None = None) -> float:
+    def approach(self, on_progress: OnProgress | None = None) -> float:
         """Bring the surfaces together and return the load at first contact, mN.
 
         The load may not change before contact, contact shows as a rise by the contact threshold, and it is looked
@@ -165,8 +165,8 @@ class Interlock:
         def felt() -> bool:
             self._let_settle()
             load = self.load_mn()
-            if progress is not None:
-                progress(f"approaching, load {load:.0f} mN")
+            if on_progress is not None:
+                on_progress(f"approaching, load {load:.0f} mN")
             self._check_limit(load)
             if load < resting - 2 * threshold:
                 raise self._witness.doubt(
@@ -188,7 +188,7 @@ class Interlock:
         self._travel.met(reading.position_um, load)
         return load
 
-    def set_load(self, target_mn: float, tolerance_mn: float, progress: Progress | None = None) -> float:
+    def set_load(self, target_mn: float, tolerance_mn: float, on_progress: OnProgress | None = None) -> float:
         """Close the loop on the gauge until the load is within ``tolerance_mn`` of the target; returns the load.
 
         The target is approached from below, see `LoadLoop`.
@@ -207,7 +207,7 @@ class Interlock:
         self._stands = None
         self._rig.stage.unlock()
         loop = LoadLoop(self._travel.mn_per_um, self._rig.stage.step_um, self._limits.largest_approach_step_um)
-        load = loop.close(target_mn, tolerance_mn, self.load_mn(), self.move_by, progress)
+        load = loop.close(target_mn, tolerance_mn, self.load_mn(), self.move_by, on_progress)
         self._travel.carried()
         return load
 
@@ -241,7 +241,7 @@ class Interlock:
         self._left_mn = after
         return after
 
-    def retract(self, progress: Progress | None = None) -> str:
+    def retract(self, on_progress: OnProgress | None = None) -> str:
         """Take the surfaces apart by the clearance, whatever the gauge says, and look whether it agrees.
 
         Returns
@@ -255,8 +255,8 @@ class Interlock:
         InterlockRefusal
             If a gauge that can be believed still shows a load after some tries.
         """
-        if progress is not None:
-            progress("taking the surfaces apart")
+        if on_progress is not None:
+            on_progress("taking the surfaces apart")
         self._stands = None
         for _ in range(RETRACTIONS):
             self._rig.stage.retract(self._limits.clearance_um, "taking the surfaces apart")

@@ -39,7 +39,7 @@ class LoadLoop:
         tolerance_mn: float,
         load_mn: float,
         move_by: GuardedStep,
-        progress: Callable[[str], None] | None = None,
+        on_progress: Callable[[str], None] | None = None,
     ) -> float:
         """Step until the load is within ``tolerance_mn`` of the target; returns it.
 
@@ -56,8 +56,8 @@ class LoadLoop:
         lowest = max(target_mn - self.largest_step_um * self.mn_per_um, target_mn / 2)
         for _ in range(LARGEST_TRIES):
             aim = f"load {load:.0f} mN, target {target_mn:.0f} mN"
-            if progress is not None:
-                progress(aim)
+            if on_progress is not None:
+                on_progress(aim)
             back = back and load > (target_mn + lowest) / 2
             if not back and abs(target_mn - load) <= tolerance_mn:
                 return load

@@ -73,7 +73,9 @@ def sort_arrays(path: Path, found: NamedArrays) -> Columns:
     rate = _rate(path, found)
     if not vectors:
         hint = f"; left out is {skipped[0]:.100}" if skipped else ""
-        raise RecordingError(f"{path}: is no recording: it holds no array of at least {FEWEST_SAMPLES} samples{hint}")
+        raise RecordingError(
+            f"{path}: is not a recording: it holds no array of at least {FEWEST_SAMPLES} samples{hint}"
+        )
     lengths = [values.size for _, values in vectors]
     length = max(set(lengths), key=lambda n: (n * lengths.count(n), n))
     chosen = [(name, values) for name, values in vectors if values.size == length]

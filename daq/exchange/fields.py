@@ -43,14 +43,14 @@ def decode(path: Path, content: bytes) -> str:
     Raises
     ------
     RecordingError
-        It is no text.
+        It is not text.
     """
     try:
         text = content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except UnicodeDecodeError:
         text = content.decode("latin-1")
     if any((ord(c) < 32 and c not in "\t\n\r\f\x1a") or 127 <= ord(c) < 160 for c in text[:100_000]):
-        raise RecordingError(f"{path}: is no recording that this program knows (CSV, MAT or universal file)")
+        raise RecordingError(f"{path}: is not a recording that this program knows (CSV, MAT or universal file)")
     return text
 
 
@@ -60,7 +60,7 @@ def lines_of(path: Path, text: str, offset: int, number: int) -> Iterator[Line]:
         end = text.find("\n", offset)
         end = len(text) if end < 0 else end
         if end - offset > LONGEST_LINE:
-            raise RecordingError(f"{path}: is no recording: it has a line of more than {LONGEST_LINE} characters")
+            raise RecordingError(f"{path}: is not a recording: it has a line of more than {LONGEST_LINE} characters")
         yield Line(number, offset, text[offset:end].strip(_EDGES))
         offset, number = end + 1, number + 1
 
@@ -142,8 +142,8 @@ def is_number(text: str, decimal_comma: bool) -> bool:
 
 
 def fault_of(text: str) -> str:
-    """Return what is wrong with a field that is no number."""
+    """Return what is wrong with a field that is not a number."""
     if not text:
         return "is empty"
     hint = ": write numbers without commas between thousands" if THOUSANDS.fullmatch(text) else ""
-    return f"{text!r:.40} is no number{hint}"
+    return f"{text!r:.40} is not a number{hint}"

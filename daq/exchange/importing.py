@@ -118,7 +118,7 @@ def content_of(path: Path) -> bytes:
         raise RecordingError(f"{path}: the file is empty")
     for start, kind in _KNOWN_OTHERS.items():
         if content.startswith(start):
-            raise RecordingError(f"{path}: is no recording but {kind}")
+            raise RecordingError(f"{path}: is not a recording but {kind}")
     return content
 
 
@@ -136,7 +136,7 @@ def as_session(recording: Recording, channels: Sequence[str | int] | None = None
     Raises
     ------
     RecordingError
-        There are no two channels, one of those asked for is not there or is no acceleration, or none were asked for
+        There are no two channels, one of those asked for is not there or is not an acceleration, or none were asked for
         and something of the file was left out.
     """
     from daq.trigger import find_trigger  # brings all of scipy.signal, which a reader of files need not wait for

@@ -18,7 +18,7 @@ FEWEST_SAMPLES = 16
 """Samples below which a file is not taken for a recording."""
 
 MOST_CHANNELS = 1000
-"""Channels beyond which a file is no recording of a rig."""
+"""Channels beyond which a file is not a recording of a rig."""
 
 RATE_TOLERANCE = 0.005
 """Relative difference between a given sampling rate and the file's beyond which they contradict each other."""

@@ -49,7 +49,7 @@ def read_text(path: Path, content: bytes) -> Columns:
     Raises
     ------
     RecordingError
-        The file is no text, holds no table, or a line of the table is damaged: the line is named.
+        The file is not text, holds no table, or a line of the table is damaged: the line is named.
     """
     text = decode(path, content).replace("\r\n", "\n").replace("\r", "\n")
     head, comments = head_of(path, text)
@@ -93,7 +93,7 @@ def _layout(path: Path, head: list[Line]) -> tuple[str, Line]:
             for column, text in enumerate(fields):
                 if "," in text and THOUSANDS.fullmatch(text) is not None:
                     raise RecordingError(f"{path}: line {line.number}, column {column + 1}: {fault_of(text)}")
-        raise RecordingError(f"{path}: is no recording: it holds no table of numbers")
+        raise RecordingError(f"{path}: is not a recording: it holds no table of numbers")
     return best[2], best[1]
 
 
@@ -120,7 +120,7 @@ def _refuse_prose(path: Path, text: str, begin: Line, delimiter: str, width: int
         if seen == _SAMPLE:
             break
     if sound < seen / 2:
-        raise RecordingError(f"{path}: is no recording: it holds no table of numbers")
+        raise RecordingError(f"{path}: is not a recording: it holds no table of numbers")
 
 
 def _take(table: _Table, text: str, begin: Line, end: int) -> None:
@@ -129,7 +129,9 @@ def _take(table: _Table, text: str, begin: Line, end: int) -> None:
     while offset < end:
         cut = end if end - offset <= _BLOCK else text.rfind("\n", offset, offset + _BLOCK)
         if cut < 0:
-            raise RecordingError(f"{table.path}: is no recording: it has a line of more than {LONGEST_LINE} characters")
+            raise RecordingError(
+                f"{table.path}: is not a recording: it has a line of more than {LONGEST_LINE} characters"
+            )
         block = text[offset:cut]
         lines = block.count("\n") + 1
         if not table.take_sound(block, lines, number):

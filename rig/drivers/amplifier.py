@@ -109,7 +109,7 @@ class ModbusLoadCell(LoadCell, Driver):
                 continue  # this turn is over; the next one is taken
             self.idle()
             self._clock.sleep(-late)
-            taken = self._clock.now()  # before it is asked for: what is read is no older
+            taken = self._clock.now()  # before it is asked for: what is read is not older
             values.append(self._sample())
         while len(values) < SMALLEST_COUNT:
             taken = self._clock.now()

@@ -154,7 +154,7 @@ class AxisStatus:
 
 
 class ReplyError(ValueError):
-    """A line that is no sound reply to what was asked."""
+    """A line that is not a sound reply to what was asked."""
 
 
 def parse_reply(line: bytes, address: int, command: str) -> str:
@@ -181,11 +181,11 @@ def parse_status(value: str, controller: Controller | None = None) -> AxisStatus
     ``controller`` says whose codes these are; None takes either's.
     """
     if len(value) != 6 or any(c not in "0123456789ABCDEFabcdef" for c in value):
-        raise ReplyError(f"{value!r} is no status")
+        raise ReplyError(f"{value!r} is not a status")
     errors, code = int(value[:4], 16), int(value[4:], 16)
     state = AxisState.of(code, controller)
     if state is None:
-        raise ReplyError(f"{code:02X} is no state")
+        raise ReplyError(f"{code:02X} is not a state")
     if errors & ~sum(PositionerError):
         raise ReplyError(f"{errors:04X} has error bits that mean nothing")
     return AxisStatus(PositionerError(errors), state, code)
@@ -195,18 +195,18 @@ def parse_error(value: str, controller: Controller | None = None) -> CommandErro
     """Return the error in the value of a ``TE`` reply."""
     error = CommandError.of(value, controller)
     if error is None:
-        raise ReplyError(f"{value!r} is no error letter")
+        raise ReplyError(f"{value!r} is not an error letter")
     return error
 
 
 def parse_number(value: str) -> float:
     """Return the number in a reply: digits, sign, point, exponent; nothing else that Python calls a float."""
     if not value or any(c not in "0123456789+-.eE" for c in value):
-        raise ReplyError(f"{value!r} is no number")
+        raise ReplyError(f"{value!r} is not a number")
     try:
         number = float(value)
     except ValueError as error:
-        raise ReplyError(f"{value!r} is no number") from error
+        raise ReplyError(f"{value!r} is not a number") from error
     if abs(number) > LARGEST_NUMBER:
         raise ReplyError(f"{value!r} is out of all bounds")
     return number

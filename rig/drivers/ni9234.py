@@ -236,7 +236,7 @@ class Ni9234(Accelerometers, Driver):
         if code in OVERRUNS:
             what, check = "samples were overwritten again and again", "close other programs"
         elif code in TIMED_OUT:
-            what, check = "it sends nothing", "look at the chassis in NI MAX, plug it out and in again"
+            what, check = "it sends nothing", "look at the chassis in NI MAX, unplug it and plug it in again"
         else:
             what, check = f"NI-DAQmx refuses ({_reason(error)})", "look at the module in NI MAX"
         return DeviceError(f"recorder {NAME}", self._settings.module, what, check)

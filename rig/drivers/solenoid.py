@@ -53,7 +53,7 @@ class SolenoidImpactor(Impactor):
         if self._may_be_on:
             self._switch_off()
 
-    def strike(self, load_mn: float, hint: str = "") -> None:
+    def tap(self, load_mn: float, hint: str = "") -> None:
         """Switch the solenoid on for one pulse.
 
         Raises

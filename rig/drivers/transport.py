@@ -20,7 +20,7 @@ from rig.interface import Clock
 PARITIES = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
 LARGEST_READ = 4096
 CONNECT_S = 3.0
-LARGEST_LEFTOVER = 65536  # bytes; more that nobody asked for is no late reply
+LARGEST_LEFTOVER = 65536  # bytes; more that nobody asked for is not a late reply
 SETTLING_S = 0.1  # in which a line has to fall quiet
 
 

@@ -306,7 +306,7 @@ class Usb1608(Accelerometers, Driver):
             )
         if isinstance(fault, UsbSilent):
             what = "it samples, but sends nothing" if Status.RUNNING in status else "it stopped by itself"
-            return UsbSilent(transport.name, transport.port, what, "plug it out and in again")
+            return UsbSilent(transport.name, transport.port, what, "unplug it and plug it in again")
         return fault
 
     def _take(self, content: bytes | array.array[int]) -> Block:

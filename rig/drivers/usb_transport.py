@@ -23,7 +23,7 @@ CONTROL_TIMEOUT_MS = 100
 (Jasper's Python driver 100 ms, 200 for the start of a scan; his C driver 2000, uldaq 1000). Not more, for while it is
 waited for nobody watches the load, and two in a row have to fit into the half second until the surfaces are apart."""
 
-PLUG_AGAIN = "plug it out and in again"
+PLUG_AGAIN = "unplug it and plug it in again"
 
 _GONE = {errno.ENODEV, errno.EIO, errno.ENOENT, errno.ESHUTDOWN, errno.ENXIO}
 """What the kernel says of a transfer under which the cable was pulled."""

@@ -110,7 +110,7 @@ def read_recording(path: Path) -> WireRecording:
     Raises
     ------
     RigError
-        It cannot be read, or is no recording of this version; a line of it is named.
+        It cannot be read, or is not a recording of this version; a line of it is named.
     """
     try:
         lines = path.read_bytes().split(b"\n")
@@ -121,12 +121,12 @@ def read_recording(path: Path) -> WireRecording:
         try:
             entry = json.loads(line)
             if not isinstance(entry, dict):
-                raise ValueError("is no JSON object")
+                raise ValueError("is not JSON object")
             entries.append((number, entry))
         except (ValueError, RecursionError) as error:
             raise RigError(f"{path}: line {number} is damaged") from error
     if not entries or entries[0][1].get("format") != WIRE_FORMAT:
-        raise RigError(f"{path}: is no recording of a wire")
+        raise RigError(f"{path}: is not a recording of a wire")
     if entries[0][1].get("format_version") != WIRE_VERSION:
         raise RigError(
             f"{path}: is of version {entries[0][1].get('format_version')!r}, this program reads {WIRE_VERSION}"

@@ -1,8 +1,9 @@
-"""Finds a second blow in a record without a model of the tester: the record predicts itself.
+"""Detect a second impact (double hit) in a record without a model of the tester: the record predicts itself.
 
-Between blows a linear tester rings freely, so every stretch of the record lies in the small space that its few decaying
-modes span. A blow leaves it, and what the first one left over is the pattern by which a second is looked for:
-the pattern's inner product with any later stretch is zero for free ringing and the ratio of the blows at a second blow.
+Between impacts a linear tester rings freely, so every stretch of the record lies in the low-dimensional space that its
+few decaying modes span. An impact leaves that space, and the component of the first one outside it is the pattern by
+which a second is looked for: the inner product of the pattern with any later stretch is zero for free ringing, and at a
+second impact it is the ratio of the two.
 """
 
 from __future__ import annotations
@@ -15,31 +16,31 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 BEFORE_S, AFTER_S = 0.6e-3, 2.4e-3
-"""A stretch: so much before the supposed blow, s, and so much after it."""
+"""A stretch: its length before the supposed impact and after it, s."""
 
 FREE_AFTER_S = 0.8e-3
 """The ringing counts as free from here on; a hand-held tap pushes for 0.1 to 0.6 ms."""
 
 SEARCH_AFTER_S = 1.0e-3
-"""A second blow sooner than this after the first is part of the first."""
+"""A second impact sooner than this after the first is part of the first."""
 
 MODES_FIRST, MODES_FINAL = 6, 10
 """Most dimensions of the space of free ringing: three modes with a candidate in it, five once it is taken out."""
 
 NOISE_EDGE = 3.0
-"""Energy over that of the largest pattern of pure noise from which on a dimension counts as ringing."""
+"""A dimension counts as ringing if its energy exceeds that of the largest pattern of pure noise by this factor."""
 
 
 @dataclass(frozen=True, slots=True)
-class SecondBlow:
-    """The likeliest second blow.
+class SecondImpact:
+    """The most likely second impact.
 
     Attributes
     ----------
     ratio
-        Its strength over the first one's, from 0; NaN where the record is too short to tell.
+        Its strength relative to the first one, from 0; NaN where the record is too short to tell.
     delay_s
-        How long after the trigger, s.
+        Time after the trigger, s.
     noise_ratio
         Standard deviation that noise alone gives ``ratio``.
     """
@@ -49,11 +50,11 @@ class SecondBlow:
     noise_ratio: float
 
 
-UNKNOWN = SecondBlow(math.nan, math.nan, math.nan)
+UNKNOWN = SecondImpact(math.nan, math.nan, math.nan)
 
 
-def find_second_blow(acceleration_mean: NDArray[np.float64], sample_rate_hz: float, pretrigger: int) -> SecondBlow:
-    """Return the likeliest second blow after the one at sample ``pretrigger``, however weak.
+def find_second_impact(acceleration_mean: NDArray[np.float64], sample_rate_hz: float, pretrigger: int) -> SecondImpact:
+    """Return the most likely second impact after the one at sample ``pretrigger``, however weak.
 
     Parameters
     ----------
@@ -62,15 +63,15 @@ def find_second_blow(acceleration_mean: NDArray[np.float64], sample_rate_hz: flo
     """
     before, after = round(BEFORE_S * sample_rate_hz), round(AFTER_S * sample_rate_hz)
     length = before + after
-    first = pretrigger - 1  # the trigger sample is past the threshold: the blow began before it
+    first = pretrigger - 1  # the trigger sample is past the threshold: the impact began before it
     if before < 2 or first < before or pretrigger < 2 or acceleration_mean.size - pretrigger < 4 * length:
         return UNKNOWN
     y = acceleration_mean - acceleration_mean[:pretrigger].mean()
     noise = float(y[:pretrigger].std())
     stretches = sliding_window_view(y, length)
-    blow = np.arange(len(stretches)) + before
+    impact = np.arange(len(stretches)) + before
     free = np.arange(len(stretches)) >= pretrigger + round(FREE_AFTER_S * sample_rate_hz)
-    searched = blow >= first + round(SEARCH_AFTER_S * sample_rate_hz)
+    searched = impact >= first + round(SEARCH_AFTER_S * sample_rate_hz)
     used = free
     best, ratio, size = 0, np.zeros(len(stretches)), 0.0
     for most in (MODES_FIRST, MODES_FINAL):
@@ -81,11 +82,11 @@ def find_second_blow(acceleration_mean: NDArray[np.float64], sample_rate_hz: flo
             return UNKNOWN
         ratio = np.abs(stretches @ pattern) / size
         best = int(np.argmax(np.where(searched, ratio, 0.0)))
-        # Stretches across the candidate would teach the space what a blow looks like.
-        used = free & ((blow <= best + before - after) | (blow >= best + 2 * before))
+        # stretches across the candidate would add the shape of an impact to the space of free ringing
+        used = free & ((impact <= best + before - after) | (impact >= best + 2 * before))
         if np.count_nonzero(used) < length:
             used = free
-    return SecondBlow(float(ratio[best]), (int(blow[best]) - first) / sample_rate_hz, noise / math.sqrt(size))
+    return SecondImpact(float(ratio[best]), (int(impact[best]) - first) / sample_rate_hz, noise / math.sqrt(size))
 
 
 def _ringing(stretches: NDArray[np.float64], noise: float, most: int) -> NDArray[np.float64]:

@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from analysis.mismatch.baseline import Constants
-from analysis.mismatch.model import Model, Variant, rung
-from analysis.mismatch.records import Record
-from analysis.mismatch.response import responses
 from numpy.typing import NDArray
 
-from analysis.mismatch import diagnosis
-from analysis.mismatch.problem import Term
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.problem import Constants
+from analysis.mismatch.ring_downs.added_response import AddedResponse, Variant, rung
+from analysis.mismatch.ring_downs.experiment import Segment
+from analysis.mismatch.ring_downs.response import responses
 from sim_backend.adopted import adopted
 from sim_backend.twin import SUBSTEPS, twin_record
 from tests.analysis.ring_downs import (
@@ -24,6 +23,7 @@ from tests.analysis.ring_downs import (
     RATE_HZ,
     SAMPLES,
     analog_filter,
+    problem_of,
     pulse_of,
     session_of,
     two_mass,
@@ -43,19 +43,20 @@ VALUES: dict[str, dict[str, float]] = {
 }
 
 
-def free_model(name: str) -> tuple[Model, Variant]:
+def free_model(name: str) -> tuple[AddedResponse, Variant]:
     """Return a model with the true constants and the mechanism, and a variant without amplitudes."""
-    problem = diagnosis.tester_problem(session_of(with_law(), ratios=(0.5, 0.7)))
+    problem = problem_of(session_of(with_law(), ratios=(0.5, 0.7)))
     rigs = [two_mass(load) for load in LOADS_N]
     load = np.array([[rig.kc, rig.cc] for rig in rigs])
     constants = Constants(problem.arrangement, np.array([rigs[0].m1, rigs[0].m2, rigs[0].k1, rigs[0].k2]), load)
-    term = Term(adopted(name, VALUES[name]).mechanism, VALUES[name])
-    model = Model(problem, (term,), SUBSTEPS)
+    found = adopted(name, VALUES[name])
+    term = Term(found.mechanism, VALUES[name], found.place)
+    model = AddedResponse(problem, (term,), SUBSTEPS)
     _, made = model.modes(constants)
     return model, Variant((term,), np.zeros(2, np.complex128), constants.at(GROUP), made[GROUP])
 
 
-def predicted(model: Model, variant: Variant, record: Record, numbers: Real) -> Real:
+def predicted(model: AddedResponse, variant: Variant, record: Segment, numbers: Real) -> Real:
     """Return what channel A shows for the real and imaginary parts of the modal amplitudes."""
     own = replace(variant, amplitudes=numbers[:2] + 1j * numbers[2:])
     h, samples = 1 / RATE_HZ / SUBSTEPS, record.y.shape[1]
@@ -75,7 +76,7 @@ def test_the_twin_rings_as_the_model_with_its_state_refitted(name: str) -> None:
     start = PRETRIGGER + FIRST + FORGOTTEN
     y = made[0][0, start : start + SHOWN]
     empty = np.zeros((2, SHOWN))
-    record = Record("", empty, empty, (FIRST + FORGOTTEN) / RATE_HZ, GROUP, load, 0, FORGOTTEN)
+    record = Segment("", empty, empty, (FIRST + FORGOTTEN) / RATE_HZ, GROUP, load, 0, FORGOTTEN)
     slow = np.exp(np.outer(np.arange(SHOWN) / RATE_HZ, model.problem.slow.real))
     unit = [rung(variant.to, np.eye(2)[j] * phase, 1 / RATE_HZ, SHOWN)[0] for phase in (1.0, 1j) for j in range(2)]
     numbers = np.linalg.lstsq(np.stack(unit, axis=1)[:EARLY], y[:EARLY], rcond=None)[0]

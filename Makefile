@@ -86,10 +86,11 @@ proof: $(VENV)/.installed
 	$(BIN)/mesotap prove --seed $(PROOF_SEED) --sessions $(PROOF_SESSIONS) --output docs/proof
 
 # modal identification against the Cramer-Rao bound and beside other programs, in a virtualenv of its own; time and
-# memory of a diagnosis
+# memory of a diagnosis; error and time of the propagator
 bench: .venv-bench/.installed
 	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/modal.py $(BENCH_ARGS)
 	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/diagnosis.py
+	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python -m benchmarks.propagate
 
 .venv-bench/.installed: pyproject.toml
 	$(PYTHON) -m venv .venv-bench

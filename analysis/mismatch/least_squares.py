@@ -146,10 +146,8 @@ def minimise(
     exact = exact or not model.approximates
     slopes: Linearisation | None = None
     while iteration < stopping.most and not _given_up(at.objective, gain, iteration, stopping, race):
-        fresh = slopes is None
-        if slopes is None:
-            slopes = model.linearise(at, exact)
-            iteration += 1
+        fresh, slopes = slopes is None, slopes or model.linearise(at, exact)
+        iteration += fresh
         trial, damping, expected = _tried(model, at, slopes, damping, iteration, stopping.tries if fresh else 1)
         if trial is None:
             if fresh and exact:
@@ -159,11 +157,12 @@ def minimise(
         gain = at.objective - trial.objective
         as_expected = model.reuses and exact and damping == 0 and gain > race.as_expected * expected
         at, damping = trial, 0.0 if damping < FORGOTTEN_DAMPING else damping / 10
-        enough = gain >= _enough(at.objective, stopping, race)
-        stalled += not enough and (fresh or as_expected)
-        if not enough and stalled >= (1 if exact else 2):
-            break
-        exact = exact or (enough and iteration > SLOW_START)
+        if gain >= _enough(at.objective, stopping, race):
+            exact = exact or iteration > SLOW_START
+        else:
+            stalled += fresh or as_expected
+            if stalled >= 2 - exact:
+                break
         slopes = slopes if as_expected else None
     return at, exact
 

@@ -105,10 +105,8 @@ def reconstruct(fit: RingDownFit, number: int) -> Reconstruction:
     y = segment.raw.mean(axis=0)
     pole = complex(rig.poles[int(np.argmax(np.abs(seen * fit.amplitudes[number])))])
     visible = _visible_force(fit.arrangement, values, place, noise, abs(pole), rate) / (values["kc"] * deformation)
-    systems = [
-        _system(fit.arrangement, values, place, fit.problem.analog, rate, deformation, pole, size * visible, noise)
-        for size in SIZES
-    ]
+    contact = _Contact(fit.arrangement, values, place, fit.problem.analog, rate, deformation, pole)
+    systems = [_system(contact, size * visible, noise) for size in SIZES]
     system = max(systems, key=lambda one: _filtered(one, y[:CHOOSING])[0])
     means, spreads = _smoothed(system, y)
     variance = np.einsum("i,nij,j->n", system.force, spreads, system.force)
@@ -202,30 +200,35 @@ def law_along(fit: RingDownFit, segment: Segment, motion: Reconstruction) -> Rea
     return force
 
 
-def _system(
-    rig: Arrangement,
-    values: Mapping[str, float],
-    place: int,
-    analog: StateSpace,
-    sample_rate_hz: float,
-    deformation: float,
-    pole: complex,
-    size: float,
-    noise: float,
-) -> _System:
+@dataclass(frozen=True, slots=True)
+class _Contact:
+    """A contact in its rig: constants, element, declared filter, rate (Hz), deformation (m), pole (1/s)."""
+
+    rig: Arrangement
+    values: Mapping[str, float]
+    place: int
+    analog: StateSpace
+    sample_rate_hz: float
+    deformation: float
+    pole: complex
+
+
+def _system(contact: _Contact, size: float, noise: float) -> _System:
     """Join bodies, filter and extra force, which reaches up to the pole's frequency and dies away with it."""
-    frequency, decay = abs(pole), -pole.real
+    rig, values, place, analog = contact.rig, contact.values, contact.place, contact.analog
+    sample_rate_hz, deformation = contact.sample_rate_hz, contact.deformation
+    frequency, decay = abs(contact.pole), -contact.pole.real
     mass, damping, stiffness = rig.matrices(values)
     n, m = len(mass), len(analog.b)
     at_filter, at_force = 2 * n, 2 * n + m
     total = at_force + FORCE_STATES
-    contact = rig.vector(rig.elements[place].row, values)
+    row_of_contact = rig.vector(rig.elements[place].row, values)
     motion = np.zeros((3, n, total))  # displacement, velocity, acceleration of each body in the states
     motion[0, :, :n] = np.eye(n)
     motion[1, :, n : 2 * n] = np.eye(n)
     motion[2, :, :n] = -stiffness / mass[:, None]
     motion[2, :, n : 2 * n] = -damping / mass[:, None]
-    motion[2, :, at_force] = -contact / mass
+    motion[2, :, at_force] = -row_of_contact / mass
     sensors = [(rig.vector(s.row, values), DERIVATIVES[s.quantity]) for s in rig.sensors]
     seen = np.mean([row @ motion[order] for row, order in sensors], axis=0)
     a = np.zeros((total, total))
@@ -248,7 +251,7 @@ def _system(
     white[-1, -1] = 4 * frequency  # unit variance of the scaled force
     step, spread = _sampled(scaled, white, 1 / sample_rate_hz)
     start = np.diag(np.concatenate([np.full(at_force, UNKNOWN**2), np.ones(FORCE_STATES)]))
-    approach, closing = (contact @ motion[order] * unit for order in (0, 1))
+    approach, closing = (row_of_contact @ motion[order] * unit for order in (0, 1))
     extra = np.zeros(total)
     extra[at_force] = force
     return _System(

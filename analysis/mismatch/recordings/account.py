@@ -15,9 +15,10 @@ from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Interva
 from analysis.mismatch.intervals import NORMAL_95
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.decay import decay_of
+from analysis.mismatch.recordings.far_off import far_off
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge, held_out_rms, mean_of, with_time
-from analysis.mismatch.recordings.recorded import CHOOSE, HELD, UNUSED, level
+from analysis.mismatch.recordings.recorded import CHOOSE, level
 from analysis.mismatch.recordings.signatures import innovation_rms
 from analysis.mismatch.remainder import frequency_words
 from analysis.mismatch.rig_description import DescribedRig
@@ -96,7 +97,7 @@ class BlockAccount(Account[SimulatedFit]):
         A rig that is far from the one recorded hardly moves where the recording does. What it misses is then the
         motion, which an autoregression takes away as it takes away noise, and the score tests see nothing.
         """
-        return self.selection.chosen is None and _far_off(self.selection.best)
+        return self.selection.chosen is None and far_off(self.selection.best)
 
     @property
     def decay(self) -> tuple[AtAmplitude, ...]:
@@ -337,20 +338,3 @@ def _middle(energy: Real, at: Real) -> tuple[float, float]:
     edge = (1 - MOST_ENERGY) / 2
     low, high = np.searchsorted(grown, [edge, 1 - edge])
     return float(at[low]), float(at[min(high, at.size - 1)])
-
-
-def _far_off(fitted: SimulatedFit) -> bool:
-    policy = fitted.problem.policy
-    for number, recorded in enumerate(fitted.problem.recordings):
-        off, at = fitted.off(number, whole=True)
-        part = recorded.part[at]
-        moved = recorded.outputs[:, at] / level(recorded)[:, None]
-        for row, shown in zip(off, moved, strict=True):
-            innovation = innovation_rms(row[recorded.fitted])
-            for kept in (part != UNUSED, part == HELD):
-                error = math.sqrt(float(np.mean(row[kept] ** 2))) if np.any(kept) else 0.0
-                # a decay has faded where it is held out: there it is held against the whole of the recording
-                all_of_it = max(float(np.std(shown[kept])), 1.0) if np.any(kept) else 1.0
-                if error > policy.missed * all_of_it and error > policy.predictable * innovation:
-                    return True
-    return False

@@ -126,9 +126,8 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
         inputs = inputs[:, : outputs.shape[1]]
         if outputs.shape[1] < FEWEST // 2 + 2 * edge:
             raise AnalysisError(f"{source}: too little is left of the recording after its largest deflection")
-    return _divided(
-        source, rate, first / rate, np.ascontiguousarray(outputs), np.ascontiguousarray(inputs), band, edge, rig
-    )
+    rows = np.ascontiguousarray(outputs), np.ascontiguousarray(inputs)
+    return _divided(source, (rate, first / rate), rows, (band, edge), rig)
 
 
 def _refuse_what_sessions_tell(rig: DescribedRig, source: str) -> None:
@@ -169,8 +168,14 @@ def _after_impact(outputs: Real, edge: int) -> int:
 
 
 def _divided(
-    source: str, rate: float, start: float, outputs: Real, inputs: Real, band: Real | None, edge: int, rig: DescribedRig
+    source: str,
+    clock: tuple[float, float],
+    rows: tuple[Real, Real],
+    filtered: tuple[Real | None, int],
+    rig: DescribedRig,
 ) -> Recorded:
+    """Return a recording cut into parts: ``clock`` is rate (Hz) and start (s), ``filtered`` the band and its edge."""
+    (rate, start), (outputs, inputs), (band, edge) = clock, rows, filtered
     n = outputs.shape[1]
     part = np.full(n, UNUSED, np.int64)
     block = np.arange(n) * BLOCKS // n

@@ -36,24 +36,33 @@ def regressed(
     if free is None or any(m.strength is None or t.values[m.strength] == 0 for t, m in laws):
         return None
     motion = _motion(simulation, constants)
-    known = constants[simulation.rig.arrangement.masses[0]] * motion.acceleration
+    columns, known = _linear_forces(simulation, constants, free, motion)
+    for i, (term, mechanism) in enumerate(laws):
+        columns[f"{i}:{mechanism.strength}"] = _force(simulation, constants, term, mechanism, motion)
+    solved = _solved(columns, known, motion) if columns else None
+    return None if solved is None else _placed(solved, constants, terms, free)
+
+
+def _linear_forces(
+    simulation: Simulation, constants: dict[str, float], free: _Free, motion: _Motion
+) -> tuple[dict[str, Real], Real]:
+    """Return (n,) the forces of unit size whose size is free, by constant, and the sum of those that are known."""
+    arrangement = simulation.rig.arrangement
+    known = constants[arrangement.masses[0]] * motion.acceleration
     columns: dict[str, Real] = {}
     for name, moved, everything in (
-        (free.stiffness, motion.displacement, [e.stiffness for e in simulation.rig.arrangement.elements]),
-        (free.damping, motion.velocity, [e.damping for e in simulation.rig.arrangement.elements]),
+        (free.stiffness, motion.displacement, [e.stiffness for e in arrangement.elements]),
+        (free.damping, motion.velocity, [e.damping for e in arrangement.elements]),
     ):
         known = known + sum(constants[e] for e in everything if e is not None and e != name) * moved
         if name is not None:
             columns[name] = moved
-    for i, (term, mechanism) in enumerate(laws):
-        columns[f"{i}:{mechanism.strength}"] = _force(simulation, constants, term, mechanism, motion)
     for drive, push in _pushes(simulation, constants):
         if drive in free.gains:
             columns[drive] = -push
         else:
             known = known - constants[drive] * push
-    solved = _solved(columns, known, motion) if columns else None
-    return None if solved is None else _placed(solved, constants, terms, free)
+    return columns, known
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from analysis.mismatch.recordings.signatures import innovation_rms
 
 
 def far_off(fitted: SimulatedFit) -> bool:
-    """Return whether a channel's error is most of what it shows, and could have been predicted from the error itself."""
+    """Return whether a channel's error is most of what it shows, and predictable from the error itself."""
     policy = fitted.problem.policy
     for number, recorded in enumerate(fitted.problem.recordings):
         off, at = fitted.off(number, whole=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from mesotap.proof.generator.effects import LISTED
@@ -44,6 +44,10 @@ class Entry:
         Of the answer's best model, m/s2; ``knowing_rms`` that of a fit that knows the answer; NaN where unknown.
     likeness
         Cosine of what survives of the hidden effect with what would of the one named, where it was computed.
+    limits
+        Parameter and 95 % upper limit of each mechanism that is not named, by id.
+    complete
+        Stated probability that what is named, and nothing else, is there.
     """
 
     name: str
@@ -61,6 +65,8 @@ class Entry:
     knowing_rms: float
     seconds: float
     likeness: float | None = None
+    limits: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+    complete: float = float("nan")
 
     @property
     def detected(self) -> bool:
@@ -109,6 +115,8 @@ def entry_of(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> 
         heldout_rms=float(fit["heldout_rms_before"] if after is None else after),
         knowing_rms=float(truth.get("knowing_rms", float("nan"))),
         seconds=float(answer["seconds"]),
+        limits={u["id"]: (u["parameter"], float(u["value"])) for u in answer.get("upper_limits", ())},
+        complete=float(answer.get("complete_probability", float("nan"))),
     )
 
 

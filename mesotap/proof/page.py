@@ -81,6 +81,8 @@ def scored(proof: Proof) -> dict[str, Any]:
         "two": asdict(scores.pairs(entries)),
         "coverage": [asdict(c) for c in covering],
         "coverage_together": asdict(scores.together(covering)),
+        "upper_limits": [{"grade": g, **asdict(count)} for g, count in scores.limits(entries)],
+        "complete": _complete_scores(entries),
         "calibration": [asdict(r) for r in lines],
         "brier": brier,
         "held_out": {"median": held.median, "within": asdict(held.within), "ratios": held.ratios},
@@ -149,7 +151,18 @@ def _page(proof: Proof, folder: Path) -> str:
     if proof.failures:
         rows = [(name, said.replace("|", "/").replace("\n", " ")[:200]) for name, said in proof.failures.items()]
         parts += ["## Without an answer", _table(("session", "what was said"), rows)]
-    for section in (_nulls, _singles, _confusion, _unlisted, _pairs, _coverage, _calibration, _held_out, _mistakes):
+    for section in (
+        _nulls,
+        _singles,
+        _confusion,
+        _unlisted,
+        _pairs,
+        _coverage,
+        _limits,
+        _calibration,
+        _held_out,
+        _mistakes,
+    ):
         text = section(entries, folder)
         if text:
             parts.append(text)
@@ -241,6 +254,37 @@ def _pairs(entries: Sequence[Entry], folder: Path) -> str:
         f"A wrong name stated with more than {scores.CONFIDENT:g}: {_share(found.confident_wrong)}. "
         f"Detected: {_share(found.detected)}. `unexplained`: {_share(found.unexplained)}.",
     )
+
+
+def _complete_scores(entries: Sequence[Entry]) -> dict[str, float | None]:
+    """Return mean stated probability of completeness, how often it was so, and Brier's score."""
+    stated = [(e.complete, scores.complete(e)) for e in entries if math.isfinite(e.complete)]
+    if not stated:
+        return {"stated": None, "true": None, "brier": None}
+    count = len(stated)
+    return {
+        "stated": sum(p for p, _ in stated) / count,
+        "true": sum(right for _, right in stated) / count,
+        "brier": sum((p - right) ** 2 for p, right in stated) / count,
+    }
+
+
+def _limits(entries: Sequence[Entry], folder: Path) -> str:
+    lines = scores.limits(entries)
+    found = _complete_scores(entries)
+    parts = []
+    if lines:
+        parts += [
+            "## Upper limits",
+            "Of single effects that are not named: how often the 95 % upper limit holds the true strength.",
+            _table(("d", "the limit holds"), [(f"{g:g}", _share(count)) for g, count in lines]),
+        ]
+    if found["brier"] is not None:
+        parts.append(
+            f"That what is named is all there is was stated with {found['stated']:.2f} on average, and was so in "
+            f"{found['true']:.2f} of all sessions. Brier's score {found['brier']:.3f}."
+        )
+    return _joined(*parts) if parts else ""
 
 
 def _coverage(entries: Sequence[Entry], folder: Path) -> str:

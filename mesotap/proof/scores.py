@@ -238,6 +238,24 @@ def together(lines: Sequence[Covering]) -> Count:
     return Count(sum(c.inside.hits for c in lines), sum(c.inside.of for c in lines))
 
 
+def limits(entries: Sequence[Entry]) -> list[tuple[float, Count]]:
+    """Return by grade how often the upper limit of a single hidden effect that is not named holds its strength."""
+    held: dict[float, list[bool]] = {g: [] for g in GRADES}
+    for e in entries:
+        if e.kind != "single" or e.effects[0] not in e.limits:
+            continue
+        name, limit = e.limits[e.effects[0]]
+        true = true_parameters(e.truth, e.effects[0])
+        if name in true:
+            held[grade(e.d)].append(abs(true[name]) <= limit)
+    return [(g, counted(inside)) for g, inside in held.items() if inside]
+
+
+def complete(e: Entry) -> bool:
+    """Whether what is named, and nothing else, is hidden."""
+    return {m.id for m in e.named} == set(e.effects)
+
+
 @dataclass(frozen=True, slots=True)
 class Reliability:
     """Names stated with a probability from ``low`` to ``high``: the mean of it, and how often they were right."""

@@ -229,3 +229,30 @@ def test_empty_proof_has_a_page(tmp_path: Path) -> None:
     assert text.startswith("# A proof")
     assert math.isnan(scores.held_out([]).median)
     assert np.isnan(scores.nulls([]).uniform)
+
+
+def limited(value: float, true: float, complete: float = 0.6, named: tuple[Any, ...] = ()) -> Entry:
+    """A session with dry friction that is not named, its upper limit and its true force."""
+    entry = answered(["guide_friction"], 3.0, 0.4, *named, kind="single", effect={"friction_force_n": true})
+    return replace(entry, limits={"guide_friction": ("friction_force_n", value)}, complete=complete)
+
+
+def test_an_upper_limit_holds_what_is_not_named_or_does_not() -> None:
+    entries = [limited(2e-5, 1e-5), limited(2e-5, 1.9e-5), limited(2e-5, 3e-5), *NULLS]
+    [(grade, count)] = scores.limits(entries)
+    assert (grade, count.hits, count.of) == (3.0, 2, 3)
+
+
+def test_completeness_is_that_the_names_are_what_is_hidden_and_no_others() -> None:
+    alone = answered(["adhesion"], 100.0, 0.0, mechanism("adhesion", 0.9), kind="single")
+    one_of_two = answered(["adhesion", "clipping"], 100.0, 0.0, mechanism("adhesion", 0.9), kind="two")
+    assert [scores.complete(e) for e in (NULLS[0], alone, one_of_two)] == [True, True, False]
+
+
+def test_the_page_tells_how_often_limits_hold_and_how_sure_completeness_is(tmp_path: Path) -> None:
+    entries = (limited(2e-5, 1e-5), *(replace(e, complete=0.8) for e in NULLS))
+    found = page.scored(Proof("Trial", "By hand.", entries, {}))
+    assert found["upper_limits"] == [{"grade": 3.0, "hits": 1, "of": 1}]
+    # 50 nulls are complete and said to be so with 0.8, the hidden friction is not and was said to be with 0.6
+    assert found["complete"]["brier"] == pytest.approx((50 * 0.2**2 + 0.6**2) / 51)
+    assert "the limit holds" in page.write(Proof("Trial", "By hand.", entries, {}), tmp_path).read_text()

@@ -165,8 +165,6 @@ class ForceLaw(Mechanism):
         Roles of the elements that it can act in, likeliest first.
     preloaded
         Whether the element must carry the preload (True) or must not (False).
-    shape
-        A law without memory as a function of whole arrays (deformation, rate, time, values): for score tests only.
     last
         Whether the law must be the last one in its element (it limits what the others make).
     with_time
@@ -179,7 +177,6 @@ class ForceLaw(Mechanism):
     fits: tuple[Role, ...]
     constants: Callable[[Values, AtRest], Sequence[float]] = lambda values, rest: ()
     preloaded: bool | None = None
-    shape: Callable[[Real, Real, Real, Values], Real] | None = None
     last: bool = False
     with_time: bool = False
     stiffness_exponent: tuple[float, float] | None = None

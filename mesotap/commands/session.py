@@ -14,7 +14,6 @@ from typing import Any
 from rich.console import Console
 
 from analysis.results import SessionResults
-from analysis.session import AnalysisError
 from calibration.line import fit_line
 from calibration.routine import calibrate, check_points
 from daq.errors import RecordingError
@@ -44,6 +43,7 @@ from mesotap.session.shots import judged_shot
 from mesotap.session.states import State
 from rig import GaugeScale, Rig
 from rig.drivers.wire_record import WireFile
+from rig.errors import MesotapError
 from rig.hardware_log import HardwareLog
 from rig.interlock import Interlock
 from rig.wall_clock import WallClock
@@ -204,7 +204,7 @@ def _diagnose(session: Session, results: SessionResults, config: Config, folder:
     try:
         diagnose_finished(folder, session, results, console, config.analysis.mechanisms)
     except Exception as error:
-        reason = str(error) if isinstance(error, AnalysisError) else f"{type(error).__name__}: {error}"
+        reason = str(error) if isinstance(error, MesotapError) else f"{type(error).__name__}: {error}"
         console.print(
             f"no diagnosis: {escape(reason)} (the session is complete; 'mesotap diagnose' tries again)",
             highlight=False,

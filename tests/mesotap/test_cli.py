@@ -144,7 +144,7 @@ def test_calibrate(tmp_path):
 def test_config_init_check_show(tmp_path):
     mesotap("config", "init", cwd=tmp_path)
     checked = mesotap("config", "check", cwd=tmp_path).stdout
-    assert "good" in checked
+    assert "config.yaml: valid" in checked
     assert "mN can be set to +-2.8 mN (a step of 0.02 um is up to 5.54 mN)" in checked
     assert "m1_kg: 0.107" in mesotap("config", "show", cwd=tmp_path).stdout
     assert "left as it is" in refused("config", "init", cwd=tmp_path)

@@ -137,7 +137,8 @@ def _refuse_what_sessions_tell(rig: DescribedRig, source: str) -> None:
         told += [f"preload of {e.name}" for e in arrangement.elements if e.preload]
     if told:
         raise AnalysisError(
-            f"{source}: is no session, and {rig.name} takes from one its {', '.join(told)}; give values in the rig file"
+            f"{source}: is not a session, and {rig.name} takes from one its {', '.join(told)}; "
+            "give values in the rig file"
         )
 
 

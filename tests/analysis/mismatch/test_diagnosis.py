@@ -99,7 +99,7 @@ def test_the_shipped_description_is_eq_9() -> None:
     expected = eq_9(**values, mass_uncertainty=0.0, spring_uncertainty=0.0)
     for found, true in zip(RIG.arrangement.matrices(values), expected.matrices(values), strict=True):
         np.testing.assert_array_equal(found, true)
-    for part in ("bodies", "masses", "elements", "sensors", "struck"):
+    for part in ("bodies", "masses", "elements", "sensors", "tapped", "inputs"):
         assert getattr(RIG.arrangement, part) == getattr(expected, part)
 
 

@@ -96,7 +96,7 @@ def test_an_unreadable_file_is_named(tmp_path, content):
     path = tmp_path / "c.yaml"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(ConfigError, match=r"c\.yaml: (is not text|there is no such file)"):
+    with pytest.raises(ConfigError, match=r"c\.yaml: (is not a text file|there is no such file)"):
         load_config(path)
 
 

@@ -261,7 +261,7 @@ def _remainder(account: Account[Any], verdict: Verdict) -> Remainder:
     if verdict != "consistent":
         model, screening, share = selection.best, selection.last_screening, selection.left.share
     left, p_value = screening.unexplained, 0.0 if account.far_off else screening.p_value
-    beyond = p_value < policy.left_level and verdict != "consistent"
+    beyond = p_value < policy.level and verdict != "consistent"
     where = account.left_at(model, screening) if beyond else None
     share = 1.0 if verdict == "unexplained" and not selection.steps else share
     return Remainder(share, left, p_value, where, remainder_statement(account.linear, share, left, p_value, where))

@@ -11,7 +11,6 @@ Real = NDArray[np.float64]
 
 NARROW = 0.15  # of its middle frequency: a band narrower than this is reported by its centre frequency
 MOST = 0.9  # of the excess power, by which it is located
-BEYOND_NOISE = 1e-3  # p-value below which a remainder counts
 SURE = 1e-12  # p-values below are not worth their digits
 
 

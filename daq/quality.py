@@ -41,7 +41,7 @@ class Verdict:
     numbers
         ``peak_acceleration_m_s2`` (either channel), ``peak_contact_force_n`` (largest, either way),
         ``unloading_force_n`` (largest that relieves the contact), ``force_ratio`` (that over the preload),
-        ``signal_to_noise``, ``rotation``, ``noise_rms_m_s2``, ``second_blow_ratio``, ``second_blow_ms``,
+        ``signal_to_noise``, ``rotation``, ``noise_rms_m_s2``, ``second_impact_ratio``, ``second_impact_ms``,
         ``load_change_mn``: NaN where unknown; and ``force_rule``: ``"applied"``, or why it was not.
     """
 
@@ -116,8 +116,8 @@ def judge(
         "signal_to_noise": signal / noise if noise > 0 else math.nan if math.isnan(noise) else math.inf,
         "rotation": rotation,
         "noise_rms_m_s2": noise,
-        "second_blow_ratio": second.ratio,
-        "second_blow_ms": second.delay_s * 1e3,
+        "second_impact_ratio": second.ratio,
+        "second_impact_ms": second.delay_s * 1e3,
         "load_change_mn": change,
     }
     reasons: list[tuple[float, str]] = []
@@ -134,10 +134,10 @@ def judge(
 
     reasons += _judge_force(mean, sample_rate_hz, pretrigger, preload_mn, m2_kg, k2_n_per_m, quality, numbers)
 
-    second_limit = max(quality.second_blow_ratio, SECOND_IMPACT_SIGNIFICANCE * second.noise_ratio)
+    second_limit = max(quality.second_impact_ratio, SECOND_IMPACT_SIGNIFICANCE * second.noise_ratio)
     if second.ratio > second_limit:
         text = f"a second impact of {second.ratio:.0%} of the first came {second.delay_s * 1e3:.2g} ms after it"
-        reasons.append((second.ratio / max(quality.second_blow_ratio, 1e-3), f"{text}: pull back faster"))
+        reasons.append((second.ratio / max(quality.second_impact_ratio, 1e-3), f"{text}: pull back faster"))
 
     if rotation > quality.largest_rotation:
         text = f"A and B differ by {rotation:.0%} of their sum in the first {quality.rotation_window_ms:g} ms"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import AliasChoices, Field, model_validator
 
 from rig.settings import NonNegative, Positive, Section
 
@@ -41,7 +41,10 @@ class Quality(Section):
     rotation_window_ms: Positive = 3.0
     largest_load_change_percent: Positive = 3.0
     largest_load_change_mn: Positive = 5.0
-    second_blow_ratio: NonNegative = 0.08
+    second_impact_ratio: Annotated[
+        NonNegative,
+        Field(validation_alias=AliasChoices("second_impact_ratio", "second_blow_ratio")),  # its name until 2026
+    ] = 0.08
 
 
 class DaqSettings(Section):

@@ -163,12 +163,12 @@ def test_the_worst_reason_comes_first(clean: tuple[np.ndarray, np.ndarray]) -> N
 
 
 def synthetic(rng: np.random.Generator, second: bool, noise_db: float = 40.0) -> tuple[np.ndarray, float]:
-    """A filtered tap of any damping from 0.16 to 17 %, with noise; and the delay of its second blow, s."""
+    """A filtered tap of any damping from 0.16 to 17 %, with noise; and the delay of its second impact, s."""
     k_c, zeta = 10 ** rng.uniform(5.9, 7.05), 10 ** rng.uniform(math.log10(0.0016), math.log10(0.17))
     delay = rng.uniform(1e-3, 8e-3)
-    blows = [(0.0, 0.3)] + ([(delay, 0.3 * rng.uniform(0.15, 0.3))] if second else [])
+    impacts = [(0.0, 0.3)] + ([(delay, 0.3 * rng.uniform(0.15, 0.3))] if second else [])
     tester = TwoMass.damped(k_c, zeta, 10 ** rng.uniform(-3.5, -2))
-    a2, _ = tap(tester, blows, pulse_s=rng.uniform(2e-4, 5e-4), filtered=True, samples=1500)
+    a2, _ = tap(tester, impacts, pulse_s=rng.uniform(2e-4, 5e-4), filtered=True, samples=1500)
     peak = np.abs(a2).max()
     a2 = a2 + peak * 10 ** (-noise_db / 20) * rng.normal(size=a2.size)
     onset = max(250, int(np.argmax(np.abs(a2) > max(0.05, 0.06 * peak))))
@@ -177,7 +177,7 @@ def synthetic(rng: np.random.Generator, second: bool, noise_db: float = 40.0) ->
 
 def is_double(a2: np.ndarray) -> bool:
     found = find_second_impact(a2, RATE, 250)
-    return found.ratio > max(Quality().second_blow_ratio, 6 * found.noise_ratio)
+    return found.ratio > max(Quality().second_impact_ratio, 6 * found.noise_ratio)
 
 
 def test_clean_taps_are_not_taken_for_double_ones() -> None:
@@ -186,21 +186,21 @@ def test_clean_taps_are_not_taken_for_double_ones() -> None:
     assert alarms <= 3
 
 
-def test_second_blows_are_found() -> None:
+def test_second_impacts_are_found() -> None:
     rng = np.random.default_rng(12)
     found = sum(is_double(synthetic(rng, second=True)[0]) for _ in range(150))
     assert found >= 146
 
 
-def test_a_second_blow_is_told_with_strength_and_time() -> None:
+def test_a_second_impact_is_told_with_strength_and_time() -> None:
     a2, _ = tap(TwoMass.damped(5e6, 0.01), [(0.0, 0.3), (4e-3, 0.09)], pulse_s=3e-4, filtered=True)
     result = verdict(pair(a2))
-    assert float(result.numbers["second_blow_ratio"]) == pytest.approx(0.3, abs=0.02)
-    assert float(result.numbers["second_blow_ms"]) == pytest.approx(4.0, abs=0.1)
+    assert float(result.numbers["second_impact_ratio"]) == pytest.approx(0.3, abs=0.02)
+    assert float(result.numbers["second_impact_ms"]) == pytest.approx(4.0, abs=0.1)
     assert "a second impact of 30% of the first came 4 ms after it" in result.reason
 
 
-def test_a_record_too_short_to_tell_has_no_second_blow() -> None:
+def test_a_record_too_short_to_tell_has_no_second_impact() -> None:
     assert math.isnan(find_second_impact(np.ones(300), RATE, 250).ratio)
     assert math.isnan(find_second_impact(np.zeros(3000), RATE, 250).ratio)
 
@@ -214,5 +214,5 @@ def test_a_record_with_little_before_the_trigger_is_judged(
 
 
 def test_silence_is_too_weak_not_an_error() -> None:
-    assert math.isnan(float(verdict(np.zeros((2, 2500))).numbers["second_blow_ratio"]))
+    assert math.isnan(float(verdict(np.zeros((2, 2500))).numbers["second_impact_ratio"]))
     assert "too weak" in verdict(1e-3 * np.random.default_rng(0).normal(size=(2, 2500))).reason

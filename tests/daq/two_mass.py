@@ -44,17 +44,17 @@ class TwoMass:
 
 def tap(
     tester: TwoMass,
-    blows: list[tuple[float, float]],
+    impacts: list[tuple[float, float]],
     pulse_s: float = 4e-4,
     samples: int = 2500,
     pretrigger: int = 250,
     rate: float = 25000.0,
     filtered: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a2 (n,) and contact force (n,) of half-sine blows given as (seconds after the first, peak in N)."""
+    """Return a2 (n,) and contact force (n,) of half-sine impacts given as (seconds after the first, peak in N)."""
     t = np.arange(samples * FINER) / (rate * FINER)
     force = np.zeros_like(t)
-    for delay, peak in blows:
+    for delay, peak in impacts:
         since = t - pretrigger / rate - delay
         force += np.where((since > 0) & (since < pulse_s), peak * np.sin(np.pi * since / pulse_s), 0.0)
     a, b, c, _ = tester.state_space()

@@ -26,7 +26,7 @@ def test_knots_are_where_the_force_is_not_smooth():
     assert triangle(1, T).knots == pytest.approx([0, T / 2, T])
 
 
-def test_second_blow_adds_to_the_first():
+def test_second_impact_adds_to_the_first():
     pulse = half_sine(1.0, T).followed_by(haversine(0.5, T), T / 2)
     assert pulse(0.75 * T) == pytest.approx(np.sin(0.75 * np.pi) + 0.25)
     assert pulse.duration_s == pytest.approx(1.5 * T)

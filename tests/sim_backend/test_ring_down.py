@@ -113,7 +113,7 @@ def test_momentum_of_the_pulse_stays_in_the_masses():
     assert np.mean(momentum[100:190]) == pytest.approx(half_sine(1.0, 3e-4).impulse_ns(), rel=1e-3)
 
 
-def test_two_blows_add_up():
+def test_two_impacts_add_up():
     one, other = half_sine(1.0, 3e-4), half_sine(0.4, 3e-4)
     both = ring_down_linear(TESTER, one.followed_by(other, 2.345e-3), 1e-5, 500, RATE, FILTER).acceleration
     a = ring_down_linear(TESTER, one, 1e-5, 500, RATE, FILTER).acceleration

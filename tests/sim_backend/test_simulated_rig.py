@@ -425,7 +425,7 @@ def bad(kind):
     return rig, a
 
 
-def test_double_taps_have_a_second_weaker_blow():
+def test_double_taps_have_a_second_weaker_impact():
     rig, _ = bad("double")
     tap = rig.impactor.history[-1]
     assert 1.5e-3 <= tap.delays_s[1] <= 6e-3

@@ -165,7 +165,7 @@ def test_what_follows_from_a_parameter_may_stand_beside_it() -> None:
         assert adopted(name, values | {more.name: more.value(values)}).values == adopted(name, values).values
 
 
-def test_every_tap_is_followed_by_the_second_blow() -> None:
+def test_every_tap_is_followed_by_the_second_impact() -> None:
     rig = quiet_rig({"id": "double_hit", "parameters": {"second_impulse_fraction": 0.05}})
     for _ in range(5):
         rig.impactor.tap(0.0)

@@ -173,8 +173,12 @@ def test_a_key_given_twice_in_a_change_is_refused() -> None:
 def test_an_alias_for_a_few_entries_is_taken() -> None:
     text = "rig: {masses: &masses {m1_kg: 0.1}}\nmesotap: {dwell_s: 1}\n"
     assert parse_config(text).rig.masses.m1_kg == 0.1
-    both = "daq: {quality: &q {second_blow_ratio: 0.1}, trigger: {timeout_s: &t 12}}\nmesotap: {dwell_s: *t}"
+    both = "daq: {quality: &q {second_impact_ratio: 0.1}, trigger: {timeout_s: &t 12}}\nmesotap: {dwell_s: *t}"
     assert parse_config(both).mesotap.dwell_s == 12
+
+
+def test_the_former_name_of_a_limit_is_understood() -> None:
+    assert parse_config("daq: {quality: {second_blow_ratio: 0.1}}").daq.quality.second_impact_ratio == 0.1
 
 
 @pytest.mark.parametrize(

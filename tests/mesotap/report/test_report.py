@@ -46,7 +46,7 @@ RATE, SAMPLES, PRETRIGGER = 25000.0, 5000, 250
 TABLE_5_MN = (264.9, 348.3, 431.6, 524.8, 549.4, 627.8, 784.8, 927.0)
 TABLE_5_HZ = (1410.0, 1701.0, 1855.0, 1925.0, 1979.0, 2079.0, 2146.0, 2234.0)
 DAMPING = (0.028, 0.012, 0.006, 0.0020, 0.0018, 0.0017, 0.0016, 0.0016)
-REASONS = ("double blow 6 ms after the first", "peak 11.2 m/s² is above 1 g: the contact may have opened")
+REASONS = ("double impact 6 ms after the first", "peak 11.2 m/s² is above 1 g: the contact may have opened")
 
 
 THEORY = (

@@ -427,7 +427,7 @@ def prove(
         typer.Option(
             "--only",
             metavar="KIND",
-            help="Only null, single, two, struck (the true mechanism is excluded) or outside.",
+            help="Only null, single, two, excluded (the true mechanism is excluded) or outside.",
             show_default=False,
         ),
     ] = None,

@@ -31,7 +31,7 @@ class Entry:
     Attributes
     ----------
     kind
-        ``null``, ``single``, ``two``, ``struck`` or ``outside``.
+        ``null``, ``single``, ``two``, ``excluded`` or ``outside``.
     effects, components, d_of_each
         What is hidden, where, and how much of each survives the refit.
     d

@@ -76,7 +76,7 @@ def scored(proof: Proof) -> dict[str, Any]:
         "failures": proof.failures,
         "nulls": asdict(scores.nulls(entries)),
         "single": [asdict(g) for g in scores.by_grade(entries)],
-        "struck": [asdict(g) for g in scores.unlisted(entries, "struck")],
+        "excluded": [asdict(g) for g in scores.unlisted(entries, "excluded")],
         "outside": [asdict(g) for g in scores.unlisted(entries, "outside")],
         "two": asdict(scores.pairs(entries)),
         "coverage": [asdict(c) for c in covering],
@@ -233,7 +233,7 @@ def _confusion(entries: Sequence[Entry], folder: Path) -> str:
 
 
 def _unlisted(entries: Sequence[Entry], folder: Path) -> str:
-    headings_of = {"struck": "## The true mechanism excluded from the list", "outside": "## Effects outside the list"}
+    headings_of = {"excluded": "## The true mechanism excluded from the list", "outside": "## Effects outside the list"}
     parts = []
     for kind, heading in headings_of.items():
         lines = [g for g in scores.unlisted(entries, kind) if g.unexplained.of]
@@ -346,7 +346,7 @@ def _mistakes(entries: Sequence[Entry], folder: Path) -> str:
 def _mistaken(e: Entry) -> bool:
     if e.kind == "null":
         return e.detected
-    if e.kind in ("struck", "outside"):
+    if e.kind in ("excluded", "outside"):
         return e.verdict != "unexplained"
     return scores.grade(e.d) >= 30 and not e.covered
 

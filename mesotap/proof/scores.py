@@ -271,7 +271,9 @@ def calibration(entries: Sequence[Entry]) -> tuple[list[Reliability], float]:
 
     A name is right where it, or one of its declared look-alikes, is hidden in the session and on the list.
     """
-    stated = [(m.probability, e.kind not in ("struck", "outside") and true_of(m, e)) for e in entries for m in e.named]
+    stated = [
+        (m.probability, e.kind not in ("excluded", "outside") and true_of(m, e)) for e in entries for m in e.named
+    ]
     out = []
     for low, high in pairwise(STATED):
         inside = [(p, right) for p, right in stated if low <= p < high or (high == STATED[-1] and p == high)]

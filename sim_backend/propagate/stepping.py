@@ -255,7 +255,7 @@ def _whole_step(run, at, state, tolerance):  # type: ignore[no-untyped-def]
 
 
 @_uncounted()
-def _carry(run, sees, jump, struck, tolerance, sampled, out):  # type: ignore[no-untyped-def]
+def _carry(run, sees, jump, hit_at, tolerance, sampled, out):  # type: ignore[no-untyped-def]
     """Carry one motion along and write its forces, bends and states into ``out``."""
     forces, bends, states = out
     finest = DEEPEST if tolerance < np.inf else 0
@@ -270,7 +270,7 @@ def _carry(run, sees, jump, struck, tolerance, sampled, out):  # type: ignore[no
     now = (finest, 1, MOST_DIVIDED * steps + TICKS, 0)
     for at in range(1, steps + 1):
         now = _whole_step(run, at - 1, now, tolerance)
-        if at == struck:
+        if at == hit_at:
             for j in range(len(jump)):
                 run.known[j] += jump[j]
             _set_step(run.own, run.h / 4.0**finest)

@@ -14,8 +14,8 @@ from mesotap.proof.generator.effects import LISTED, OUTSIDE, Effect
 from mesotap.proof.generator.plan import random_plan
 from mesotap.proof.generator.survival import alike
 
-KINDS = ("null", "single", "two", "struck", "outside")
-DOZEN = ("null", "single", "null", "single", "two", "null", "single", "struck", "null", "single", "outside", "single")
+KINDS = ("null", "single", "two", "excluded", "outside")
+DOZEN = ("null", "single", "null", "single", "two", "null", "single", "excluded", "null", "single", "outside", "single")
 """Kinds of a dozen sessions."""
 GRADES = (3.0, 10.0, 30.0, 100.0, 300.0)
 STRONG_GRADES = (30.0, 100.0, 300.0)
@@ -82,7 +82,7 @@ def draw_scenarios(seed: int, sessions: int, only: str | None = None) -> list[Sc
                 pair = _pair(rng)
                 scenarios.append(Scenario(number, kind, pair, tuple(float(d) for d in rng.choice(PAIR_GRADES, 2))))
             else:
-                effect, d = next({"single": singles, "struck": excluded, "outside": outside}[kind])
+                effect, d = next({"single": singles, "excluded": excluded, "outside": outside}[kind])
                 scenarios.append(Scenario(number, kind, (effect,), (d,)))
     return scenarios[:sessions]
 
@@ -111,7 +111,7 @@ def make(seed: int, scenario: Scenario, folder: Path) -> dict[str, Any]:
     recorded = record(rng, concealed, scenario.number)
     write_session(folder / f"{scenario.name}.h5", recorded.session)
     known = truth(concealed, d, recorded.knowing_rms)
-    excluded = scenario.effects[0] if scenario.kind == "struck" else None
+    excluded = scenario.effects[0] if scenario.kind == "excluded" else None
     return {
         "kind": scenario.kind,
         "variety": scenario.variety,

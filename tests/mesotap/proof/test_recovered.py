@@ -77,7 +77,7 @@ def test_intervals_of_strong_laws_hold_the_truth(tmp_path: Path, effect: str, d:
 
 
 def test_a_delayed_channel_is_not_taken_for_a_mass_that_turns(tmp_path: Path) -> None:
-    scenario = Scenario(118, "struck", ("channel_skew",), (30.0,))
+    scenario = Scenario(118, "excluded", ("channel_skew",), (30.0,))
     make(1, scenario, tmp_path)
     found = diagnosed(read_session(tmp_path / f"{scenario.name}.h5"), [listed("rocking")]).answer
     assert found.verdict == "unexplained"

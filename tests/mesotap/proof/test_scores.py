@@ -102,13 +102,13 @@ def test_declared_look_alike_that_is_none_is_found_out() -> None:
 
 def test_where_no_name_is_right_only_unexplained_is() -> None:
     entries = [
-        answered(["adhesion"], 100.0, 0.0, kind="struck"),
-        answered(["adhesion"], 100.0, 0.0, mechanism("micro_slip", 0.95), kind="struck"),
-        answered(["adhesion"], 100.0, 0.0, mechanism("micro_slip", 0.7), kind="struck"),
+        answered(["adhesion"], 100.0, 0.0, kind="excluded"),
+        answered(["adhesion"], 100.0, 0.0, mechanism("micro_slip", 0.95), kind="excluded"),
+        answered(["adhesion"], 100.0, 0.0, mechanism("micro_slip", 0.7), kind="excluded"),
         answered(["bilinear_spring"], 30.0, 0.5, kind="outside", components=["tube springs"]),
     ]
-    struck = next(g for g in scores.unlisted(entries, "struck") if g.grade == 100.0)
-    assert (struck.unexplained.hits, struck.confident_wrong.hits, struck.unexplained.of) == (1, 1, 3)
+    excluded = next(g for g in scores.unlisted(entries, "excluded") if g.grade == 100.0)
+    assert (excluded.unexplained.hits, excluded.confident_wrong.hits, excluded.unexplained.of) == (1, 1, 3)
     outside = next(g for g in scores.unlisted(entries, "outside") if g.grade == 30.0)
     assert outside.missed.hits == 1
 
@@ -140,9 +140,9 @@ def test_intervals_are_held_against_the_truth() -> None:
 
 def test_calibration_tells_stated_from_true() -> None:
     right = answered(["adhesion"], 99.0, 0.0, mechanism("adhesion", 0.85))
-    struck = answered(["adhesion"], 99.0, 0.0, mechanism("micro_slip", 0.85, ("adhesion",)), kind="struck")
+    excluded = answered(["adhesion"], 99.0, 0.0, mechanism("micro_slip", 0.85, ("adhesion",)), kind="excluded")
     beside = answered(["adhesion"], 99.0, 0.0, mechanism("adhesion", 0.85), mechanism("micro_slip", 0.85))
-    lines, brier = scores.calibration([right] * 7 + [beside, struck] + NULLS)
+    lines, brier = scores.calibration([right] * 7 + [beside, excluded] + NULLS)
     line = next(r for r in lines if r.right.of)
     assert (line.low, line.high) == (0.8, 0.9)
     assert line.mean == pytest.approx(0.85)

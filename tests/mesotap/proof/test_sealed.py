@@ -38,7 +38,7 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "sessions").mkdir()
     truths = {
         "session-0000": {"kinds": [], "kind": "null", "d": 0.0, "without": None},
-        "session-0001": {"kinds": ["adhesion"], "kind": "struck", "d": 30.0, "without": "adhesion"},
+        "session-0001": {"kinds": ["adhesion"], "kind": "excluded", "d": 30.0, "without": "adhesion"},
     }
     content = json.dumps(truths).encode()
     (tmp_path / sealed.SEALED).write_bytes(gzip.compress(content))
@@ -107,10 +107,10 @@ json.dump(answer, open('answer.json', 'w'))
     files = {n: folder / "sessions" / f"{n}.h5" for n in sealed.names(folder)}
     seen: list[tuple[int, int]] = []
     sealed.diagnose_all(files, sealed.excluded(folder), folder / "answers", 2, lambda a, b: seen.append((a, b)))
-    plain, struck = (sealed.answer_of(folder / "answers", n) for n in files)
+    plain, excluded = (sealed.answer_of(folder / "answers", n) for n in files)
     assert plain["arguments"] == ["diagnose", "session.h5", "--json", "answer.json", "--contract", "2"]
     assert plain["files"] == ["session.h5"]
-    assert struck["arguments"][-2:] == ["--without", "adhesion"]
+    assert excluded["arguments"][-2:] == ["--without", "adhesion"]
     assert seen == [(0, 2), (1, 2), (2, 2)]
 
 

@@ -382,14 +382,14 @@ def _load(
     session: Session,
     load_set: int,
     modes: dict[int, ImpactModes],
-    impacts: Sequence[ImpactResult],
+    found: Sequence[ImpactResult],
     known: KnownRig,
     history: GaugeHistory,
     reading: float,
     noise: NoiseModel,
 ) -> LoadResult:
     shots = session.accepted(load_set)
-    accepted = [i for i in impacts if i.load_set == load_set and i.accepted]
+    accepted = [i for i in found if i.load_set == load_set and i.accepted]
     used = [i for i in accepted if i.f2_hz is not None]
     f1, f2 = _combined([i.f1_hz for i in used]), _combined([i.f2_hz for i in used])
     zeta1, zeta2 = _combined([i.zeta1 for i in used]), _combined([i.zeta2 for i in used])

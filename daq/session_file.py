@@ -243,10 +243,10 @@ def _read_points(calibration: Node | None, when: str) -> CalibrationPoints | Non
     )
 
 
-def _read_impacts(impacts: Node, rig_rate_hz: float) -> tuple[Shot, ...]:
+def _read_impacts(group: Node, rig_rate_hz: float) -> tuple[Shot, ...]:
     shots: list[Shot] = []
-    for name in sorted((n for n in impacts.names() if n.isascii() and n.isdigit()), key=int):
-        node = impacts.need_group(name)
+    for name in sorted((n for n in group.names() if n.isascii() and n.isdigit()), key=int):
+        node = group.need_group(name)
         node.take()
         number = int(name)
         if name != f"{number:05d}":

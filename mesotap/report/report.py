@@ -358,8 +358,8 @@ def _typical_shot(session: Session) -> Shot | None:
     return middle[len(middle) // 2]
 
 
-def _shot(session: Session, impact: ImpactResult) -> Shot | None:
-    return next((shot for shot in session.shots if shot.name == impact.name), None)
+def _shot(session: Session, result: ImpactResult) -> Shot | None:
+    return next((s for s in session.shots if s.name == result.name), None)
 
 
 def _footnotes(loads: Sequence[LoadResult]) -> list[list[str]]:

@@ -16,7 +16,7 @@ def small_session(impacts: int = 2, samples: int = 64) -> Session:
     """A few impacts and two calibrations, as small as can be."""
     t = np.arange(samples)
     ring = np.exp(-t / 20) * np.sin(t)
-    shots = tuple(
+    recorded = tuple(
         Shot(
             number=n,
             load_set=n,
@@ -35,7 +35,7 @@ def small_session(impacts: int = 2, samples: int = 64) -> Session:
     )
     points = CalibrationPoints(np.arange(4.0), np.arange(4.0), "2026-01-01T00:00:00Z")
     rig = RigDescription(0.1, 0.1, 5e5, 5e5, 25000.0, 10.0, 1, 1e4, 4, "butterworth", 49.0, 16)
-    return Session("2026-01-01T00:00:00Z", rig, shots, points, points, "N. N.", "s", "t", "x", True, "mesotap: {}")
+    return Session("2026-01-01T00:00:00Z", rig, recorded, points, points, "N. N.", "s", "t", "x", True, "mesotap: {}")
 
 
 def as_written_here(path: Path) -> bytes:

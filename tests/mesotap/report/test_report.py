@@ -118,7 +118,7 @@ def follow(frequency_hz: float, damping_ratio: float, points: int = 6) -> tuple[
     )
 
 
-def make_load(load_set: int, impacts: list[ImpactResult], shots: list[Shot]) -> LoadResult:
+def make_load(load_set: int, impacts: list[ImpactResult], recorded: list[Shot]) -> LoadResult:
     used = [i for i in impacts if i.accepted]
     values = {q: [getattr(i, q).value for i in used] for q in ("f1_hz", "f2_hz", "zeta1", "zeta2")}
     ks = [stiffness_of(f) for f in values["f2_hz"]]
@@ -129,7 +129,7 @@ def make_load(load_set: int, impacts: list[ImpactResult], shots: list[Shot]) -> 
         spread = float(np.std(numbers, ddof=1) / math.sqrt(len(numbers)))
         return Estimate(mean, math.hypot(spread, extra * mean), len(numbers) - 1)
 
-    accelerations = [s.acceleration[0, PRETRIGGER:] for s in shots if s.accepted]
+    accelerations = [s.acceleration[0, PRETRIGGER:] for s in recorded if s.accepted]
     spectrum = np.mean([np.abs(np.fft.rfft(a)) for a in accelerations], axis=0) / RATE
     return LoadResult(
         load_set=load_set,
@@ -153,7 +153,7 @@ def make_load(load_set: int, impacts: list[ImpactResult], shots: list[Shot]) -> 
 def make_session(loads: int = 8, drifted: bool = False) -> tuple[Session, SessionResults]:
     """Return a session like the one behind Table 5 and Fig. 8, eight accepted taps a load and some rejected."""
     rng = np.random.default_rng(5)
-    shots: list[Shot] = []
+    recorded: list[Shot] = []
     impacts: list[ImpactResult] = []
     results: list[LoadResult] = []
     for load_set in range(loads):
@@ -179,7 +179,7 @@ def make_session(loads: int = 8, drifted: bool = False) -> tuple[Session, Sessio
                 reject_reason=reason,
             )
             records.append(shot)
-        shots += records
+        recorded += records
         impacts += mine
         results.append(make_load(load_set, mine, records))
     weights = np.repeat([0.0, 100, 200, 400, 600, 800, 1000], 2)
@@ -191,7 +191,7 @@ def make_session(loads: int = 8, drifted: bool = False) -> tuple[Session, Sessio
     session = Session(
         created="2024-05-06T09:30:00Z",
         rig=RigDescription(m1_kg=M1, m2_kg=M2, k1_n_per_m=K, k2_n_per_m=K, sample_rate_hz=RATE),
-        shots=tuple(shots),
+        shots=tuple(recorded),
         pre=gauge(0.042, 9),
         post=gauge(0.0424 if drifted else 0.042, 12),
         operator="A. Operator",

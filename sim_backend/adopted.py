@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
+from sim_backend.acting import Acting
 from sim_backend.arrangement import tester
 from sim_backend.mechanisms.catalogue import catalogue, placed
 from sim_backend.mechanisms.kinds import Mechanism, Scale, SecondImpact, Tones
-from sim_backend.mechanisms.places import Place
 
 # only to ask a mechanism where it acts and which values it needs
 ANY_SCALE = Scale(1e-8, 1e-4, 1e-7, 0.1, (350.0, 2000.0))
@@ -17,16 +16,7 @@ ANY_RIG = tester(0.107, 0.108, 5e5, 5e5, 1e7, 1.0, mass_uncertainty=0.0, spring_
 WHOLE_SESSION = "of_session"  # a value that a single tap cannot know
 
 
-@dataclass(frozen=True, slots=True)
-class Adopted:
-    """A mechanism with its place in the tester and the values that it acts with."""
-
-    mechanism: Mechanism
-    values: Mapping[str, float]
-    place: Place
-
-
-def adopted(mechanism_id: str, parameters: Mapping[str, float], folders: Sequence[str | Path] = ()) -> Adopted:
+def adopted(mechanism_id: str, parameters: Mapping[str, float], folders: Sequence[str | Path] = ()) -> Acting:
     """Check a mechanism's name and values.
 
     Parameters
@@ -52,7 +42,7 @@ def adopted(mechanism_id: str, parameters: Mapping[str, float], folders: Sequenc
         raise ValueError(f"{mechanism_id} does not act in a ring-down, so it cannot be simulated in one")
     meant = [(m, place) for m, place in family if {q.name for q in m.parameters} <= set(parameters)]
     mechanism, place = (meant or family)[0]
-    return Adopted(mechanism, _checked(mechanism, parameters), place)
+    return Acting(mechanism, _checked(mechanism, parameters), place)
 
 
 def _checked(mechanism: Mechanism, parameters: Mapping[str, float]) -> dict[str, float]:
@@ -71,14 +61,14 @@ def _checked(mechanism: Mechanism, parameters: Mapping[str, float]) -> dict[str,
     return fixed | {k: v for k, v in parameters.items() if k not in ignored}
 
 
-def second_impact(found: Sequence[Adopted]) -> float | None:
+def second_impact(found: Sequence[Acting]) -> float | None:
     """Return the share of the first impulse that a second impact has; None without one."""
     return next(
         (a.values[a.mechanism.parameters[0].name] for a in found if isinstance(a.mechanism, SecondImpact)), None
     )
 
 
-def tones(found: Sequence[Adopted]) -> list[tuple[float, float]]:
+def tones(found: Sequence[Acting]) -> list[tuple[float, float]]:
     """Return frequency, Hz, and amplitude, m/s2, of the steady tones in the channels: all as loud as the loudest."""
     return [
         (hz, a.values[a.mechanism.parameters[0].name])

@@ -9,7 +9,7 @@ from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 from rig.settings import Finite, NonNegative, Positive, Section
 
 if TYPE_CHECKING:
-    from sim_backend.adopted import Adopted
+    from sim_backend.acting import Acting
 
 FOLDERS = "mechanisms"
 """What a validation's context holds the folders of a user's own mechanisms under."""
@@ -79,7 +79,7 @@ class SimulatedMechanism(Section):
         self.adopted()
         return self
 
-    def adopted(self) -> Adopted:
+    def adopted(self) -> Acting:
         """Return it as the simulation takes it."""
         from sim_backend.adopted import adopted  # compiles force laws: only where there are any
 

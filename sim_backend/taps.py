@@ -16,7 +16,7 @@ from sim_backend.state_space import StateSpace, exact_response
 from sim_backend.truth import TrueRig
 
 if TYPE_CHECKING:
-    from sim_backend.adopted import Adopted
+    from sim_backend.acting import Acting
 
 RECORD_S = 0.6  # afterwards nobody looks any more
 FIRST_MOMENTS_S = 1e-3  # in which rotation of the lower mass is judged (Sec. 3.3)
@@ -108,7 +108,7 @@ def tap_record(
     onset_s: float,
     sample_rate_hz: float,
     analog: StateSpace,
-    mechanisms: Sequence[Adopted] = (),
+    mechanisms: Sequence[Acting] = (),
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return accelerations A and B after the filter, (2, n), and the lower spring's dynamic load, mN, (n,).
 

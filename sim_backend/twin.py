@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import RigError
-from sim_backend.adopted import Adopted
+from sim_backend.acting import Acting, extended, laws_in
 from sim_backend.arrangement import LOWER, UPPER, Arrangement, Element, Parameter, tester
-from sim_backend.force_law import REST, SLOTS
-from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion, ForceLaw, Values
+from sim_backend.force_law import SLOTS
+from sim_backend.mechanisms.kinds import AtRest, ChannelDistortion
 from sim_backend.modal_response import respond, step_weights
 from sim_backend.propagate import Clock, Given, Laws, Motion, Rigs, laws_of, propagate
 from sim_backend.pulses import Pulse
@@ -35,7 +35,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)  # of quadrature between th
 def twin_record(
     rig: TwoMass,
     preload_n: float,
-    found: Sequence[Adopted],
+    found: Sequence[Acting],
     pulse: Pulse,
     onset_s: float,
     samples: int,
@@ -72,12 +72,16 @@ def twin_record(
             for row, order, chain in seen
         ]
     )
-    slots = _slots(found)
+    slots = laws_in(found)
+    if len(slots) > SLOTS:
+        raise RigError(f"The simulated rig cannot have more than {SLOTS} force laws at work together.")
     if slots:
-        rows = [_parameters(m, a.values, arrangement.elements[i], values, preload_n, h) for a, m, i in slots]
-        laws = laws_of([(m.law, i) for _, m, i in slots], [rows])
+        rest = [AtRest.of(element, values, preload_n) for element in arrangement.elements]
+        laws = laws_of(
+            [(m.law, e) for _, m, e in slots], [[m.packed(found[i].values, rest[e], h) for i, m, e in slots]]
+        )
         motion = _motion(bodies, laws, tapped * bodies.mass, pulse, onset_s, h, (samples - 1) * SUBSTEPS)
-        for i in sorted({i for *_, i in slots}):
+        for i in sorted({e for *_, e in slots}):
             push = -bodies.elements[i] / bodies.mass
             for channel, (row, order, chain) in zip(shown, seen, strict=True):
                 system = bodies.system(push, row, order).then(chain)
@@ -105,15 +109,6 @@ def _motion(bodies: _Rig, laws: Laws, tapped: Real, pulse: Pulse, onset_s: float
     return motion
 
 
-def _slots(found: Sequence[Adopted]) -> list[tuple[Adopted, ForceLaw, int]]:
-    """Return the mechanisms that are force laws with the numbers of the elements that they act in."""
-    laws = [(a, a.mechanism) for a in found if isinstance(a.mechanism, ForceLaw)]
-    slots = sorted(((a, m, i) for a, m in laws for i in a.place), key=lambda s: s[1].last)
-    if len(slots) > SLOTS:
-        raise RigError(f"The simulated rig cannot have more than {SLOTS} force laws at work together.")
-    return slots
-
-
 def given_pulse(pulse: Pulse, onset_s: float, h: float, steps: int) -> Given:
     """Return a pulse as an input of steps of length h, s: in each the parabola that has its first three moments."""
     knots = pulse.knots + onset_s
@@ -134,7 +129,7 @@ def given_pulse(pulse: Pulse, onset_s: float, h: float, steps: int) -> Given:
     return Given(start[None, None], end[None, None], 30 * bend[None, None], 1)
 
 
-def _arrangement(rig: TwoMass, found: Sequence[Adopted]) -> Arrangement:
+def _arrangement(rig: TwoMass, found: Sequence[Acting]) -> Arrangement:
     """Build Eq. 9 as a fit has it, with dampers beside the springs where there are any, and what mechanisms add."""
     out = tester(rig.m1, rig.m2, rig.k1, rig.k2, rig.kc, rig.cc, mass_uncertainty=0.0, spring_uncertainty=0.0)
     if rig.c1 or rig.c2:
@@ -145,23 +140,7 @@ def _arrangement(rig: TwoMass, found: Sequence[Adopted]) -> Arrangement:
             ),
             parameters=(Parameter("c1", "N s/m", rig.c1), Parameter("c2", "N s/m", rig.c2)),
         )
-    for a in found:
-        if isinstance(a.mechanism, AddedBody):
-            out = a.mechanism.extend(out, a.values, a.place)
-    return out
-
-
-def _parameters(
-    mechanism: ForceLaw, own: Values, element: Element, values: dict[str, float], preload_n: float, h: float
-) -> Real:
-    rest = AtRest(
-        preload_n if element.preload else 0.0,
-        values[element.stiffness] if element.stiffness else 0.0,
-        values[element.damping] if element.damping else 0.0,
-    )
-    begin = np.zeros(REST)
-    begin[:] = rest.preload, rest.stiffness, rest.damping, h
-    return np.concatenate([begin, np.asarray(mechanism.constants(own, rest), np.float64)])
+    return extended(out, found)
 
 
 class _Rig:
@@ -197,10 +176,6 @@ def _decomposed(a: Real) -> tuple[Complex, Complex, Complex]:
     kept = s.imag >= -SMALL * np.abs(s)
     poles = np.where(np.abs(s.imag) < SMALL * np.abs(s), s.real + 0j, s)[kept]
     return poles, right[:, kept] * size[:, None], inverse[kept] / size
-
-
-def _weight(poles: Complex) -> Real:
-    return np.where(np.abs(poles.imag) > SMALL * np.abs(poles), 2.0, 1.0)
 
 
 def _response(system: StateSpace, force: Real, bends: Real, h: float) -> Real:

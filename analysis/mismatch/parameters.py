@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, Mechanism, Quantity, SecondImpact
+from sim_backend.acting import Acting
+from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, Quantity, SecondImpact
 from sim_backend.mechanisms.places import Place
 
 Real = NDArray[np.float64]
@@ -75,15 +76,9 @@ class FreeParameter:
 
 
 @dataclass(frozen=True, slots=True)
-class Term:
-    """A mechanism at work in a place, with values of its parameters (and of what stays fixed in it).
+class Term(Acting):
+    """A mechanism of a fit; ``freed`` lets an added body ring in every segment as it will, not only as the rig does."""
 
-    ``freed`` lets an added body ring in every segment as it will, though it is set going by the rig alone.
-    """
-
-    mechanism: Mechanism
-    values: Mapping[str, float]
-    place: Place = ()
     freed: bool = False
 
     @property

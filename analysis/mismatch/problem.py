@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import SelectionPolicy
-from sim_backend.arrangement import LOAD, Arrangement, Element
+from sim_backend.arrangement import LOAD, Arrangement
 from sim_backend.mechanisms.catalogue import placed
-from sim_backend.mechanisms.kinds import AtRest, ForceLaw, Mechanism, Scale, SecondImpact
+from sim_backend.mechanisms.kinds import ForceLaw, Mechanism, Scale, SecondImpact
 
 if TYPE_CHECKING:
     from analysis.mismatch.score_test import Score
@@ -204,23 +204,6 @@ class Problem(ABC, Generic[FitOf]):
         """Whether the budget that so many selections of these recordings are worth is spent."""
         p = self.policy
         return self.budget.spent > selections * p.budget * max(self.samples, p.usual_samples)
-
-
-def at_rest(element: Element, values: Mapping[str, float], preload: float) -> AtRest:
-    """Return what a law may know of an element."""
-    return AtRest(
-        preload if element.preload else 0.0,
-        values[element.stiffness] if element.stiffness else 0.0,
-        values[element.damping] if element.damping else 0.0,
-    )
-
-
-def law_parameters(term: Term, element: Element, values: Mapping[str, float], preload: float, h: float) -> Real:
-    """Return a compiled law's parameters in an element with these constants, at a preload (N) and a step (s)."""
-    rest, mechanism = at_rest(element, values, preload), term.mechanism
-    if not isinstance(mechanism, ForceLaw):
-        raise TypeError(f"{mechanism.id} is not a force law")
-    return np.array([rest.preload, rest.stiffness, rest.damping, h, *mechanism.constants(term.values, rest)])
 
 
 def p_of(smallest: float, tests: float) -> float:

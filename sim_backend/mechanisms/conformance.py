@@ -284,13 +284,8 @@ def _motion(scale: Scale) -> tuple[Real, Real, float]:
 
 
 def _constants(mechanism: ForceLaw, values: Values, bench: Bench, place: Place, h: float) -> Real:
-    e, declared = bench.rig.elements[place[0]], bench.rig.declared()
-    rest = AtRest(
-        bench.preload if e.preload else 0.0,
-        declared[e.stiffness] if e.stiffness else 0.0,
-        declared[e.damping] if e.damping else 0.0,
-    )
-    return np.array([rest.preload, rest.stiffness, rest.damping, h, *mechanism.constants(values, rest)], np.float64)
+    rest = AtRest.of(bench.rig.elements[place[0]], bench.rig.declared(), bench.preload)
+    return mechanism.packed(values, rest, h)
 
 
 def _along(law: Any, p: Real, d: Real, v: Real, h: float, base: Real) -> Real:

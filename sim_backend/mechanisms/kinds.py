@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sim_backend.arrangement import Arrangement, Role
+from sim_backend.arrangement import Arrangement, Element, Role
 from sim_backend.force_law import LAW
 from sim_backend.mechanisms.places import Place, fitting_elements
 
@@ -55,9 +55,18 @@ class Quantity:
 class AtRest:
     """What a law may know of the element it acts in, at one load: preload (N), stiffness (N/m), damping (N s/m)."""
 
-    preload: float
-    stiffness: float
-    damping: float
+    preload: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
+
+    @classmethod
+    def of(cls, element: Element, constants: Values, preload: float) -> AtRest:
+        """Return it for a rig with these constants at a preload (N)."""
+        return cls(
+            preload if element.preload else 0.0,
+            constants[element.stiffness] if element.stiffness else 0.0,
+            constants[element.damping] if element.damping else 0.0,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,6 +189,10 @@ class ForceLaw(Mechanism):
     last: bool = False
     with_time: bool = False
     stiffness_exponent: tuple[float, float] | None = None
+
+    def packed(self, values: Values, rest: AtRest, h: float) -> Real:
+        """Return the compiled law's parameters for an element at rest and a step of h, s."""
+        return np.array([rest.preload, rest.stiffness, rest.damping, h, *self.constants(values, rest)], np.float64)
 
     def places(self, rig: Arrangement) -> list[Place]:
         """Return one element for each distinct deformation; elements that are alike share a place."""

@@ -18,13 +18,13 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 from scipy.optimize import least_squares
 
-from analysis.mismatch.problem import law_parameters
 from analysis.mismatch.ring_downs.experiment import Segment
 from analysis.mismatch.ring_downs.linear import DERIVATIVES
 from analysis.mismatch.ring_downs.problem import RingDownFit
+from sim_backend.acting import laws_in
 from sim_backend.arrangement import LOAD, Arrangement
 from sim_backend.force_law import MEMORY
-from sim_backend.mechanisms.kinds import ForceLaw
+from sim_backend.mechanisms.kinds import AtRest
 from sim_backend.state_space import StateSpace
 
 Real = NDArray[np.float64]
@@ -188,9 +188,11 @@ def law_along(fit: RingDownFit, segment: Segment, motion: Reconstruction) -> Rea
     element, values = fit.arrangement.elements[place], fit.constants.at(segment.group)
     h = float(motion.time_s[1] - motion.time_s[0])
     force: Real = values["kc"] * motion.deflection + values["cc"] * motion.rate
-    laws = [(t, t.mechanism) for t in fit.terms if isinstance(t.mechanism, ForceLaw) and place in t.place]
-    for term, mechanism in sorted(laws, key=lambda one: one[1].last):
-        p = np.asarray(law_parameters(term, element, values, segment.preload_n, h), np.float64)
+    rest = AtRest.of(element, values, segment.preload_n)
+    for i, mechanism, at in laws_in(fit.terms):
+        if at != place:
+            continue
+        p = mechanism.packed(fit.terms[i].values, rest, h)
         before, after = np.zeros(MEMORY), np.zeros(MEMORY)
         out = np.empty_like(force)
         for n, (f, d, v) in enumerate(zip(force, motion.deflection, motion.rate, strict=True)):

@@ -126,7 +126,7 @@ def _force(
     """Return (n,) the force on the body of a law of unit strength."""
     arrangement, h = simulation.rig.arrangement, 1 / simulation.recordings[0].rate_hz
     way = float(arrangement.vector(arrangement.elements[term.place[0]].row, constants)[0])
-    p = np.array([0.0, 0.0, 0.0, h, *mechanism.constants(term.values, AtRest(0.0, 0.0, 0.0))])
+    p = mechanism.packed(term.values, AtRest(), h)
     force = along(mechanism.law, p, way * motion.displacement, way * motion.velocity, 0.0, h, np.zeros(MEMORY))
     return np.asarray(way * force / term.values[str(mechanism.strength)], np.float64)
 

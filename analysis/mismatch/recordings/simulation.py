@@ -13,13 +13,13 @@ from scipy import signal
 from scipy.fft import next_fast_len
 
 from analysis.mismatch.parameters import FreeParameter, Term
-from analysis.mismatch.problem import law_parameters
 from analysis.mismatch.recordings.recorded import Recorded
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.ring_downs.added_response import lines_of
 from analysis.mismatch.ring_downs.linear import DERIVATIVES
+from sim_backend.acting import extended, laws_in
 from sim_backend.arrangement import Row
-from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw
+from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion
 from sim_backend.propagate import Clock, Given, Laws, Rigs, laws_of, propagate
 
 Real = NDArray[np.float64]
@@ -82,10 +82,7 @@ class Simulation:
     ):
         self.rig, self.recordings, self.terms = rig, tuple(recordings), tuple(terms)
         self.highest_hz = highest_hz
-        self.arrangement = rig.arrangement
-        for term in terms:
-            if isinstance(term.mechanism, AddedBody):
-                self.arrangement = term.mechanism.extend(self.arrangement, term.values, term.place)
+        self.arrangement = extended(rig.arrangement, terms)
         self.n = len(self.arrangement.bodies)
         self.constants = {**self.arrangement.declared(), **constants}
         self.lines = lines_of(terms)
@@ -289,10 +286,9 @@ class Simulation:
         return force, held
 
     def _laws(self, terms: Sequence[Term], constants: Values, h: float) -> Laws:
-        acting = [(t, t.mechanism, e) for t in terms if isinstance(t.mechanism, ForceLaw) for e in t.place]
-        acting.sort(key=lambda one: one[1].last)
-        elements, preload = self.arrangement.elements, self.rig.preload_n
-        rows = [law_parameters(t, elements[e], constants, preload, h) for t, _, e in acting]
+        acting = laws_in(terms)
+        rest = [AtRest.of(element, constants, self.rig.preload_n) for element in self.arrangement.elements]
+        rows = [m.packed(terms[i].values, rest[e], h) for i, m, e in acting]
         return laws_of([(m.law, e) for _, m, e in acting], [rows])
 
     def _shown(self, constants: Values, moved: Motion, sub: int) -> Real:

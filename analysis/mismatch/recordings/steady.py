@@ -101,9 +101,7 @@ def harmonic(term: Term, amplitude: float, omega: float) -> complex:
     angle = 2 * np.pi * np.arange(CYCLES * POINTS + 1) / POINTS
     d, v = amplitude * np.cos(angle), -amplitude * omega * np.sin(angle)
     h = 2 * np.pi / omega / POINTS
-    given = mechanism.constants(term.values, AtRest(0.0, 0.0, 0.0))
-    p = np.array([0.0, 0.0, 0.0, h, *given])
-    force = along(mechanism.law, p, d, v, 0.0, h, np.zeros(MEMORY))
+    force = along(mechanism.law, mechanism.packed(term.values, AtRest(), h), d, v, 0.0, h, np.zeros(MEMORY))
     last = slice((CYCLES - 1) * POINTS, CYCLES * POINTS)
     return complex(2 / POINTS * np.sum(force[last] * np.exp(-1j * angle[last])))
 

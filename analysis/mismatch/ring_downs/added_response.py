@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from analysis.mismatch.parameters import FreeParameter, Term
-from analysis.mismatch.problem import Constants, law_parameters
+from analysis.mismatch.problem import Constants
 from analysis.mismatch.ring_downs.coordinates import Coordinates
 from analysis.mismatch.ring_downs.experiment import Segment
 from analysis.mismatch.ring_downs.linear import LinearRig
 from analysis.mismatch.ring_downs.modes import Nuisance, Sensitivity, sensitivities
 from analysis.mismatch.ring_downs.response import Response, response, responses, whiten
+from sim_backend.acting import extended, laws_in
 from sim_backend.arrangement import LOAD
-from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, SecondImpact, Tones
+from sim_backend.mechanisms.kinds import AtRest, ChannelDistortion, ForceLaw, SecondImpact, Tones
 from sim_backend.modal_response import waves
 from sim_backend.propagate import Clock, Impact, Motion, Rigs, laws_of, propagate
 
@@ -67,11 +68,7 @@ class AddedResponse:
 
     def __init__(self, problem: RingDowns, terms: Sequence[Term], substeps: int):
         self.problem, self.terms, self.substeps = problem, tuple(terms), substeps
-        arrangement = problem.arrangement
-        for term in terms:
-            if isinstance(term.mechanism, AddedBody):
-                arrangement = term.mechanism.extend(arrangement, term.values, term.place)
-        self.arrangement = arrangement
+        self.arrangement = arrangement = extended(problem.arrangement, terms)
         lines = lines_of(terms)
         slow = np.append(problem.slow, 2j * np.pi * np.array(lines)) if lines else problem.slow
         self.nuisance = Nuisance(problem.experiment, slow)
@@ -162,15 +159,15 @@ class AddedResponse:
     def _propagation(self, runs: Sequence[Run], h: float, steps: int) -> tuple[Callable[[], Motion], list[int]]:
         """Return what computes the extra forces of k elements from the run-up on, and these elements."""
         arrangement = self.arrangement
-        laws_at = {i: t.mechanism for i, t in enumerate(self.terms) if isinstance(t.mechanism, ForceLaw)}
-        slots = [(i, e) for i in laws_at for e in self.terms[i].place]
-        slots.sort(key=lambda s: laws_at[s[0]].last)
-        used = sorted({e for _, e in slots})
+        slots = laws_in(self.terms)
+        used = sorted({e for *_, e in slots})
         elements = arrangement.elements
-        laws = laws_of(
-            [(laws_at[i].law, used.index(e)) for i, e in slots],
-            [[law_parameters(v.terms[i], elements[e], v.values, r.preload_n, h) for i, e in slots] for r, v in runs],
-        )
+
+        def packed(segment: Segment, v: Variant) -> list[Real]:
+            rest = {e: AtRest.of(elements[e], v.values, segment.preload_n) for e in used}
+            return [m.packed(v.terms[i].values, rest[e], h) for i, m, e in slots]
+
+        laws = laws_of([(m.law, used.index(e)) for _, m, e in slots], [packed(*run) for run in runs])
         values = {name: np.array([v.values[name] for _, v in runs]) for name in runs[0][1].values}
         mass, damping, stiffness = arrangement.matrices(values)
         rows = np.stack([arrangement.vector(elements[e].row, values) for e in used], axis=1)

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.problem import Columns, law_parameters
+from analysis.mismatch.problem import Columns
 from analysis.mismatch.ring_downs.added_response import lines_of
 from analysis.mismatch.ring_downs.linear import LinearRig, linear_rigs
 from analysis.mismatch.ring_downs.modes import Nuisance, slope_columns
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.ring_downs.response import responses, whiten
 from sim_backend.force_law import MEMORY, along
-from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, Tones
+from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion, ForceLaw, Tones
 from sim_backend.modal_response import parabolas
 
 Real = NDArray[np.float64]
@@ -140,8 +140,9 @@ class SegmentSignatures:
         for place, at in acting.items():
             d, v = self.to.motion(self.amplitudes, place, t - lead)
             forces = np.empty((len(at), 1, t.size))
+            rest = AtRest.of(elements[place], self.values, self.segment.preload_n)
             for out, (i, mechanism) in zip(forces[:, 0], at, strict=True):
-                p = law_parameters(terms[i], elements[place], self.values, self.segment.preload_n, h)
+                p = mechanism.packed(terms[i].values, rest, h)
                 out[:] = along(mechanism.law, p, d, v, begin_s, h, np.zeros(MEMORY))
             respond = responses([self.to] * len(at), [place], h, SUBSTEPS)
             found[[i for i, _ in at]] += respond(forces, parabolas(forces))[:, :, run_up:]

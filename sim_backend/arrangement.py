@@ -19,6 +19,7 @@ Row = tuple[tuple[str, float | str], ...]
 """Bodies with their coefficients, a number or the name of a constant: a deformation, or what a sensor sees."""
 Role = Literal["contact", "spring", "guide", "joint", "body", "damper", "pendulum"]
 Quantity = Literal["acceleration", "velocity", "displacement"]
+DERIVATIVES: Final[Mapping[Quantity, int]] = {"displacement": 0, "velocity": 1, "acceleration": 2}
 LOAD: Final = "load"  # scope of a constant that has a value of its own at each load
 
 

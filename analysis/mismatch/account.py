@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic
 
 from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Interval, Location, Named, NextExperiment
-from analysis.mismatch.intervals import intervals
+from analysis.mismatch.intervals import NORMAL_95, intervals
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import FitOf
 from analysis.mismatch.score_test import Screening
@@ -56,21 +56,6 @@ class Account(ABC, Generic[FitOf]):
 
     selection: Selection[FitOf]
 
-    @property
-    @abstractmethod
-    def rig(self) -> str:
-        """Name of the rig."""
-
-    @property
-    @abstractmethod
-    def linear(self) -> str:
-        """What the linear rig is called in sentences."""
-
-    @property
-    @abstractmethod
-    def parts(self) -> Sequence[str]:
-        """Components of the contract that the rig has."""
-
     @abstractmethod
     def weights(self, number: int) -> Weights:
         """Return how likely the candidates of the step are that accepted the mechanism of this number."""
@@ -90,6 +75,10 @@ class Account(ABC, Generic[FitOf]):
     @abstractmethod
     def held_out_rms(self, fitted: FitOf) -> float:
         """Return the error on held-out segments; NaN where there are none."""
+
+    @abstractmethod
+    def loudest_tone(self, fitted: FitOf) -> tuple[float, float, str]:
+        """Return amplitude, standard error and unit of the loudest tone of a fit, as the recordings hold it."""
 
     @abstractmethod
     def compared(self, candidate: Candidate[FitOf], best: Candidate[FitOf]) -> str:
@@ -123,9 +112,13 @@ class Account(ABC, Generic[FitOf]):
         return unit
 
     def parameters(self, fitted: FitOf, number: int) -> tuple[Term, dict[str, Interval]]:
-        """Return a term of a fit, and its parameters with their intervals."""
-        found = intervals(fitted, number)
-        return fitted.terms[number], {k: Interval(v.value, v.low, v.high, self.unit(v.unit)) for k, v in found.items()}
+        """Return a term of a fit, and its parameters with their intervals; how loud tones are is read off."""
+        term = fitted.terms[number]
+        if isinstance(term.mechanism, Tones) and term.mechanism.strength is not None:
+            value, error, unit = self.loudest_tone(fitted)
+            known = Interval(value, value - NORMAL_95 * error, value + NORMAL_95 * error, unit)
+            return term.moved({term.mechanism.strength: value}), {term.mechanism.strength: known}
+        return term, {k: replace(v, unit=self.unit(v.unit)) for k, v in intervals(fitted, number).items()}
 
     def named(self, fitted: FitOf, number: int) -> Named:
         """Return what is said of a mechanism that was accepted."""
@@ -151,7 +144,7 @@ class Account(ABC, Generic[FitOf]):
     def component(self, term: Term) -> str:
         """Return the class of the component that a term stands for."""
         m = term.mechanism
-        if m.component in self.parts:
+        if m.component in self.selection.problem.parts:
             return m.component
         if isinstance(m, ForceLaw):
             return self.selection.problem.arrangement.elements[term.place[0]].component

@@ -236,7 +236,7 @@ def answer_of(account: Account[Any], recordings: Sequence[RecordingFile] = ()) -
         remainder = replace(remainder, where=location, statement=statement)
     return Answer(
         recordings=tuple(recordings),
-        rig=account.rig,
+        rig=selection.problem.name,
         verdict=verdict,
         p_value=selection.p_value,
         mechanisms=tuple(named),
@@ -264,7 +264,8 @@ def _remainder(account: Account[Any], verdict: Verdict) -> Remainder:
     beyond = p_value < policy.level and verdict != "consistent"
     where = account.left_at(model, screening) if beyond else None
     share = 1.0 if verdict == "unexplained" and not selection.steps else share
-    return Remainder(share, left, p_value, where, remainder_statement(account.linear, share, left, p_value, where))
+    linear = selection.problem.linear
+    return Remainder(share, left, p_value, where, remainder_statement(linear, share, left, p_value, where))
 
 
 def _upper_limits(account: Account[Any], named: Sequence[Named]) -> tuple[UpperLimit, ...]:

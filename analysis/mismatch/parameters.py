@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend.acting import Acting
-from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, Quantity, SecondImpact
+from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, Quantity, SecondImpact, Tones
 from sim_backend.mechanisms.places import Place
 
 Real = NDArray[np.float64]
@@ -105,3 +105,17 @@ class Term(Acting):
     def moved(self, values: Mapping[str, float]) -> Term:
         """Return the same mechanism with other values."""
         return replace(self, values={**self.values, **values})
+
+
+def lines_of(terms: Sequence[Term]) -> list[float]:
+    """Return the frequencies, Hz, of all steady tones among terms."""
+    return [hz for t in terms if isinstance(t.mechanism, Tones) for hz in t.mechanism.lines(t.values)]
+
+
+def with_values(terms: Sequence[Term], parameters: Sequence[FreeParameter], x: Iterable[float]) -> tuple[Term, ...]:
+    """Return terms with the values that the numbers (k,) of a fit mean; parameters of other scopes are left out."""
+    values: list[dict[str, float]] = [{} for _ in terms]
+    for p, own in zip(parameters, x, strict=True):
+        if p.scope == "mechanism":
+            values[p.owner][p.name] = p.outward(float(own))
+    return tuple(t.moved(v) for t, v in zip(terms, values, strict=True))

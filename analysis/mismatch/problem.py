@@ -155,6 +155,21 @@ class Problem(ABC, Generic[FitOf]):
 
     @property
     @abstractmethod
+    def name(self) -> str:
+        """Name of the rig."""
+
+    @property
+    @abstractmethod
+    def parts(self) -> Sequence[str]:
+        """Components of the contract that the rig has beside those of its elements."""
+
+    @property
+    def linear(self) -> str:
+        """What the linear rig is called in sentences."""
+        return "the rig as described"
+
+    @property
+    @abstractmethod
     def samples(self) -> int:
         """Samples of a channel that are fitted, all segments together."""
 
@@ -167,20 +182,19 @@ class Problem(ABC, Generic[FitOf]):
         """Return the columns of all segments, in parts that may be summed side by side."""
 
     @abstractmethod
-    def known_size(self, fitted: FitOf) -> int:
-        """Return how many constants `columns` places."""
-
-    @abstractmethod
     def precision(self, fitted: FitOf) -> Real:
-        """Return (k,) the inverse variance of the first constants' declared values, in units of the residual's."""
+        """Return (k,) the inverse variances of the constants that `columns` places, in units of the residual's."""
 
-    @abstractmethod
     def second_impact(self, fitted: FitOf, mechanism: SecondImpact) -> Score:
-        """Return the score of a second impact."""
+        """Return the score of a second impact; only asked for where `allows` lets it."""
+        raise NotImplementedError
 
-    @abstractmethod
     def unmodelled(self, fitted: FitOf) -> tuple[list[float], float]:
-        """Return p-values that the residual is noise, by tests that know no mechanism, and the excess they see."""
+        """Return p-values that the residual is noise, by tests that know no mechanism, and the excess they see.
+
+        None where the noise is not known: then a residual's power says nothing.
+        """
+        return [], 0.0
 
     def allows(self, mechanism: Mechanism) -> bool:
         """Whether the recordings can show a mechanism at all."""

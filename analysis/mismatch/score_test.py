@@ -104,7 +104,8 @@ def screen(problem: Problem[FitOf], fitted: FitOf, known: Iterable[Mechanism]) -
     free = free_terms(problem, fitted)
     problem.budget.spent += (SCREENED + EACH * len(known)) * problem.samples
     sums = _summed(problem, fitted, [*named, *free], ringing)
-    precision, size = problem.precision(fitted), problem.known_size(fitted)
+    precision = problem.precision(fitted)
+    size = precision.size
     schur = _eliminated(sums.gram, size, precision)
     inner, score = schur[:-1, :-1], schur[:-1, -1]
     scale = _Noise(problem.noise_known, float(schur[-1, -1]), sums.count - size)
@@ -196,7 +197,7 @@ class _Sums:
 
 def _summed(problem: Problem[FitOf], fitted: FitOf, terms: Sequence[Term], ringing: Sequence[Term]) -> _Sums:
     """Return the sums over all segments: always in the same parts, done side by side."""
-    size = problem.known_size(fitted)
+    size = problem.precision(fitted).size
 
     def part(columns: Iterable[Columns]) -> _Sums:
         width = size + len(terms) + 1
@@ -292,9 +293,9 @@ def _free(cosines: Real, z: Real, first: int, free: Sequence[Mechanism]) -> Free
 
 
 def _eliminated(gram: Real, count: int, precision: Real) -> Real:
-    """Schur complement of the first ``count`` rows, the first constants having a known precision."""
+    """Schur complement of the first ``count`` rows, (count,) being the precision they are known with."""
     a = gram[:count, :count].copy()
-    a[np.arange(precision.size), np.arange(precision.size)] += precision
+    a[np.arange(count), np.arange(count)] += precision
     scale = np.sqrt(np.maximum(np.diag(a), 1e-300))
     b = gram[:count, count:] / scale[:, None]
     out: Real = gram[count:, count:] - b.T @ np.linalg.lstsq(a / np.outer(scale, scale), b, rcond=1e-12)[0]

@@ -17,7 +17,6 @@ Real = NDArray[np.float64]
 
 BANDS = 28
 LOWEST_HZ = 100.0
-TAP_S = 2.5e-3  # after the pulse, in which the contact's largest force is looked for
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,23 +115,9 @@ def by_impact(fitted: RingDownFit) -> Impacts:
     return Impacts(
         np.array([r.order for r in segments], np.float64),
         np.array([r.preload_n for r in segments]),
-        force_ratios(fitted),
+        fitted.force_ratios(),
         excess_by_record(fitted),
     )
-
-
-def force_ratios(fitted: RingDownFit) -> Real:
-    """Return (segments,) the largest dynamic contact force after the pulse over the load, by the fitted linear rig."""
-    place = next(i for i, e in enumerate(fitted.arrangement.elements) if e.role == "contact")
-    values = [fitted.constants.at(g) for g in range(len(fitted.modes))]
-    rate = fitted.problem.experiment.sample_rate_hz
-    t = np.arange(int(TAP_S * rate)) / rate
-    ratios = []
-    for segment, amplitudes in zip(fitted.problem.experiment.segments, fitted.amplitudes, strict=True):
-        d, v = fitted.responded(segment.group).motion(amplitudes, place, t)
-        force = values[segment.group]["kc"] * d + values[segment.group]["cc"] * v
-        ratios.append(float(np.abs(force).max()) / segment.preload_n if segment.preload_n > 0 else math.nan)
-    return np.array(ratios)
 
 
 def held_out(selection: Selection[RingDownFit]) -> HeldOut | None:

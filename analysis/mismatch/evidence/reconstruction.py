@@ -19,10 +19,9 @@ from scipy.linalg import expm
 from scipy.optimize import least_squares
 
 from analysis.mismatch.ring_downs.experiment import Segment
-from analysis.mismatch.ring_downs.linear import DERIVATIVES
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from sim_backend.acting import laws_in
-from sim_backend.arrangement import LOAD, Arrangement
+from sim_backend.arrangement import DERIVATIVES, LOAD, Arrangement
 from sim_backend.force_law import MEMORY
 from sim_backend.mechanisms.kinds import AtRest
 from sim_backend.state_space import StateSpace

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mismatch.ring_downs.model import SUBSTEPS
-from analysis.mismatch.ring_downs.modes import Nuisance
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.ring_downs.response import whiten
 
@@ -68,7 +67,7 @@ def contact_by_amplitude(fit: RingDownFit) -> tuple[Varying, ...]:
 def _varying(fit: RingDownFit, edges: Real, windows: Windows) -> tuple[Varying, ...]:
     problem = fit.problem
     place = next(i for i, e in enumerate(fit.arrangement.elements) if e.role == "contact")
-    nuisance = Nuisance(problem.experiment, problem.slow)
+    nuisance = problem.nuisance()
     rate, bins = problem.experiment.sample_rate_hz, edges.size - 1
     middle = np.sqrt(np.maximum(edges[:-1], edges[1:] / 4) * edges[1:])
     found = []

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mismatch.account import UNLISTED, Account, Weights, relative
-from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Interval, Location, Named, NextExperiment
-from analysis.mismatch.intervals import NORMAL_95
+from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Location, Named, NextExperiment
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.decay import decay_of
 from analysis.mismatch.recordings.far_off import far_off
@@ -24,7 +23,7 @@ from analysis.mismatch.remainder import frequency_words
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.score_test import Screening
 from analysis.mismatch.selection import Candidate, SelectionStep
-from sim_backend.mechanisms.kinds import ForceLaw, Tones
+from sim_backend.mechanisms.kinds import ForceLaw
 
 Real = NDArray[np.float64]
 
@@ -50,21 +49,8 @@ class BlockAccount(Account[SimulatedFit]):
         """The rig as described."""
         return self.judge.problem.rig
 
-    @property
-    def rig(self) -> str:
-        """Name of the rig."""
-        return self.described.name
-
-    @property
-    def linear(self) -> str:
-        """What the linear rig is called in sentences."""
-        return "the rig as described"
-
-    def parameters(self, fitted: SimulatedFit, number: int) -> tuple[Term, dict[str, Interval]]:
-        """Return a term and its parameters; how loud tones are is read from what the recordings hold of them."""
-        term = fitted.terms[number]
-        if not isinstance(term.mechanism, Tones) or term.mechanism.strength is None:
-            return Account.parameters(self, fitted, number)
+    def loudest_tone(self, fitted: SimulatedFit) -> tuple[float, float, str]:
+        """Return amplitude, standard error and unit of the loudest tone in any recording and channel."""
         loudest, error, unit = 0.0, 0.0, ""
         for recorded, own, residual in zip(fitted.problem.recordings, fitted.own, fitted.residuals, strict=True):
             rms = np.sqrt(np.mean(residual**2, axis=1)) * level(recorded)
@@ -72,13 +58,7 @@ class BlockAccount(Account[SimulatedFit]):
             if amplitudes[at := int(np.argmax(amplitudes))] > loudest:
                 loudest, unit = float(amplitudes[at]), self.described.seen[at].unit
                 error = float(rms[at]) * math.sqrt(2 / residual.shape[1])
-        known = Interval(loudest, loudest - NORMAL_95 * error, loudest + NORMAL_95 * error, unit)
-        return term.moved({term.mechanism.strength: loudest}), {term.mechanism.strength: known}
-
-    @property
-    def parts(self) -> Sequence[str]:
-        """Components of the contract that the rig has."""
-        return self.described.parts
+        return loudest, error, unit
 
     @property
     def settled(self) -> bool:

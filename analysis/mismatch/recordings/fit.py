@@ -24,7 +24,6 @@ from analysis.mismatch.recordings.signatures import columns_of, correlation
 from analysis.mismatch.recordings.simulation import Own, Simulation
 from analysis.mismatch.recordings.start_values import start_values
 from analysis.mismatch.rig_description import DescribedRig
-from analysis.mismatch.score_test import Score
 from sim_backend.arrangement import Arrangement
 from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, Mechanism, Scale, SecondImpact, Tones
 
@@ -60,6 +59,16 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
     def arrangement(self) -> Arrangement:  # type: ignore[override]
         """What the rig is made of."""
         return self.rig.arrangement
+
+    @property
+    def name(self) -> str:
+        """Name of the rig."""
+        return self.rig.name
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Components of the contract that the rig has beside those of its elements."""
+        return self.rig.parts
 
     @property
     def samples(self) -> int:
@@ -106,21 +115,9 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
         """Return the columns of all recordings, whitened by an autoregression of the residual."""
         return [iter([columns_of(fitted, number, terms, ringing) for number in range(len(self.recordings))])]
 
-    def known_size(self, fitted: SimulatedFit) -> int:
-        """Return how many parameters `columns` places."""
-        return int(fitted.x.size)
-
     def precision(self, fitted: SimulatedFit) -> Real:
-        """Return nothing: what is declared is not weighed against a residual whose noise is not known."""
-        return np.zeros(0)
-
-    def second_impact(self, fitted: SimulatedFit, mechanism: SecondImpact) -> Score:
-        """Never asked for; see `allows`."""
-        raise NotImplementedError
-
-    def unmodelled(self, fitted: SimulatedFit) -> tuple[list[float], float]:
-        """Return nothing: without a known noise a residual's power says nothing."""
-        return [], 0.0
+        """Return none: what is declared is not weighed against a residual whose noise is not known."""
+        return np.zeros(fitted.x.size)
 
 
 @dataclass(frozen=True, slots=True)

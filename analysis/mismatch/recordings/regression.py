@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.simulation import Simulation
-from analysis.mismatch.ring_downs.linear import DERIVATIVES
+from sim_backend.arrangement import DERIVATIVES
 from sim_backend.force_law import MEMORY, along
 from sim_backend.mechanisms.kinds import AtRest, ForceLaw
 

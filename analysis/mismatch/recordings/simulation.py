@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.fft import next_fast_len
 
-from analysis.mismatch.parameters import FreeParameter, Term
+from analysis.mismatch.parameters import FreeParameter, Term, lines_of, with_values
 from analysis.mismatch.recordings.recorded import Recorded
 from analysis.mismatch.rig_description import DescribedRig
-from analysis.mismatch.ring_downs.added_response import lines_of
-from analysis.mismatch.ring_downs.linear import DERIVATIVES
 from sim_backend.acting import extended, laws_in
-from sim_backend.arrangement import Row
+from sim_backend.arrangement import DERIVATIVES, Row
 from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion
 from sim_backend.propagate import Clock, Given, Laws, Rigs, laws_of, propagate
 
@@ -162,14 +160,9 @@ class Simulation:
 
     def read(self, x: Real) -> tuple[dict[str, float], tuple[Term, ...]]:
         """Return constants and terms that the fit's numbers mean."""
-        constants = dict(self.constants)
-        changed: list[dict[str, float]] = [{} for _ in self.terms]
-        for p, value in zip(self.parameters, x.tolist(), strict=True):
-            if p.name in constants:
-                constants[p.name] = p.outward(value)
-            if p.scope == "mechanism":
-                changed[p.owner][p.name] = p.outward(value)
-        return constants, tuple(t.moved(c) for t, c in zip(self.terms, changed, strict=True))
+        moved = zip(self.parameters, x.tolist(), strict=True)
+        constants = {p.name: p.outward(value) for p, value in moved if p.name in self.constants}
+        return self.constants | constants, with_values(self.terms, self.parameters, x)
 
     def run(
         self, x: Real, own: Own, number: int, whole: bool = False, samples: int | None = None

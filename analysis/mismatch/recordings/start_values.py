@@ -13,9 +13,8 @@ from scipy.optimize import least_squares
 
 from analysis.mismatch.recordings.recorded import Recorded, level
 from analysis.mismatch.rig_description import DescribedRig
-from analysis.mismatch.ring_downs.linear import DERIVATIVES
 from analysis.session import AnalysisError
-from sim_backend.arrangement import Parameter
+from sim_backend.arrangement import DERIVATIVES, Parameter
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]

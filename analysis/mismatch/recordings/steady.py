@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from analysis.mismatch.parameters import Term
+from analysis.mismatch.parameters import FreeParameter, Term, with_values
 from analysis.mismatch.rig_description import DescribedRig
-from analysis.mismatch.ring_downs.linear import DERIVATIVES
 from analysis.session import AnalysisError
 from daq.exchange.tables import Table
+from sim_backend.arrangement import DERIVATIVES
 from sim_backend.force_law import MEMORY, along
 from sim_backend.mechanisms.kinds import AtRest, ForceLaw
 
@@ -111,16 +111,10 @@ def fit_sweeps(rig: DescribedRig, sweeps: Sequence[Sweep], terms: Sequence[Term]
     fitted = [s for i, s in enumerate(sweeps) if i % HELD_OUT_EVERY != HELD_OUT_EVERY - 1]
     held = [s for i, s in enumerate(sweeps) if i % HELD_OUT_EVERY == HELD_OUT_EVERY - 1]
     mass = rig.arrangement.declared()[rig.arrangement.masses[0]]
-    free = [(i, q) for i, t in enumerate(terms) for q in t.mechanism.parameters]
-    scale = [abs(terms[i].values[q.name]) or 1.0 for i, q in free]
-
-    def placed(x: Real) -> tuple[Term, ...]:
-        values: list[dict[str, float]] = [{} for _ in terms]
-        for (i, q), s, v in zip(free, scale, x[4:], strict=True):
-            value = s * math.exp(min(float(v), 50.0)) if q.log else s * float(v)
-            values[i][q.name] = min(max(value, q.low), q.high)
-        return tuple(t.moved(v) for t, v in zip(terms, values, strict=True))
-
+    free = [
+        FreeParameter(q.name, q.unit, abs(t.values[q.name]) or 1.0, q.log, q.low, q.high, scope="mechanism", owner=i)
+        for i, t in enumerate(terms) for q in t.mechanism.parameters
+    ]  # fmt: skip
     strongest = max(sweeps, key=lambda s: float(np.max(np.abs(s.moved / s.force))))
     at = int(np.argmax(np.abs(strongest.moved / strongest.force)))
     omega = float(strongest.omega[at])
@@ -133,7 +127,8 @@ def fit_sweeps(rig: DescribedRig, sweeps: Sequence[Sweep], terms: Sequence[Term]
         k, c = mass * (omega + width * x[0]) ** 2, mass * width * x[1]
         gain = first_gain * math.exp(min(float(x[2]), 50.0)) * np.exp(1j * x[3])
         # sweeps keep close to the resonance: the first harmonic's own change with frequency is left out
-        forces = np.sum([[harmonic(t, float(a), omega) for a in grid] for t in placed(x)], axis=0) / grid
+        acting = with_values(terms, free, x[4:])
+        forces = np.sum([[harmonic(t, float(a), omega) for a in grid] for t in acting], axis=0) / grid
         out = []
         for s in which:
             needed = (k - mass * s.omega**2 + 1j * s.omega * c) * s.moved
@@ -151,10 +146,10 @@ def fit_sweeps(rig: DescribedRig, sweeps: Sequence[Sweep], terms: Sequence[Term]
     first_gain = complex(guess)
     best: tuple[float, Real] = (math.inf, np.zeros(4 + len(free)))
     for factor in STARTS if terms else (1.0,):
-        factors = [factor if q.name == terms[i].mechanism.strength else 1.0 for i, q in free]
-        start = [0.0, 1.0, 0.0, 0.0, *(math.log(b) if q.log else b for b, (_, q) in zip(factors, free, strict=True))]
+        factors = [factor if p.name == terms[p.owner].mechanism.strength else 1.0 for p in free]
+        start = [0.0, 1.0, 0.0, 0.0, *(math.log(b) if p.log else b for b, p in zip(factors, free, strict=True))]
         found = least_squares(objective, start, x_scale="jac", max_nfev=60, ftol=1e-6)
         if float(found.cost) < best[0]:
             best = (float(found.cost), np.asarray(found.x, np.float64))
     made = [np.array([float(np.mean(np.abs(e) ** 2)) for e in off(best[1], which)]) for which in (fitted, held)]
-    return SteadyFit(placed(best[1]), *made)
+    return SteadyFit(with_values(terms, free, best[1][4:]), *made)

@@ -13,7 +13,6 @@ from analysis.mismatch.account import Account, Weights, element_of_component, re
 from analysis.mismatch.answer import (
     FitSummary,
     FittedRig,
-    Interval,
     Location,
     Named,
     NextExperiment,
@@ -21,24 +20,20 @@ from analysis.mismatch.answer import (
 )
 from analysis.mismatch.chi_squared import odds_of_nothing
 from analysis.mismatch.evidence.excess import excess_by_frequency, excess_by_time
-from analysis.mismatch.intervals import NORMAL_95
-from analysis.mismatch.parameters import Term
+from analysis.mismatch.parameters import lines_of
 from analysis.mismatch.remainder import frequency_words, spread_of
 from analysis.mismatch.ring_downs.candidates import stiffness_evidence
 from analysis.mismatch.ring_downs.corrected import contact_at_rest
 from analysis.mismatch.ring_downs.judge import ImpactJudge
 from analysis.mismatch.ring_downs.problem import RingDownFit
-from analysis.mismatch.ring_downs.tones import tone_amplitude
 from analysis.mismatch.score_test import Screening
 from analysis.mismatch.selection import Candidate, SelectionStep
-from sim_backend.mechanisms.kinds import Tones
 
 Real = NDArray[np.float64]
 
 STRONGER_TAP = 1.5  # over the strongest so far, for the next experiment
 MOST_FORCE_RATIO = 0.9  # of the preload: beyond, the surfaces would part
 OF_A_GROUP = 0.1  # of the largest excess of a load, from which on a load counts as one that shows something
-FORCE_SAMPLES = 60  # after the pulse, in which the largest contact force is looked for
 RIVALRY = 0.02  # of the accepted one's weight, from which on a candidate is a rival
 
 
@@ -53,21 +48,6 @@ class ImpactAccount(Account[RingDownFit]):
         if not isinstance(judge, ImpactJudge):
             raise TypeError("impacts are judged by an ImpactJudge")
         return judge
-
-    @property
-    def rig(self) -> str:
-        """Name of the rig."""
-        return self.judge.problem.name
-
-    @property
-    def linear(self) -> str:
-        """What the linear rig is called in sentences."""
-        return "Eq. 9" if self.judge.problem.is_tester else "the rig as described"
-
-    @property
-    def parts(self) -> Sequence[str]:
-        """Components of the contract that the rig has."""
-        return self.judge.problem.parts
 
     @property
     def groups(self) -> Mapping[str, float]:
@@ -118,14 +98,24 @@ class ImpactAccount(Account[RingDownFit]):
                 found.append(rival)
         return tuple(found)
 
-    def parameters(self, fitted: RingDownFit, number: int) -> tuple[Term, dict[str, Interval]]:
-        """Return a term and its parameters; how loud tones are is read from what every segment holds of them."""
-        term = fitted.terms[number]
-        if not isinstance(term.mechanism, Tones) or term.mechanism.strength is None:
-            return Account.parameters(self, fitted, number)
-        amplitude, error = tone_amplitude(fitted)
-        known = Interval(amplitude, amplitude - NORMAL_95 * error, amplitude + NORMAL_95 * error, "m/s2")
-        return term.moved({term.mechanism.strength: amplitude}), {term.mechanism.strength: known}
+    def loudest_tone(self, fitted: RingDownFit) -> tuple[float, float, str]:
+        """Return amplitude (over all segments and channels) and standard error of the loudest tone.
+
+        What noise alone would show as a tone is taken off.
+        """
+        experiment, lines = fitted.problem.experiment, lines_of(fitted.terms)
+        nuisance, first = fitted.problem.nuisance(fitted.terms), fitted.problem.slow.size
+        poles = 2j * np.pi * np.array(lines)
+        gains = np.array([np.abs(m.gain(poles, experiment.sample_rate_hz)) for m in experiment.noise])
+        square = []
+        for segment, coefficients in zip(experiment.segments, fitted.coefficients, strict=True):
+            found = np.array(nuisance.rung(fitted.modes[segment.group], coefficients))[:, first : first + len(lines)]
+            square.append((np.abs(found) ** 2 - 4 / segment.y.shape[1]) / gains**2)
+        by_line = np.array(square).transpose(2, 0, 1).reshape(len(lines), -1)
+        loudest = by_line[int(np.argmax(by_line.mean(axis=1)))]
+        amplitude = math.sqrt(max(float(loudest.mean()), 0.0))
+        error = float(loudest.std(ddof=1)) / math.sqrt(loudest.size)
+        return amplitude, error / (2 * amplitude) if amplitude > 0 else math.sqrt(error), "m/s2"
 
     def held_out_rms(self, fitted: RingDownFit) -> float:
         """Return the rms of the residual on held-out impacts, m/s2."""
@@ -162,8 +152,8 @@ class ImpactAccount(Account[RingDownFit]):
             self._times(time),
             frequency,
             self._showing(gain),
-            f"The residual of {self.linear} is more than noise from {frequency[0]:.0f} to {frequency[1]:.0f} Hz, and "
-            f"{what} most of it.",
+            f"The residual of {self.judge.problem.linear} is more than noise from {frequency[0]:.0f} to "
+            f"{frequency[1]:.0f} Hz, and {what} most of it.",
         )
 
     def left_at(self, model: RingDownFit, screening: Screening) -> Location:
@@ -227,7 +217,9 @@ class ImpactAccount(Account[RingDownFit]):
             between[segment.group] += float(np.sum((r - s) ** 2))
             count[segment.group] += 1
         group = int(np.argmax(between / np.maximum(count, 1)))
-        ratio = min(STRONGER_TAP * strongest_tap(self.selection.baseline, group), MOST_FORCE_RATIO)
+        own = np.array([s.group == group for s in self.selection.baseline.segments])
+        strongest = np.max(self.selection.baseline.force_ratios()[own])  # NaN without a preload
+        ratio = float(np.fmin(STRONGER_TAP * strongest, MOST_FORCE_RATIO))
         return NextExperiment(
             loads[group],
             ratio,
@@ -262,20 +254,3 @@ def _gain_by_channel(before: RingDownFit, after: RingDownFit) -> Real:
         for i, sign in enumerate((1.0, -1.0)):
             out[i] += float(np.sum((a[0] + sign * a[1]) ** 2) - np.sum((b[0] + sign * b[1]) ** 2))
     return out
-
-
-def strongest_tap(fitted: RingDownFit, group: int) -> float:
-    """Return the largest dynamic force over the preload among the impacts of a load, in the element that carries it."""
-    elements = fitted.arrangement.elements
-    place = next((i for i, e in enumerate(elements) if e.preload), None)
-    if place is None:
-        return MOST_FORCE_RATIO
-    values, to = fitted.constants.at(group), fitted.responded(group)
-    k, c = (values[name] if name else 0.0 for name in (elements[place].stiffness, elements[place].damping))
-    t = np.arange(FORCE_SAMPLES) / fitted.problem.experiment.sample_rate_hz
-    peaks = [0.0]
-    for segment, amplitudes in zip(fitted.segments, fitted.amplitudes, strict=True):
-        if segment.group == group and segment.preload_n > 0:
-            d, v = to.motion(amplitudes, place, t)
-            peaks.append(float(np.abs(k * d + c * v).max()) / segment.preload_n)
-    return max(peaks)

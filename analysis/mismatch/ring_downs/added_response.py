@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from analysis.mismatch.parameters import FreeParameter, Term
+from analysis.mismatch.parameters import FreeParameter, Term, with_values
 from analysis.mismatch.problem import Constants
 from analysis.mismatch.ring_downs.coordinates import Coordinates
 from analysis.mismatch.ring_downs.experiment import Segment
 from analysis.mismatch.ring_downs.linear import LinearRig
-from analysis.mismatch.ring_downs.modes import Nuisance, Sensitivity, sensitivities
+from analysis.mismatch.ring_downs.modes import Sensitivity, sensitivities
 from analysis.mismatch.ring_downs.response import Response, response, responses, whiten
 from sim_backend.acting import extended, laws_in
 from sim_backend.arrangement import LOAD
-from sim_backend.mechanisms.kinds import AtRest, ChannelDistortion, ForceLaw, SecondImpact, Tones
+from sim_backend.mechanisms.kinds import AtRest, ChannelDistortion, ForceLaw, SecondImpact
 from sim_backend.modal_response import waves
 from sim_backend.propagate import Clock, Impact, Motion, Rigs, laws_of, propagate
 
@@ -69,15 +69,11 @@ class AddedResponse:
     def __init__(self, problem: RingDowns, terms: Sequence[Term], substeps: int):
         self.problem, self.terms, self.substeps = problem, tuple(terms), substeps
         self.arrangement = arrangement = extended(problem.arrangement, terms)
-        lines = lines_of(terms)
-        slow = np.append(problem.slow, 2j * np.pi * np.array(lines)) if lines else problem.slow
-        self.nuisance = Nuisance(problem.experiment, slow)
+        self.nuisance = problem.nuisance(terms)
         self.rate = problem.experiment.sample_rate_hz
         self.rig_parameters = [p for p in arrangement.parameters if p.scope != LOAD]
         self.declared = np.array([p.value for p in self.rig_parameters])
-        self.precision = np.array(
-            [1 / p.uncertainty**2 if np.isfinite(p.uncertainty) else 0.0 for p in self.rig_parameters]
-        )
+        self.precision = np.array([1 / p.uncertainty**2 for p in self.rig_parameters])
         names = [p.name for p in self.rig_parameters]
         self.coordinates = Coordinates(names, np.array([p.positive for p in self.rig_parameters], bool), terms)
         self.free = [
@@ -96,10 +92,7 @@ class AddedResponse:
 
     def with_free(self, free: Real) -> tuple[Term, ...]:
         """Terms with the values of the free parameters put in."""
-        values = [dict(t.values) for t in self.terms]
-        for q, x in zip(self.free, free.tolist(), strict=True):
-            values[q.owner][q.name] = q.outward(x)
-        return tuple(replace(t, values=v) for t, v in zip(self.terms, values, strict=True))
+        return with_values(self.terms, self.free, free)
 
     def modes(self, constants: Constants) -> tuple[list[Sensitivity], list[Response]]:
         """Return modes and responses at every load; no responses where the rig is linear."""
@@ -221,11 +214,6 @@ class AddedResponse:
         own = max(float(np.abs(segment.raw).max()), float(np.abs(clean).max()))
         whole = max(float(np.abs(r.raw).max()) for r in self.problem.experiment.segments)
         return dict(term.values) | {"peak": whole if term.values.get("of_session") else own}
-
-
-def lines_of(terms: Sequence[Term]) -> list[float]:
-    """Return the frequencies, Hz, of all steady tones among terms."""
-    return [hz for t in terms if isinstance(t.mechanism, Tones) for hz in t.mechanism.lines(t.values)]
 
 
 def _is_double_hit(term: Term) -> bool:

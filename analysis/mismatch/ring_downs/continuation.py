@@ -17,7 +17,7 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import Constants
 from analysis.mismatch.ring_downs.fit import MOST_ITERATIONS, Start, Stop, fit
 from analysis.mismatch.ring_downs.linear import linear_rig
-from analysis.mismatch.ring_downs.modes import Nuisance, Sensitivity
+from analysis.mismatch.ring_downs.modes import Sensitivity
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
 from sim_backend.modal_response import step_weights
 
@@ -103,7 +103,7 @@ def _left(problem: RingDowns, constants: Constants, group: int) -> float:
     )
     none = np.zeros((0, *rig.gains.shape), np.complex128)
     s = Sensitivity(rig, none[:, 0], none, none[:, 0])
-    nuisance, total = Nuisance(experiment, problem.slow), 0.0
+    nuisance, total = problem.nuisance(), 0.0
     for segment in experiment.segments:
         if segment.group == group:
             q, _ = nuisance.basis(s, segment)

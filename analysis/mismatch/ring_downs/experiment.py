@@ -9,10 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.mismatch.ring_downs.linear import DERIVATIVES
 from analysis.mismatch.ring_downs.noise import NoiseModel, level_error, noise_models
 from daq.records import Session, Shot
-from sim_backend.arrangement import Arrangement
+from sim_backend.arrangement import DERIVATIVES, Arrangement
 
 Real = NDArray[np.float64]
 

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mismatch.ring_downs.noise import NoiseModel
-from sim_backend.arrangement import Arrangement
+from sim_backend.arrangement import DERIVATIVES, Arrangement
 from sim_backend.state_space import StateSpace
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
 SMALL = 1e-9  # |Im s| over |s| below which a pole counts as real
 
 

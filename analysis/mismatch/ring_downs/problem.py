@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mismatch.answer import TESTER
-from analysis.mismatch.parameters import Term
+from analysis.mismatch.parameters import Term, lines_of
 from analysis.mismatch.policy import POLICY, SelectionPolicy
 from analysis.mismatch.problem import Columns, ComputeBudget, Fit, Problem
 from analysis.mismatch.ring_downs.added_response import AddedResponse, Run, Variant
 from analysis.mismatch.ring_downs.experiment import Experiment, Segment
 from analysis.mismatch.ring_downs.model import SUBSTEPS
-from analysis.mismatch.ring_downs.modes import Sensitivity
+from analysis.mismatch.ring_downs.modes import Nuisance, Sensitivity
 from analysis.mismatch.ring_downs.response import Response, response
 from sim_backend.arrangement import LOAD, Arrangement
 from sim_backend.mechanisms.kinds import ForceLaw, Scale, SecondImpact
@@ -83,6 +83,11 @@ class RingDowns(Problem["RingDownFit"]):
         return {"m1", "m2", "k1", "k2", "kc", "cc"} <= names
 
     @property
+    def linear(self) -> str:
+        """What the linear rig is called in sentences."""
+        return "Eq. 9" if self.is_tester else "the rig as described"
+
+    @property
     def samples(self) -> int:
         """Samples of a channel, all segments together."""
         return sum(s.y.shape[1] for s in self.experiment.segments)
@@ -119,6 +124,10 @@ class RingDowns(Problem["RingDownFit"]):
                 for s in self.experiment.segments
             ]
         )
+
+    def nuisance(self, terms: Sequence[Term] = ()) -> Nuisance:
+        """Return the columns of what rings in every segment by itself, the tones among terms too."""
+        return Nuisance(self.experiment, np.append(self.slow, 2j * np.pi * np.array(lines_of(terms))))
 
     def scale_of(self, fitted: RingDownFit, place: int) -> Scale:
         """Return how far an element moves after the taps."""
@@ -170,14 +179,10 @@ class RingDowns(Problem["RingDownFit"]):
         bins = excess_by_frequency(fitted)
         return [bins.p_value, excess_by_time(fitted).p_value], bins.gain
 
-    def known_size(self, fitted: RingDownFit) -> int:
-        """Return how many constants `columns` places."""
-        return int(fitted.constants.rig.size + fitted.constants.load.size)
-
     def precision(self, fitted: RingDownFit) -> Real:
-        """Return the inverse variance of the rig's declared constants."""
-        rig = [p for p in fitted.arrangement.parameters if p.scope != LOAD]
-        return np.array([1 / p.uncertainty**2 if np.isfinite(p.uncertainty) else 0.0 for p in rig])
+        """Return the inverse variance of all constants: none for those of the loads, which nothing declares."""
+        rig = [1 / p.uncertainty**2 for p in fitted.arrangement.parameters if p.scope != LOAD]
+        return np.array(rig + [0.0] * fitted.constants.load.size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,6 +208,23 @@ class RingDownFit(Fit):
     amplitudes: tuple[Complex, ...]
     segments: tuple[Segment, ...]
     substeps: int = SUBSTEPS
+
+    def force_ratios(self) -> Real:
+        """Return (segments,) the largest dynamic force after the pulse over the preload of the element that carries it.
+
+        By the fitted linear rig; NaN without a preload.
+        """
+        ratios = np.full(len(self.segments), np.nan)
+        elements, rate = self.arrangement.elements, self.problem.experiment.sample_rate_hz
+        for place in [i for i, e in enumerate(elements) if e.preload][:1]:
+            names, t = (elements[place].stiffness, elements[place].damping), np.arange(int(EARLY_S * rate)) / rate
+            for i, (segment, amplitudes) in enumerate(zip(self.segments, self.amplitudes, strict=True)):
+                values, to = self.constants.at(segment.group), self.responded(segment.group)
+                moved = zip(names, to.motion(amplitudes, place, t), strict=True)
+                force = sum(values[name] * one for name, one in moved if name is not None)
+                if segment.preload_n > 0:
+                    ratios[i] = float(np.abs(force).max()) / segment.preload_n
+        return ratios
 
     @property
     def only_laws(self) -> bool:

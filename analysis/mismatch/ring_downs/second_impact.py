@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.ring_downs.added_response import lines_of, second_impact
+from analysis.mismatch.ring_downs.added_response import second_impact
 from analysis.mismatch.ring_downs.modes import Nuisance
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.ring_downs.response import whiten
@@ -28,9 +28,7 @@ def second_impact_score(fitted: RingDownFit, mechanism: SecondImpact) -> Score:
     """Likelihood of a second impact of one share of the first in all segments, its delay anywhere in each."""
     evidence = np.zeros(SHARES.size)
     delays, per_segment = [], []
-    lines = lines_of(fitted.terms)
-    slow = fitted.problem.slow
-    nuisance = Nuisance(fitted.problem.experiment, np.append(slow, 2j * np.pi * np.array(lines)) if lines else slow)
+    nuisance = fitted.problem.nuisance(fitted.terms)
     for number in range(len(fitted.segments)):
         s, g, first = _along(fitted, number, nuisance)
         log_ratio = SHARES[:, None] * s - SHARES[:, None] ** 2 * g / 2

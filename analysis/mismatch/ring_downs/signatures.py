@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import Columns
-from analysis.mismatch.ring_downs.added_response import lines_of
 from analysis.mismatch.ring_downs.linear import LinearRig, linear_rigs
-from analysis.mismatch.ring_downs.modes import Nuisance, slope_columns
+from analysis.mismatch.ring_downs.modes import slope_columns
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.ring_downs.response import responses, whiten
 from sim_backend.force_law import MEMORY, along
@@ -75,17 +74,14 @@ def _change(rig: LinearRig, base: LinearRig) -> _Change:
 def columns_of(fitted: RingDownFit, terms: Sequence[Term], ringing: Sequence[Term]) -> list[Iterator[Columns]]:
     """Return the columns of all segments, always in the same parts."""
     signatures = Signatures(fitted, ringing)
-    lines = lines_of(fitted.terms)
-    slow = fitted.problem.slow
-    slow = np.append(slow, 2j * np.pi * np.array(lines)) if lines else slow
     count = len(fitted.segments)
     parts = [range(i, min(i + count // PARTS + 1, count)) for i in range(0, count, count // PARTS + 1)]
-    return [_part(signatures, terms, slow, numbers) for numbers in parts]
+    return [_part(signatures, terms, numbers) for numbers in parts]
 
 
-def _part(signatures: Signatures, terms: Sequence[Term], slow: Complex, numbers: Sequence[int]) -> Iterator[Columns]:
+def _part(signatures: Signatures, terms: Sequence[Term], numbers: Sequence[int]) -> Iterator[Columns]:
     fitted = signatures.fitted
-    nuisance = Nuisance(fitted.problem.experiment, slow)
+    nuisance = fitted.problem.nuisance(fitted.terms)
     common = fitted.constants.rig.size
     each = fitted.constants.load.shape[1]
     for number in numbers:

@@ -66,7 +66,8 @@ def left(segments: Sequence[Columns], precision: Real, size: int, term: int | No
 def compared(problem: Problem[Any], fitted: Any, scores: Sequence[Score], known_noise: bool) -> None:
     terms: list[Term] = [s.term for s in scores]
     segments = [one for part in problem.columns(fitted, terms, []) for one in part]
-    precision, size = problem.precision(fitted), problem.known_size(fitted)
+    precision = problem.precision(fitted)
+    size = precision.size
     before, _, samples = left(segments, precision, size, None)
     for i, score in enumerate(scores):
         after, x, _ = left(segments, precision, size, i)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.mismatch.evidence.maps import ExcessMap, by_impact, force_ratios, map_by_frequency, map_by_time, spectrum
+from analysis.mismatch.evidence.maps import ExcessMap, by_impact, map_by_frequency, map_by_time, spectrum
 from analysis.mismatch.ring_downs.fit import RingDownFit, fit
 from daq.records import Session
 from tests.analysis.ring_downs import LOADS_N, RATE_HZ, RATIOS, SAMPLES, problem_of, session_of, with_law
@@ -55,6 +55,6 @@ def test_impacts_are_told_by_strength_and_order() -> None:
     assert found.order.tolist() == list(range(len(LOADS_N) * len(RATIOS)))
     assert np.abs(found.excess).max() < 4.0
     # the largest force comes during the tap or a little after it, so what rings down is a little less
-    ratios = force_ratios(fitted()).reshape(len(LOADS_N), len(RATIOS))
+    ratios = fitted().force_ratios().reshape(len(LOADS_N), len(RATIOS))
     assert np.all(np.diff(ratios, axis=1) > 0)
     assert np.all((ratios / np.array(RATIOS) > 0.5) & (ratios / np.array(RATIOS) < 1.0))

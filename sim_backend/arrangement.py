@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from sim_backend.arrays import Real
+
 Row = tuple[tuple[str, float | str], ...]
 """Bodies with their coefficients, a number or the name of a constant: a deformation, or what a sensor sees."""
 Role = Literal["contact", "spring", "guide", "joint", "body", "damper", "pendulum"]

@@ -6,10 +6,8 @@ import math
 
 import numpy as np
 from numba import float64, int64, njit, types
-from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from sim_backend.arrays import Complex, Real
 
 _ROW = types.Array(types.float64, 1, "C")
 _STACK = types.Array(types.float64, 3, "C")

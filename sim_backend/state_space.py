@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.linalg import matrix_balance
 
+from sim_backend.arrays import Complex, Real
+from sim_backend.propagate.exact_step import phi_functions
 from sim_backend.pulses import COS, LINEAR, OFFSET, OMEGA, SIN, START, Pulse
 
 GENERATOR = 4  # states of a pulse segment: 1, tau, sin, cos
-TAYLOR_TERMS = 18  # (1/2)^19 / 19! is far below rounding
+SMALL = 1e-9  # |Im s| over |s| below which a pole counts as real
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,10 +28,10 @@ class StateSpace:
         Shapes (n, n), (n,), (outputs, n), (outputs,).
     """
 
-    a: NDArray[np.float64]
-    b: NDArray[np.float64]
-    c: NDArray[np.float64]
-    d: NDArray[np.float64]
+    a: Real
+    b: Real
+    c: Real
+    d: Real
 
     def then(self, second: StateSpace) -> StateSpace:
         """Return this system with its first output sent through ``second``; the other outputs stay as they are."""
@@ -44,10 +45,26 @@ class StateSpace:
         d[0] *= second.d[0]
         return StateSpace(a, np.concatenate([self.b, second.b * self.d[0]]), c, d)
 
+    def fractions(self) -> tuple[Complex, Complex]:
+        """Return poles, 1/s, one of each conjugate pair, and residues of the first output, (p,) each."""
+        return _fractions(self.a.tobytes(), self.b.tobytes(), self.c[0].tobytes())
 
-def exact_response(
-    system: StateSpace, pulse: Pulse, onset_s: float, samples: int, sample_rate_hz: float
-) -> NDArray[np.float64]:
+
+@lru_cache(maxsize=8)
+def _fractions(*system: bytes) -> tuple[Complex, Complex]:
+    a, b, c = (np.frombuffer(numbers) for numbers in system)
+    s, right = np.linalg.eig(a.reshape(b.size, b.size))
+    residues = (c @ right) * (np.linalg.inv(right) @ b)
+    kept = s.imag >= -SMALL * np.abs(s)
+    return np.where(pairs(s) == 2.0, s, s.real + 0j)[kept], residues[kept]
+
+
+def pairs(poles: Complex) -> Real:
+    """Return 2 for each pole that stands for a conjugate pair, 1 for each real one."""
+    return np.where(np.abs(poles.imag) > SMALL * np.abs(poles), 2.0, 1.0)
+
+
+def exact_response(system: StateSpace, pulse: Pulse, onset_s: float, samples: int, sample_rate_hz: float) -> Real:
     """Return the outputs, (outputs, samples), at the times n / sample_rate_hz, from rest.
 
     Every segment of the pulse solves a linear system of its own (1, tau, sin, cos); joined to ``system`` it makes
@@ -69,22 +86,20 @@ def exact_response(
         stop = int(np.clip(np.ceil(right * sample_rate_hz), n, samples))
         at = left
         if stop > n:
-            z = exponential(joined * (n * dt - left)) @ z
-            rows, z = _march(exponential(joined * dt), z, stop - n, np.pad(c, ((0, 0), (0, len(start)))))
+            z = _exponential(joined * (n * dt - left)) @ z
+            rows, z = _march(_exponential(joined * dt), z, stop - n, np.pad(c, ((0, 0), (0, len(start)))))
             outputs[:, n:stop] = rows
             at, n = (stop - 1) * dt, stop
-        state = (exponential(joined * (right - at)) @ z)[: len(b)]
+        state = (_exponential(joined * (right - at)) @ z)[: len(b)]
     if n < samples:
-        state = exponential(a * (n * dt - knots[-1])) @ state
-        outputs[:, n:] = _march(exponential(a * dt), state, samples - n, c)[0]
+        state = _exponential(a * (n * dt - knots[-1])) @ state
+        outputs[:, n:] = _march(_exponential(a * dt), state, samples - n, c)[0]
     if np.any(system.d):
         outputs += np.outer(system.d, pulse(np.arange(samples) * dt - onset_s))
     return outputs
 
 
-def _join(
-    a: NDArray[np.float64], b: NDArray[np.float64], pulse: Pulse, middle: float, left: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _join(a: Real, b: Real, pulse: Pulse, middle: float, left: float) -> tuple[Real, Real]:
     """Return the matrix of system and active segments together, and the segments' states at ``left``."""
     active = pulse.active(middle)
     n, m = len(b), GENERATOR * len(active)
@@ -101,39 +116,9 @@ def _join(
     return joined, start
 
 
-@njit(cache=True)
-def exponential(a):  # type: ignore[no-untyped-def]
-    """Return exp(a) of a balanced (n, n) matrix: Taylor series of a / 2^s, s with a norm below 1/2, squared s times.
-
-    Plain loops, here and in `_march`: a linear-algebra library would spread such small matrices over threads, which
-    takes longer and may round differently from machine to machine.
-    """
-    n = len(a)
-    norm = 0.0
-    for j in range(n):
-        norm = max(norm, np.sum(np.abs(a[:, j])))
-    squarings = max(0, math.ceil(math.log2(norm)) + 1) if norm > 0.0 else 0
-    small = a / 2.0**squarings
-    result = np.eye(n)
-    for term in range(TAYLOR_TERMS, 0, -1):
-        result = _product(small, result) / term
-        for i in range(n):
-            result[i, i] += 1.0
-    for _ in range(squarings):
-        result = _product(result, result)
-    return result
-
-
-@njit(cache=True)
-def _product(a, b):  # type: ignore[no-untyped-def]
-    n = len(a)
-    c = np.zeros((n, n))
-    for i in range(n):
-        for k in range(n):
-            if a[i, k] != 0.0:
-                for j in range(n):
-                    c[i, j] += a[i, k] * b[k, j]
-    return c
+def _exponential(a: Real) -> Real:
+    """Return exp(a), (n, n)."""
+    return np.asarray(phi_functions(np.ascontiguousarray(a), 1)[0, 0], np.float64)
 
 
 @njit(cache=True)

@@ -11,24 +11,20 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.errors import RigError
 from sim_backend.acting import Acting, extended, laws_in
 from sim_backend.arrangement import LOWER, UPPER, Arrangement, Element, Parameter, tester
+from sim_backend.arrays import Real
 from sim_backend.force_law import SLOTS
 from sim_backend.mechanisms.kinds import AtRest, ChannelDistortion
 from sim_backend.modal_response import respond, step_weights
 from sim_backend.propagate import Clock, Given, Laws, Motion, Rigs, laws_of, propagate
 from sim_backend.pulses import Pulse
-from sim_backend.state_space import StateSpace, exact_response
+from sim_backend.state_space import StateSpace, exact_response, pairs
 from sim_backend.two_mass import TwoMass
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 SUBSTEPS = 16  # of a sample
-SMALL = 1e-9  # |Im s| over |s| below which a pole counts as real
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)  # of quadrature between the knots of a pulse
 
 
@@ -167,22 +163,9 @@ class _Rig:
         return StateSpace(self.matrix, b, c, np.array([float(row @ push)]))
 
 
-def _decomposed(a: Real) -> tuple[Complex, Complex, Complex]:
-    """Poles (one of each pair), right vectors (n, p) and rows of the inverse (p, n)."""
-    size = np.sqrt(np.maximum(np.abs(a).sum(axis=1), 1e-300) / np.maximum(np.abs(a).sum(axis=0), 1e-300))
-    scaled = a * size / size[:, None]
-    s, right = np.linalg.eig(scaled)
-    inverse = np.linalg.inv(right)
-    kept = s.imag >= -SMALL * np.abs(s)
-    poles = np.where(np.abs(s.imag) < SMALL * np.abs(s), s.real + 0j, s)[kept]
-    return poles, right[:, kept] * size[:, None], inverse[kept] / size
-
-
 def _response(system: StateSpace, force: Real, bends: Real, h: float) -> Real:
     """Response (samples,) from rest of the first output to a force (1, n) at every substep and its bends (1, n - 1)."""
-    poles, right, left = _decomposed(system.a)
-    residues = ((system.c[0] @ right) * (left @ system.b))[None, None, None]
+    poles, residues = system.fractions()
     weights, direct = step_weights(poles, h)[None], system.d[None, None, :1].copy()
-    weight = np.where(np.abs(poles.imag) > SMALL * np.abs(poles), 2.0, 1.0)
     forces, bent = np.ascontiguousarray(force[None]), np.ascontiguousarray(bends[None])
-    return np.asarray(respond(forces, bent, weights, residues, weight, direct, SUBSTEPS)[0, 0])
+    return np.asarray(respond(forces, bent, weights, residues[None, None, None], pairs(poles), direct, SUBSTEPS)[0, 0])

@@ -9,12 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from calibration.estimate import Estimate
+from sim_backend.arrays import Real
 
-Real = NDArray[np.float64]
 Verdict = Literal["consistent", "missing_physics", "new_physics", "unexplained"]
 Move = Literal["load", "tap", "rest", "swap_channels", "other_place", "input"]
 LawKind = Literal["static", "rate", "memory", "time", "load", "sensor", "input", "clock", "dynamics"]

@@ -51,3 +51,8 @@ def odds_of_nothing(p_value: float) -> float:
     0.125
     """
     return -math.e * p_value * math.log(p_value) if 0 < p_value < 1 / math.e else float(p_value > 0)
+
+
+def p_of(smallest: float, tests: float) -> float:
+    """Return the p-value of the smallest of so many independent p-values."""
+    return float(-math.expm1(tests * math.log1p(-min(smallest, 1 - 1e-12))))

@@ -6,15 +6,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.mismatch.answer import Interval
 from analysis.mismatch.problem import Fit
 from analysis.mismatch.ring_downs.fit import Start, fit, without_added
 from analysis.mismatch.ring_downs.problem import RingDownFit
+from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody, Derived, Quantity
-
-Real = NDArray[np.float64]
 
 NORMAL_95 = 1.959964
 STEP = 1e-4  # of differences, in the coordinates of the fit

@@ -14,7 +14,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-Real = NDArray[np.float64]
+from sim_backend.arrays import Real
 
 TIES = 1e-6  # rise of the objective that still counts as none
 LEAST_DAMPING, MOST_DAMPING, FORGOTTEN_DAMPING = 1e-3, 1e5, 1e-2

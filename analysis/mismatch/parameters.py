@@ -7,14 +7,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sim_backend.acting import Acting
 from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, Quantity, SecondImpact, Tones
 from sim_backend.mechanisms.places import Place
 
-Real = NDArray[np.float64]
 UNBOUNDED = 1e20  # width of a range that bounds nothing
 MOST_EXPONENT = 300.0  # of a logarithm: beyond, numbers overflow
 

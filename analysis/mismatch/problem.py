@@ -5,7 +5,6 @@ A free decay (`ring_down`) and a recording that is simulated from end to end (`s
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -17,13 +16,13 @@ from numpy.typing import NDArray
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import SelectionPolicy
 from sim_backend.arrangement import LOAD, Arrangement
+from sim_backend.arrays import Real
 from sim_backend.mechanisms.catalogue import placed
 from sim_backend.mechanisms.kinds import ForceLaw, Mechanism, Scale, SecondImpact
 
 if TYPE_CHECKING:
     from analysis.mismatch.score_test import Score
 
-Real = NDArray[np.float64]
 OnProgress = Callable[[str], None]
 
 
@@ -218,8 +217,3 @@ class Problem(ABC, Generic[FitOf]):
         """Whether the budget that so many selections of these recordings are worth is spent."""
         p = self.policy
         return self.budget.spent > selections * p.budget * max(self.samples, p.usual_samples)
-
-
-def p_of(smallest: float, tests: float) -> float:
-    """Return the p-value of the smallest of so many independent p-values."""
-    return float(-math.expm1(tests * math.log1p(-min(smallest, 1 - 1e-12))))

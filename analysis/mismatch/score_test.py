@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
+from analysis.mismatch.chi_squared import p_of
 from analysis.mismatch.free_form import channel_trials, free_places, free_trials
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.problem import Columns, FitOf, Problem, p_of
+from analysis.mismatch.problem import Columns, FitOf, Problem
 from sim_backend.mechanisms.kinds import AddedBody, Mechanism, SecondImpact, Tones
 
 Real = NDArray[np.float64]

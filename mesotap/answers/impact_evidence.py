@@ -7,10 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 from markupsafe import Markup
 
-from analysis.mismatch.evidence.maps import by_impact, held_out, map_by_frequency, map_by_time, spectrum
+from analysis.mismatch.evidence.excess import by_impact, map_by_frequency, map_by_time, spectrum
 from analysis.mismatch.evidence.reconstruction import law_along, reconstruct, stitched, telling_impacts
 from analysis.mismatch.evidence.varying import contact_by_amplitude, contact_in_time
 from analysis.mismatch.ring_downs.corrected import contact_at_rest
+from analysis.mismatch.ring_downs.judge import ImpactJudge
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.selection import Selection
 from analysis.results import SessionResults
@@ -152,12 +153,13 @@ def _gained(selection: RingDownSelection) -> tuple[Picture, ...]:
         "Residual spectra before and after, over the noise",
         "Spectra of the residuals over the noise, all fitted impacts together, smoothed over nine bins.",
     )
-    kept = held_out(selection)
-    if kept is None:
+    judge = selection.judge
+    if not isinstance(judge, ImpactJudge) or not judge.held_out:
         return (spectra,)
+    kept = figures.held_out_figure(judge.held_out_fit(before), None if after is None else judge.held_out_fit(after))
     label = "Residual of each held-out impact before and after"
     caption = "Every held-out impact: rms of the whitened residual over that of the noise."
-    return (Picture("held_out", figures.held_out_figure(kept), label, caption), spectra)
+    return (Picture("held_out", kept, label, caption), spectra)
 
 
 def _contact(selection: RingDownSelection) -> Table:

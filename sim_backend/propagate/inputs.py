@@ -6,12 +6,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sim_backend.arrays import Real, Whole
 from sim_backend.force_law import REST, SLOTS, no_law
-
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 
 class Rigs(NamedTuple):

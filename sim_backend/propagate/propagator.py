@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sim_backend.arrays import Real
 from sim_backend.propagate.inputs import Clock, Given, Impact, Laws, Rigs
 from sim_backend.propagate.stepping import carried
 
-Real = NDArray[np.float64]
 TOLERANCE: Final = 3e-4  # error of a step's mean extra force, over the largest so far, beyond which it is divided
 
 

@@ -7,14 +7,12 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit, types
-from numpy.typing import NDArray
 
+from sim_backend.arrays import Real, Whole
 from sim_backend.force_law import DAMPING, LAW, MEMORY, SLOTS, STEP, STIFFNESS
 from sim_backend.propagate.exact_step import exact_steps
 from sim_backend.propagate.inputs import Clock, Given, Impact, Laws, Rigs
 
-Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
 Forces = tuple[Any, ...]
 
 DEEPEST: Final = 3  # times that a step may be divided by four

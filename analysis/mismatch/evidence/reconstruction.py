@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 from scipy.optimize import least_squares
@@ -22,11 +21,10 @@ from analysis.mismatch.ring_downs.experiment import Segment
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from sim_backend.acting import laws_in
 from sim_backend.arrangement import DERIVATIVES, LOAD, Arrangement
+from sim_backend.arrays import Real
 from sim_backend.force_law import MEMORY
 from sim_backend.mechanisms.kinds import AtRest
 from sim_backend.state_space import StateSpace
-
-Real = NDArray[np.float64]
 
 VISIBLE = 10.0  # at least, power of the extra force allowed for over the noise's at twice the contact's frequency
 SIZES = (1.0, 3.0, 10.0, 30.0, 100.0)  # of the extra force over that which is just visible; likelihood chooses

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from analysis.mismatch.ring_downs.model import SUBSTEPS
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.ring_downs.response import whiten
-
-Real = NDArray[np.float64]
+from sim_backend.arrays import Real
 
 TIME_S = (0.0, 1e-3, 2e-3, 4e-3, 8e-3, 16e-3, 32e-3, 64e-3, 0.2)
 AMPLITUDES = tuple(float(a) for a in np.geomspace(1e-3, 1.0, 13))  # dynamic contact force over the load

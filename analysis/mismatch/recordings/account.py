@@ -8,13 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.mismatch.account import UNLISTED, Account, Weights, relative
 from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Location, Named, NextExperiment
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.decay import decay_of
-from analysis.mismatch.recordings.far_off import far_off
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge, held_out_rms, mean_of, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE, level
@@ -23,9 +21,8 @@ from analysis.mismatch.remainder import frequency_words
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.score_test import Screening
 from analysis.mismatch.selection import Candidate, SelectionStep
+from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import ForceLaw
-
-Real = NDArray[np.float64]
 
 MOST_ENERGY = 0.9  # of a residual, by which it is located
 STRONGER = 3.0  # tap over the one made, that parts amplitude from time
@@ -72,12 +69,12 @@ class BlockAccount(Account[SimulatedFit]):
 
     @property
     def far_off(self) -> bool:
-        """Whether a channel's error is most of what it shows, and could have been predicted from the error itself.
+        """Whether the rig as described is far from the one recorded.
 
         A rig that is far from the one recorded hardly moves where the recording does. What it misses is then the
         motion, which an autoregression takes away as it takes away noise, and the score tests see nothing.
         """
-        return self.selection.chosen is None and far_off(self.selection.best)
+        return self.selection.chosen is None and self.selection.best.far_off()
 
     @property
     def decay(self) -> tuple[AtAmplitude, ...]:

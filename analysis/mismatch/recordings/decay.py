@@ -6,13 +6,11 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
 from analysis.mismatch.answer import AtAmplitude
 from analysis.mismatch.recordings.recorded import Recorded
-
-Real = NDArray[np.float64]
+from sim_backend.arrays import Real
 
 AMPLITUDES = 12  # at which frequency and damping of a decay are read
 FADED = 0.02  # of the largest amplitude, below which they are not

@@ -12,22 +12,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.mismatch.least_squares import Evaluation, Stopping, covariance, minimise
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import POLICY, SelectionPolicy
 from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Problem
 from analysis.mismatch.recordings.model import Point, SimulationModel, residual
-from analysis.mismatch.recordings.recorded import FIT, Recorded, duration, level
-from analysis.mismatch.recordings.signatures import columns_of, correlation
+from analysis.mismatch.recordings.recorded import FIT, HELD, UNUSED, Recorded, duration, level
+from analysis.mismatch.recordings.signatures import columns_of, correlation, innovation_rms
 from analysis.mismatch.recordings.simulation import Own, Simulation
 from analysis.mismatch.recordings.start_values import start_values
 from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.arrangement import Arrangement
+from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, Mechanism, Scale, SecondImpact, Tones
-
-Real = NDArray[np.float64]
 
 ROUGH_STEPS, FINE_STEPS = 30, 100
 ROUGH, FINE = 1e-4, 1e-8  # relative fall at which a fit that only ranks rivals ends, and one that is used
@@ -161,6 +159,23 @@ class SimulatedFit(Fit):
             found += [float(np.mean(off[:, kept & (block == b)] ** 2)) for b in np.unique(block[kept])]
         return tuple(found)
 
+    def far_off(self) -> bool:
+        """Whether a channel's error is most of what it shows, and could have been predicted from the error itself."""
+        policy = self.problem.policy
+        for number, recorded in enumerate(self.problem.recordings):
+            off, at = self.off(number, whole=True)
+            part = recorded.part[at]
+            moved = recorded.outputs[:, at] / level(recorded)[:, None]
+            for row, shown in zip(off, moved, strict=True):
+                innovation = innovation_rms(row[recorded.fitted])
+                for kept in (k for k in (part != UNUSED, part == HELD) if np.any(k)):
+                    error = math.sqrt(float(np.mean(row[kept] ** 2)))
+                    # a decay has faded where it is held out: there it is held against the whole of the recording
+                    all_of_it = max(float(np.std(shown[kept])), 1.0)
+                    if error > max(policy.missed * all_of_it, policy.predictable * innovation):
+                        return True
+        return False
+
     def pinned(self) -> bool:
         """Whether a parameter of a mechanism ends at a bound of its range."""
         for p, x in zip(self.simulation.parameters, self.x, strict=True):
@@ -235,9 +250,7 @@ def _finished(problem: SimulatedRecordings, model: SimulationModel, found: Evalu
     )  # fmt: skip
 
 
-def problem_of(
-    rig: DescribedRig, recordings: Sequence[Recorded], policy: SelectionPolicy = POLICY
-) -> SimulatedRecordings:
+def problem_of(rig: DescribedRig, recordings: Sequence[Recorded]) -> SimulatedRecordings:
     """Return the problem of recordings of a described rig, with starting values for what nobody knows.
 
     Raises
@@ -247,7 +260,7 @@ def problem_of(
     """
     values, highest = start_values(rig, list(recordings))
     states = tuple(_first_state(rig, r, values, highest) for r in recordings)
-    return SimulatedRecordings(rig, tuple(recordings), values, highest, states, policy)
+    return SimulatedRecordings(rig, tuple(recordings), values, highest, states)
 
 
 def _first_state(rig: DescribedRig, recorded: Recorded, values: Mapping[str, float], highest_hz: float) -> Real:

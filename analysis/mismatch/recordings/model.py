@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.mismatch.least_squares import Evaluation, Linearisation, Tangent
 from analysis.mismatch.recordings.recorded import level
 from analysis.mismatch.recordings.simulation import Own, Simulation
-
-Real = NDArray[np.float64]
+from sim_backend.arrays import Real
 
 STEP = 1e-6  # of differences
 LOST = 30.0  # residual, in levels of the channel, that stands for a simulation that ran away
@@ -28,6 +27,26 @@ def residual(
     with np.errstate(over="ignore", invalid="ignore"):
         off = (shown - recorded.outputs[:, at]) / level(recorded)[:, None]
     return np.asarray(np.clip(np.where(np.isfinite(off), off, LOST), -LOST, LOST), np.float64), at
+
+
+def slopes(changed: Callable[[Real, Own], Real], x: Real, own: Own, steps: Real, scale: Real) -> tuple[Real, Real]:
+    """Return what a unit of each parameter, and of each number that is a recording's own, changes, by differences.
+
+    Parameters
+    ----------
+    changed
+        From parameters and a recording's own numbers to how (n,) residuals differ from those at ``x`` and ``own``.
+    steps, scale
+        (k,) steps of the parameters, and (own.size,) what counts as a unit of the own numbers.
+
+    Returns
+    -------
+    tuple
+        (n, k) and (n, own.size).
+    """
+    single = np.array([changed(x, own.moved(STEP * unit)) / STEP for unit in np.diag(scale)])
+    common = [changed(x + step, own) / steps[i] for i, step in enumerate(np.diag(steps))]
+    return np.array(common).reshape(x.size, single.shape[1]).T, single.T
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +64,7 @@ class SimulationModel:
 
     def __init__(self, simulation: Simulation, own: Sequence[Own], parts: Sequence[int], share: float):
         self.simulation, self.parts = simulation, tuple(parts)
-        self.scales = [
-            np.concatenate([simulation.state_scale(i, o.state), np.ones(o.tones.size)]) for i, o in enumerate(own)
-        ]
+        self.scales = [simulation.own_scale(i, o) for i, o in enumerate(own)]
         low, high = zip(*(p.bounds for p in simulation.parameters), strict=True) if simulation.parameters else ((), ())
         self.low, self.high = np.array(low), np.array(high)
         self.fixed = np.zeros(self.low.size, bool)
@@ -74,30 +91,19 @@ class SimulationModel:
         x, k = at.point.x, at.point.x.size
         normal, tangents = np.zeros((k, k)), []
         for number, (own, base) in enumerate(zip(at.point.own, at.residuals, strict=True)):
-            common = np.empty((base.size, k))
-            for i in range(k):
-                step = STEP * max(1.0, abs(x[i]))
-                if not self.low[i] < x[i] + step < self.high[i]:
-                    step = -step
-                moved = x.copy()
-                moved[i] += step
-                common[:, i] = (base - self.used(moved, own, number)).ravel() / step
-            tangent = Tangent.of(np.arange(k), self._own_slopes(at.point, number, base), common)
+            steps = STEP * np.maximum(1.0, np.abs(x))
+            steps = np.where((x + steps > self.low) & (x + steps < self.high), steps, -steps)
+            changed = partial(self._changed, number, base)
+            common, own_slopes = slopes(changed, x, own, steps, self.scales[number])
+            tangent = Tangent.of(np.arange(k), own_slopes, common)
             normal += tangent.common.T @ tangent.common
             tangents.append(tangent)
         for i, _, error in self.prior:
             normal[i, i] += self.noise / error**2
         return Linearisation(np.eye(k), normal, tuple(tangents))
 
-    def _own_slopes(self, point: Point, number: int, base: Real) -> Real:
-        """Return (m, own) what the recording's own state and tones do."""
-        own, scale = point.own[number], self.scales[number]
-        slopes = np.empty((base.size, own.size))
-        for j in range(own.size):
-            step = np.zeros(own.size)
-            step[j] = STEP * scale[j]
-            slopes[:, j] = (base - self.used(point.x, own.moved(step), number)).ravel() / STEP
-        return slopes
+    def _changed(self, number: int, base: Real, x: Real, own: Own) -> Real:
+        return np.asarray(base - self.used(x, own, number), np.float64).ravel()
 
     def prior_slope(self, at: Evaluation[Point], basis: Real) -> Real:
         """Return half the negative slope of the penalty."""

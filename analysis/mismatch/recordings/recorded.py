@@ -14,8 +14,7 @@ from analysis.mismatch.rig_description import DescribedRig
 from analysis.session import AnalysisError
 from daq.exchange import Recording
 from sim_backend.arrangement import LOAD
-
-Real = NDArray[np.float64]
+from sim_backend.arrays import Real, Whole
 
 FIT, CHOOSE, HELD, UNUSED = 0, 1, 2, -1
 BLOCKS: Final = 24
@@ -58,8 +57,8 @@ class Recorded:
     inputs: Real
     band: Real | None
     edge: int
-    part: NDArray[np.int64]
-    block: NDArray[np.int64]
+    part: Whole
+    block: Whole
     fitted: slice
     stretches: tuple[tuple[str, slice], ...]
 

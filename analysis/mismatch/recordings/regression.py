@@ -11,15 +11,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.simulation import Simulation
 from sim_backend.arrangement import DERIVATIVES
+from sim_backend.arrays import Real, Whole
 from sim_backend.force_law import MEMORY, along
 from sim_backend.mechanisms.kinds import AtRest, ForceLaw
-
-Real = NDArray[np.float64]
 
 ENERGY: Final = 0.9999  # of the output, on whose spectral lines the equation is held to
 TAPER: Final = 0.05  # of the stretch, at either end
@@ -28,50 +26,47 @@ TAPER: Final = 0.05  # of the stretch, at either end
 def regressed(
     simulation: Simulation, constants: dict[str, float], terms: tuple[Term, ...]
 ) -> tuple[dict[str, float], tuple[Term, ...]] | None:
-    """Return constants and terms whose forces' sizes fit the equation of motion; None where that cannot be told."""
+    """Return constants and terms whose forces' sizes fit the equation of motion; None where that cannot be told.
+
+    Free may be one stiffness and one damping at most, gains of inputs, and the strengths of force laws.
+    """
+    arrangement = simulation.rig.arrangement
     laws = [(t, t.mechanism) for t in terms if isinstance(t.mechanism, ForceLaw)]
-    if simulation.n != 1 or len(laws) < len(terms) or constants[simulation.rig.seen[0].gain] == 0:
+    free = {p.name for p in arrangement.parameters if p.uncertainty > 0}
+    stiffness = [e.stiffness for e in arrangement.elements if e.stiffness in free]
+    damping = [e.damping for e in arrangement.elements if e.damping in free]
+    if simulation.n != 1 or arrangement.masses[0] in free or len(stiffness) > 1 or len(damping) > 1:
         return None
-    free = _free(simulation)
-    if free is None or any(m.strength is None or t.values[m.strength] == 0 for t, m in laws):
+    if len(laws) < len(terms) or any(m.strength is None or t.values[m.strength] == 0 for t, m in laws):
+        return None
+    if constants[simulation.rig.seen[0].gain] == 0:
         return None
     motion = _motion(simulation, constants)
     columns, known = _linear_forces(simulation, constants, free, motion)
     for i, (term, mechanism) in enumerate(laws):
         columns[f"{i}:{mechanism.strength}"] = _force(simulation, constants, term, mechanism, motion)
     solved = _solved(columns, known, motion) if columns else None
-    return None if solved is None else _placed(solved, constants, terms, free)
+    if solved is None or any(solved[str(name)] <= 0 for name in stiffness):
+        return None
+    solved |= {str(name): max(solved[str(name)], 0.0) for name in damping}
+    return _placed(solved, constants, terms)
 
 
 def _linear_forces(
-    simulation: Simulation, constants: dict[str, float], free: _Free, motion: _Motion
+    simulation: Simulation, constants: dict[str, float], free: set[str], motion: _Motion
 ) -> tuple[dict[str, Real], Real]:
     """Return (n,) the forces of unit size whose size is free, by constant, and the sum of those that are known."""
     arrangement = simulation.rig.arrangement
     known = constants[arrangement.masses[0]] * motion.acceleration
+    pushes = [(e.stiffness, motion.displacement) for e in arrangement.elements]
+    pushes += [(e.damping, motion.velocity) for e in arrangement.elements]
     columns: dict[str, Real] = {}
-    for name, moved, everything in (
-        (free.stiffness, motion.displacement, [e.stiffness for e in arrangement.elements]),
-        (free.damping, motion.velocity, [e.damping for e in arrangement.elements]),
-    ):
-        known = known + sum(constants[e] for e in everything if e is not None and e != name) * moved
-        if name is not None:
-            columns[name] = moved
-    for drive, push in _pushes(simulation, constants):
-        if drive in free.gains:
-            columns[drive] = -push
-        else:
-            known = known - constants[drive] * push
+    for name, push in pushes + [(gain, -push) for gain, push in _pushes(simulation, constants)]:
+        if name in free:
+            columns[str(name)] = push
+        elif name is not None:
+            known = known + constants[name] * push
     return columns, known
-
-
-@dataclass(frozen=True, slots=True)
-class _Free:
-    """Names of the constants that are free: one stiffness, one damping at most, gains of inputs."""
-
-    stiffness: str | None
-    damping: str | None
-    gains: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,19 +77,7 @@ class _Motion:
     velocity: Real
     acceleration: Real
     taper: Real
-    lines: NDArray[np.int64]
-
-
-def _free(simulation: Simulation) -> _Free | None:
-    """Return what is free; None where the equation of motion leaves it open."""
-    arrangement = simulation.rig.arrangement
-    free = {p.name for p in arrangement.parameters if p.uncertainty > 0}
-    stiff = [e.stiffness for e in arrangement.elements if e.stiffness in free]
-    damped = [e.damping for e in arrangement.elements if e.damping in free]
-    if len(stiff) > 1 or len(damped) > 1 or arrangement.masses[0] in free:
-        return None
-    gains = tuple(d.gain for d in simulation.rig.drives if d.gain in free)
-    return _Free(next(iter(stiff), None), next(iter(damped), None), gains)
+    lines: Whole
 
 
 def _motion(simulation: Simulation, constants: dict[str, float]) -> _Motion:
@@ -131,11 +114,11 @@ def _force(
     return np.asarray(way * force / term.values[str(mechanism.strength)], np.float64)
 
 
-def _pushes(simulation: Simulation, constants: dict[str, float]) -> list[tuple[str, Real]]:
+def _pushes(simulation: Simulation, constants: dict[str, float]) -> list[tuple[str | None, Real]]:
     """Return the name of each input's gain, and (n,) what it does to the body for a gain of one."""
     rig, recorded = simulation.rig, simulation.recordings[0]
     mass, at = constants[rig.arrangement.masses[0]], recorded.fitted
-    found = []
+    found: list[tuple[str | None, Real]] = []
     for i, drive in enumerate(rig.drives):
         u = recorded.inputs[i, at] - recorded.inputs[i, at].mean()
         push = -mass if drive.base else float(rig.arrangement.vector(drive.row, constants)[0])
@@ -156,13 +139,9 @@ def _solved(columns: dict[str, Real], known: Real, motion: _Motion) -> dict[str,
 
 
 def _placed(
-    found: dict[str, float], constants: dict[str, float], terms: tuple[Term, ...], free: _Free
+    found: dict[str, float], constants: dict[str, float], terms: tuple[Term, ...]
 ) -> tuple[dict[str, float], tuple[Term, ...]] | None:
     """Return constants and terms of these sizes; None where they make no sense."""
-    if free.stiffness is not None and found[free.stiffness] <= 0:
-        return None
-    if free.damping is not None:
-        found[free.damping] = max(found[free.damping], 0.0)
     sized = []
     for i, term in enumerate(terms):
         q = next(q for q in term.mechanism.parameters if q.name == term.mechanism.strength)

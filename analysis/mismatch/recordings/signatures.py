@@ -8,21 +8,20 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 from scipy.linalg import solve_toeplitz
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import Columns
-from analysis.mismatch.recordings.model import STEP, residual
+from analysis.mismatch.recordings.model import STEP, residual, slopes
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.recordings.simulation import Own
+from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import Tones
 
 if TYPE_CHECKING:
     from analysis.mismatch.recordings.fit import SimulatedFit
 
-Real = NDArray[np.float64]
 
 AUTOREGRESSION = 16  # order of the noise model
 MOST_CORRELATED = 0.05  # correlation of a residual that still counts when standard errors are widened
@@ -55,23 +54,11 @@ def columns_of(fitted: SimulatedFit, number: int, terms: Sequence[Term], ringing
             return np.array(rows), np.zeros(none.shape[1])
         return none, made(term)
 
-    slopes, own_slopes = [], []
-    for i in range(fitted.x.size):
-        moved = fitted.x.copy()
-        step = STEP * max(1.0, abs(moved[i]))
-        moved[i] += step
-        slopes.append(changed(moved, own) / step)
-    scale = np.concatenate([simulation.state_scale(number, own.state), np.ones(own.tones.size)])
-    for j in range(own.size):
-        step_ = np.zeros(own.size)
-        step_[j] = STEP * scale[j]
-        own_slopes.append(changed(fitted.x, own.moved(step_)) / STEP)
-    q, _ = np.linalg.qr(np.array(own_slopes).T)
-    size = int(used.sum()) * len(off)
-    return Columns(
-        np.arange(fitted.x.size), np.array(slopes).reshape(-1, size).T,
-        np.array([made(t) for t in terms]).reshape(-1, size).T, -white(off), q, rings,
-    )  # fmt: skip
+    steps = STEP * np.maximum(1.0, np.abs(fitted.x))
+    common, own_slopes = slopes(changed, fitted.x, own, steps, simulation.own_scale(number, own))
+    q, _ = np.linalg.qr(own_slopes)
+    columns = np.array([made(t) for t in terms]).reshape(len(terms), len(own_slopes)).T
+    return Columns(np.arange(fitted.x.size), common, columns, -white(off), q, rings)
 
 
 def correlation(row: Real) -> float:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 from scipy.fft import next_fast_len
 
@@ -17,10 +16,10 @@ from analysis.mismatch.recordings.recorded import Recorded
 from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.acting import extended, laws_in
 from sim_backend.arrangement import DERIVATIVES, Row
+from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion
 from sim_backend.propagate import Clock, Given, Laws, Rigs, laws_of, propagate
 
-Real = NDArray[np.float64]
 Values = Mapping[str, float]
 
 PER_PERIOD: Final = 56  # substeps in a period of the rig's highest mode, at least
@@ -131,15 +130,15 @@ class Simulation:
         sizes |= {s.offset: _rms(self.recordings[0].outputs[c]) for c, s in enumerate(self.rig.seen)}
         return {name: max(size, 1e-300) for name, size in sizes.items()}
 
-    def state_scale(self, number: int, state: Real) -> Real:
-        """Return (2n,) how large displacements and speeds are."""
+    def own_scale(self, number: int, own: Own) -> Real:
+        """Return (own.size,) how large displacements and speeds are, and one for each number of the tones."""
         recorded, seen = self.recordings[number], self.rig.seen[0]
         order = DERIVATIVES[seen.sensor.quantity]
         gain = abs(self.constants[seen.gain]) or 1.0
         reach = float(np.std(recorded.outputs[0])) / gain / (2 * math.pi * self.highest_hz) ** order
-        size = max(float(np.abs(state[: self.n]).max()), reach, 1e-300)
-        speed = max(float(np.abs(state[self.n :]).max()), size * 2 * math.pi * self.highest_hz)
-        return np.repeat([size, speed], self.n)
+        size = max(float(np.abs(own.state[: self.n]).max()), reach, 1e-300)
+        speed = max(float(np.abs(own.state[self.n :]).max()), size * 2 * math.pi * self.highest_hz)
+        return np.concatenate([np.repeat([size, speed], self.n), np.ones(own.tones.size)])
 
     def own(self, state: Real) -> Own:
         """Return what is a recording's own, for a state of the rig without the terms' bodies."""

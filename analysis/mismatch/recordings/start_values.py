@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 from scipy.optimize import least_squares
 
@@ -15,9 +14,7 @@ from analysis.mismatch.recordings.recorded import Recorded, level
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.session import AnalysisError
 from sim_backend.arrangement import DERIVATIVES, Parameter
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from sim_backend.arrays import Complex, Real
 
 DRAWS: Final = 48  # random starting points
 BINS: Final = 400  # lines of the spectra that are looked at
@@ -50,7 +47,7 @@ def start_values(rig: DescribedRig, recordings: list[Recorded]) -> tuple[dict[st
     return values, min(highest, 0.5 * recordings[0].rate_hz)
 
 
-def _poles(mass: Real, damping: Real, stiffness: Real) -> NDArray[np.complex128]:
+def _poles(mass: Real, damping: Real, stiffness: Real) -> Complex:
     n = len(mass)
     a = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness / mass[:, None], -damping / mass[:, None]]])
     return np.asarray(np.linalg.eigvals(a), np.complex128)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from analysis.mismatch.parameters import FreeParameter, Term, with_values
@@ -21,11 +20,9 @@ from analysis.mismatch.rig_description import DescribedRig
 from analysis.session import AnalysisError
 from daq.exchange.tables import Table
 from sim_backend.arrangement import DERIVATIVES
+from sim_backend.arrays import Complex, Real
 from sim_backend.force_law import MEMORY, along
 from sim_backend.mechanisms.kinds import AtRest, ForceLaw
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 CYCLES: Final = 3  # a hysteresis is steady from the second on
 POINTS: Final = 96  # in a cycle

@@ -28,8 +28,7 @@ from analysis.mismatch.ring_downs.judge import ImpactJudge
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.score_test import Screening
 from analysis.mismatch.selection import Candidate, SelectionStep
-
-Real = NDArray[np.float64]
+from sim_backend.arrays import Real
 
 STRONGER_TAP = 1.5  # over the strongest so far, for the next experiment
 MOST_FORCE_RATIO = 0.9  # of the preload: beyond, the surfaces would part

@@ -11,7 +11,6 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from analysis.mismatch.parameters import FreeParameter, Term, with_values
@@ -23,6 +22,7 @@ from analysis.mismatch.ring_downs.modes import Sensitivity, sensitivities
 from analysis.mismatch.ring_downs.response import Response, response, responses, whiten
 from sim_backend.acting import extended, laws_in
 from sim_backend.arrangement import LOAD
+from sim_backend.arrays import Complex, Real
 from sim_backend.mechanisms.kinds import AtRest, ChannelDistortion, ForceLaw, SecondImpact
 from sim_backend.modal_response import waves
 from sim_backend.propagate import Clock, Impact, Motion, Rigs, laws_of, propagate
@@ -30,8 +30,6 @@ from sim_backend.propagate import Clock, Impact, Motion, Rigs, laws_of, propagat
 if TYPE_CHECKING:
     from analysis.mismatch.ring_downs.problem import RingDowns
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 WITHOUT_LAWS = 0.6  # work of what a term without a force law adds, of a sample
 TOGETHER = 32  # runs that are carried along in one call

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import Constants
@@ -19,10 +18,8 @@ from analysis.mismatch.ring_downs.fit import MOST_ITERATIONS, Start, Stop, fit
 from analysis.mismatch.ring_downs.linear import linear_rig
 from analysis.mismatch.ring_downs.modes import Sensitivity
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
+from sim_backend.arrays import Complex
 from sim_backend.modal_response import step_weights
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 LATE_S = (4e-3, 8e-3, 16e-3, 32e-3)  # after the tap: beginnings that are tried for a linear start
 SHARE = 0.75  # of the time after the tap that the next longer segments begin at

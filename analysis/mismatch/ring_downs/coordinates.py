@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mismatch.parameters import Term
+from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody
-
-Real = NDArray[np.float64]
 
 MOST_STEP = 1.0  # of a logarithm at once
 MOST_RATIO = 0.15  # admissible damping ratio of an added body

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.mismatch.answer import ContactAtRest
 from analysis.mismatch.parameters import Term
@@ -15,11 +14,9 @@ from analysis.mismatch.ring_downs.fit import Start, fit
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.score_test import screen
 from calibration.estimate import Estimate
+from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import SecondImpact
 from sim_backend.two_mass import TwoMass
-
-Real = NDArray[np.float64]
-
 
 STEP = 1e-6  # relative, of the differences of the damping ratio
 BODY = ("m1", "m2", "k1", "k2")

@@ -7,13 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.mismatch.ring_downs.noise import NoiseModel, level_error, noise_models
 from daq.records import Session, Shot
 from sim_backend.arrangement import DERIVATIVES, Arrangement
-
-Real = NDArray[np.float64]
+from sim_backend.arrays import Real
 
 GUARD_SAMPLES = 5  # before the trigger that a slow rise may already touch
 PULSE_BAND_HZ = (400.0, 6000.0)  # where a tap's force stands clear of drift and of the recorder's noise
@@ -24,7 +22,6 @@ RUN_UP = 4  # samples more, until the low-pass has forgotten forces of which onl
 SHORTER = 3  # samples by which a pulse may end before the session's median: one that ends sooner was misjudged
 LONGEST_PULSE_S = 1.2e-3
 PULSE_MIDDLE_S = 1e-4  # after the trigger: nominal time of the impact
-OTHER_IMPACTS = 0.5  # a peak of another impact is below this share of the first one
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,10 +15,8 @@ from analysis.mismatch.ring_downs.added_response import AddedResponse
 from analysis.mismatch.ring_downs.experiment import Segment
 from analysis.mismatch.ring_downs.model import COMPETING_SUBSTEPS, SUBSTEPS, Point, RingDownModel
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
+from sim_backend.arrays import Complex, Real
 from sim_backend.mechanisms.kinds import AddedBody
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 MOST_ITERATIONS = 25
 COMPETING_ITERATIONS = 12  # of a fit while fits compete; the one that wins goes on

@@ -267,10 +267,8 @@ class ImpactJudge(Judge[RingDownFit]):
         """Return the rms of the residual on held-out impacts, m/s2; NaN where none is held out."""
         if not self.held_out:
             return math.nan
-        residuals = self.held_out_fit(fitted).residuals
-        deviations = np.array([m.deviation for m in self.problem.experiment.noise])
-        total = sum(float(np.sum((r * deviations[:, None]) ** 2)) for r in residuals)
-        return math.sqrt(total / sum(r.size for r in residuals))
+        found = self.held_out_fit(fitted)
+        return math.sqrt(np.average(found.rms() ** 2, weights=[r.size for r in found.residuals]))
 
 
 def _key(score: Score) -> tuple[str, tuple[int, ...]]:

@@ -10,15 +10,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.mismatch.ring_downs.noise import NoiseModel
 from sim_backend.arrangement import DERIVATIVES, Arrangement
-from sim_backend.state_space import StateSpace
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-SMALL = 1e-9  # |Im s| over |s| below which a pole counts as real
+from sim_backend.arrays import Complex, Real
+from sim_backend.state_space import SMALL, StateSpace, pairs
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +115,7 @@ def linear_rigs(
             axis=1,
         )
         tapped = left[:, arrangement.bodies.index(arrangement.tapped)]
-        weight = np.where(np.abs(poles.imag) > SMALL * np.abs(poles), 2.0, 1.0)
+        weight = pairs(poles)
         for i, rig in enumerate(at):
             found[rig] = LinearRig(
                 poles[i], shapes[i], left[i], tapped[i], gains[i], rows[i], filtered[i], direct[i], weight[i]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from analysis.mismatch.answer import Answer, Interval, Location, Named
+from analysis.mismatch.chi_squared import odds_of_nothing, p_of
 from calibration.estimate import Estimate
 from calibration.line import CalibrationError, compare, fit_line
 from daq.records import Session
@@ -34,12 +35,6 @@ class LoadDrift:
     zero_mv: Estimate
     sensitivity: Estimate
 
-    @property
-    def probability(self) -> float:
-        """Of a drift, where either was as likely beforehand: the most that its p-value can say (Sellke's bound)."""
-        p = max(self.p_value, 1e-300)
-        return 1 / (1 - math.e * p * math.log(p)) if p < 1 / math.e else 0.5
-
 
 def load_drift(sessions: Sequence[Session], level: float) -> LoadDrift | None:
     """Return the surest drift among sessions; None where no session has two calibrations that can be compared."""
@@ -47,8 +42,7 @@ def load_drift(sessions: Sequence[Session], level: float) -> LoadDrift | None:
     if not found:
         return None
     surest = min(found, key=lambda d: d.p_value)
-    p = -math.expm1(len(found) * math.log1p(-min(surest.p_value, 1 - 1e-15)))
-    return LoadDrift(surest.session, p, surest.zero_mv, surest.sensitivity)
+    return replace(surest, p_value=p_of(surest.p_value, len(found)))
 
 
 def with_load_drift(answer: Answer, sessions: Sequence[Session], known: Sequence[Mechanism], level: float) -> Answer:
@@ -60,8 +54,7 @@ def with_load_drift(answer: Answer, sessions: Sequence[Session], known: Sequence
     drift = None if mechanism is None else load_drift(sessions, level)
     if drift is None or mechanism is None:
         return answer
-    share = -math.expm1(0.5 * math.log1p(-level))
-    p_value = -math.expm1(2 * math.log1p(-min(answer.p_value, drift.p_value, 1 - 1e-15)))
+    share, p_value = p_of(level, 0.5), p_of(min(answer.p_value, drift.p_value), 2)
     if answer.verdict != "consistent" and answer.p_value >= share:
         fit = replace(answer.fit, heldout_rms_after=None)
         answer = replace(
@@ -87,7 +80,7 @@ def _named(drift: LoadDrift, mechanism: Mechanism) -> Named:
     said = mechanism.statement({q.name: value.value for q in mechanism.parameters}, mechanism.component)
     return Named(
         mechanism.id,
-        drift.probability,
+        1 / (1 + odds_of_nothing(drift.p_value)),  # where either was as likely beforehand
         mechanism.component,
         f"{said} Its sensitivity changed by {100 * drift.sensitivity.value:.2g} % (95 % interval "
         f"{100 * drift.sensitivity.low:.2g} to {100 * drift.sensitivity.high:.2g} %).",

@@ -17,12 +17,11 @@ from analysis.mismatch.ring_downs.experiment import Segment
 from analysis.mismatch.ring_downs.linear import linear_rigs
 from analysis.mismatch.ring_downs.modes import Nuisance, Overdamped, Sensitivity, slope_columns
 from analysis.mismatch.ring_downs.response import Response, response
+from sim_backend.arrays import Complex, Real
 
 if TYPE_CHECKING:
     from analysis.mismatch.ring_downs.problem import RingDowns
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 SUBSTEPS = 4
 COMPETING_SUBSTEPS = 2  # while fits compete; the one that wins goes on with `SUBSTEPS`
@@ -278,23 +277,20 @@ class RingDownModel:
         With their parameters; where slopes are exact, with the modes' coefficients and the load's constants too.
         """
         nearby = self._nearby(point) if exact and runs else []
-        steps: list[list[float]] = []
-        moved: list[Run] = []
+        steps: list[list[_Step]] = []
         for (segment, here), c in zip(runs, point.coefficients, strict=bool(runs)):
-            own, variants = self._parameter_steps(point.free, here)
+            own = self._parameter_steps(point.free, here)
             if exact:
-                for more in (
-                    _amplitude_steps(segment, c, point.modes[segment.group], here),
-                    _load_steps(nearby[segment.group], segment, c, here),
-                ):
-                    own, variants = own + more[0], variants + more[1]
+                own += _amplitude_steps(segment, c, point.modes[segment.group], here)
+                own += _load_steps(nearby[segment.group], segment, c, here)
             steps.append(own)
-            moved += [(segment, v) for v in variants]
-        predicted = iter(added.extra(moved)) if moved else iter(())
+        moved = [(segment, v) for (segment, _), own in zip(runs, steps, strict=True) for _, v in own]
+        predicted = iter(added.extra(moved))
         return [
-            np.stack([(next(predicted) - base) / step for step in own], axis=-1) if own else np.zeros((*base.shape, 0))
+            np.stack([(next(predicted) - base) / step for step, _ in own], axis=-1)
+            if own else np.zeros((*base.shape, 0))
             for base, own in zip(extra, steps, strict=bool(runs))
-        ]
+        ]  # fmt: skip
 
     def _nearby(self, point: Point) -> list[list[tuple[float, Sensitivity, Variant]]]:
         """Return for every load, and every constant that it has of its own, a step and the rig with that step made."""
@@ -314,36 +310,34 @@ class RingDownModel:
                 found[g].append((float(steps[g]), replace(s, rig=rig), variant))
         return found
 
-    def _parameter_steps(self, free: Real, here: Variant) -> tuple[list[float], list[Variant]]:
-        """Return a step of each free parameter of the terms, and what it leads to."""
-        steps, variants = [], []
+    def _parameter_steps(self, free: Real, here: Variant) -> list[_Step]:
+        """Return steps of the free parameters of the terms."""
+        steps = []
         for k, q in enumerate(self.added.free):
             x = free.copy()
             step = PARAMETER_STEP * (1.0 if q.log else max(abs(x[k]), PARAMETER_STEP * q.span))
             if abs(q.outward(x[k] + step) - q.outward(x[k])) < 1e-300:
                 step = -step
             x[k] += step
-            steps.append(step)
-            variants.append(replace(here, terms=self.added.with_free(x)))
-        return steps, variants
+            steps.append((step, replace(here, terms=self.added.with_free(x))))
+        return steps
 
 
-def _amplitude_steps(segment: Segment, c: Real, s: Sensitivity, here: Variant) -> tuple[list[float], list[Variant]]:
-    """Return a step of each coefficient that stands for a mode, and what it leads to."""
-    modal = s.coefficients
-    step = AMPLITUDE_STEP * float(np.abs(c[:modal]).max())
-    variants = []
-    for j in range(modal):
-        moved = c.copy()
-        moved[j] += step
-        variants.append(replace(here, amplitudes=Nuisance.amplitudes(s, moved, segment)))
-    return [step] * modal, variants
+_Step = tuple[float, Variant]
+"""A step of a number, and with what a segment is predicted after it."""
+
+
+def _amplitude_steps(segment: Segment, c: Real, s: Sensitivity, here: Variant) -> list[_Step]:
+    """Return steps of the coefficients that stand for a mode."""
+    step = AMPLITUDE_STEP * float(np.abs(c[: s.coefficients]).max())
+    moved = c + step * np.eye(s.coefficients, c.size)
+    return [(step, replace(here, amplitudes=Nuisance.amplitudes(s, row, segment))) for row in moved]
 
 
 def _load_steps(
     nearby: Sequence[tuple[float, Sensitivity, Variant]], segment: Segment, c: Real, here: Variant
-) -> tuple[list[float], list[Variant]]:
-    """Return a step of each constant of the load, and what it leads to."""
-    amplitudes = [Nuisance.amplitudes(s, c, segment) for _, s, _ in nearby]
-    variants = [replace(v, terms=here.terms, amplitudes=a) for (_, _, v), a in zip(nearby, amplitudes, strict=True)]
-    return [step for step, _, _ in nearby], variants
+) -> list[_Step]:
+    """Return steps of the load's constants."""
+    return [
+        (step, replace(v, terms=here.terms, amplitudes=Nuisance.amplitudes(s, c, segment))) for step, s, v in nearby
+    ]

@@ -10,18 +10,14 @@ from collections import OrderedDict
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.mismatch.problem import Constants
 from analysis.mismatch.ring_downs.experiment import PULSE_MIDDLE_S, Experiment, Segment
 from analysis.mismatch.ring_downs.linear import LinearRig, linear_rigs
+from sim_backend.arrays import Complex, Real
 from sim_backend.modal_response import waves
-from sim_backend.state_space import StateSpace
+from sim_backend.state_space import SMALL, StateSpace, pairs
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
-SMALL = 1e-9  # |Im s| over |s| below which a pole counts as real
 TAP_WITHIN_S = 0.4e-3
 KEPT = 64  # sets of columns
 STEP = 1e-5  # relative step of the differences of poles and gains
@@ -156,9 +152,9 @@ class Nuisance:
         t = np.arange(n) / self._rate
         parts = []
         for c, ringing in enumerate(self._ringing):
-            for pole in ringing:
+            for pole, w in zip(ringing, pairs(ringing), strict=True):
                 wave = np.exp(t * pole)
-                for part in (wave.real, wave.imag) if abs(pole.imag) > SMALL * abs(pole) else (wave.real,):
+                for part in (wave.real, wave.imag)[: int(w)]:
                     column = np.zeros((len(self._ringing), n))
                     column[c] = part
                     parts.append(column)
@@ -182,10 +178,9 @@ class Nuisance:
         at, found = s.coefficients, []
         for ringing in self._ringing:
             own = np.zeros(ringing.size, np.complex128)
-            for i, pole in enumerate(ringing):
-                pair = abs(pole.imag) > SMALL * abs(pole)
-                own[i] = complex(coefficients[at], -coefficients[at + 1] if pair else 0.0)
-                at += 2 if pair else 1
+            for i, w in enumerate(pairs(ringing)):
+                own[i] = complex(coefficients[at], -coefficients[at + 1] if w == 2.0 else 0.0)
+                at += int(w)
             found.append(own)
         return found
 

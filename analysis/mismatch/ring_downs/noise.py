@@ -13,12 +13,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from sim_backend.arrays import Complex, Real
 
 BANDS = 18
 LOWEST_HZ = 15.0

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.mismatch.answer import TESTER
 from analysis.mismatch.parameters import Term, lines_of
@@ -25,14 +24,13 @@ from analysis.mismatch.ring_downs.model import SUBSTEPS
 from analysis.mismatch.ring_downs.modes import Nuisance, Sensitivity
 from analysis.mismatch.ring_downs.response import Response, response
 from sim_backend.arrangement import LOAD, Arrangement
+from sim_backend.arrays import Complex, Real
 from sim_backend.mechanisms.kinds import ForceLaw, Scale, SecondImpact
 from sim_backend.state_space import StateSpace
 
 if TYPE_CHECKING:
     from analysis.mismatch.score_test import Score
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 PARTS = (
     "contact", "upper mass", "lower mass", "tube springs", "frame", "impactor", "sensor chain", "load cell",
@@ -225,6 +223,11 @@ class RingDownFit(Fit):
                 if segment.preload_n > 0:
                     ratios[i] = float(np.abs(force).max()) / segment.preload_n
         return ratios
+
+    def rms(self) -> Real:
+        """Return (segments,) rms of each segment's residual, m/s2."""
+        deviations = np.array([m.deviation for m in self.problem.experiment.noise])[:, None]
+        return np.array([np.sqrt(np.mean((r * deviations) ** 2)) for r in self.residuals])
 
     @property
     def only_laws(self) -> bool:

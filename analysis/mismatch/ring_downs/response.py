@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.mismatch.ring_downs.linear import LinearRig, transfer
 from analysis.mismatch.ring_downs.noise import NoiseModel
 from sim_backend.arrangement import Arrangement
+from sim_backend.arrays import Complex, Real
 from sim_backend.modal_response import parabolas, respond, step_weights
-from sim_backend.state_space import StateSpace
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from sim_backend.state_space import StateSpace, pairs
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +63,7 @@ def response(arrangement: Arrangement, values: Mapping[str, float], rig: LinearR
     rows = np.array([arrangement.vector(e.row, values) for e in arrangement.elements])
     seen = rows @ rig.shapes
     drive = -(rows @ rig.left)  # a positive force in an element pushes its first body back
-    filter_poles, filter_residues = _fractions(analog)
+    filter_poles, filter_residues = analog.fractions()
     own = transfer(analog, rig.poles)
     residues = np.empty((len(rows), len(rig.gains), len(rig.poles) + len(filter_poles)), np.complex128)
     through = -(rows @ rig.direct.T)
@@ -76,7 +72,7 @@ def response(arrangement: Arrangement, values: Mapping[str, float], rig: LinearR
     residues[:, :, len(rig.poles) :] = filter_residues * (_value(parts, rig, filter_poles) + through[:, :, None])
     direct = through * (analog.d[0] if len(analog.d) else 1.0)
     # what of the drive the modes themselves have taken up is in `drive`; the channels' response starts from unit forces
-    weight = np.concatenate([rig.weight, np.where(np.abs(filter_poles.imag) > 0, 2.0, 1.0)])
+    weight = np.concatenate([rig.weight, pairs(filter_poles)])
     poles = np.concatenate([rig.poles, filter_poles])
     return Response(rig, seen, seen * rig.poles, drive, poles, weight, residues, direct)
 
@@ -86,24 +82,6 @@ def _value(parts: Complex, rig: LinearRig, s: Complex) -> Complex:
     pairs = rig.weight == 2.0
     own, mirrored = 1 / (s - rig.poles[:, None]), 1 / (s - np.conj(rig.poles[pairs, None]))
     return np.asarray(parts @ own + np.conj(parts[..., pairs]) @ mirrored)
-
-
-def _fractions(system: StateSpace) -> tuple[Complex, Complex]:
-    """Poles (one of each pair) and residues of a filter."""
-    if len(system.b) == 0:
-        return np.zeros(0, np.complex128), np.zeros(0, np.complex128)
-    return _fractions_of(system.a.tobytes(), system.b.tobytes(), system.c[0].tobytes())
-
-
-@lru_cache(maxsize=8)
-def _fractions_of(*system: bytes) -> tuple[Complex, Complex]:
-    a, b, c = (np.frombuffer(numbers) for numbers in system)
-    s, right = np.linalg.eig(a.reshape(b.size, b.size))
-    left = np.linalg.inv(right)
-    residues = (c @ right) * (left @ b)
-    kept = s.imag >= -1e-9 * np.abs(s)
-    poles = np.where(np.abs(s.imag) < 1e-9 * np.abs(s), s.real + 0j, s)
-    return poles[kept], residues[kept]
 
 
 def whiten(y: Real, noise: Sequence[NoiseModel]) -> Real:

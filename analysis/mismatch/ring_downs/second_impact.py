@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
 from analysis.mismatch.parameters import Term
@@ -15,9 +14,8 @@ from analysis.mismatch.ring_downs.modes import Nuisance
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.ring_downs.response import whiten
 from analysis.mismatch.score_test import Score
+from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import SecondImpact
-
-Real = NDArray[np.float64]
 
 FROM_S, TO_S = 1.0e-3, 40e-3  # after the tap: where a second impact is looked for
 SHARES = np.geomspace(5e-4, 0.5, 60)  # of the first one's impulse

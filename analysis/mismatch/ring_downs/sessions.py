@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.mismatch.policy import POLICY, SelectionPolicy
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.ring_downs.experiment import channel_noise, joined, segments_of
 from analysis.mismatch.ring_downs.modes import slow_filter_poles
@@ -34,7 +33,6 @@ def ring_downs(
     sessions: Sequence[Session],
     rig: DescribedRig,
     uncertainty: Mapping[str, float],
-    policy: SelectionPolicy = POLICY,
 ) -> RingDowns:
     """Return the fitting problem of a session of impacts, or of several of one rig.
 
@@ -67,7 +65,7 @@ def ring_downs(
     duration = max(s.y.shape[1] for s in experiment.segments) / experiment.sample_rate_hz
     return RingDowns(
         experiment, arrangement, declared_filter(header), slow, start.reshape(len(experiment.loads_n), len(scoped)),
-        policy, rig_start=_springs_to_begin_with(usable, duration), name=rig.name, parts=rig.parts,
+        rig_start=_springs_to_begin_with(usable, duration), name=rig.name, parts=rig.parts,
     )  # fmt: skip
 
 

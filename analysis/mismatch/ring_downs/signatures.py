@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import Columns
@@ -14,12 +13,10 @@ from analysis.mismatch.ring_downs.linear import LinearRig, linear_rigs
 from analysis.mismatch.ring_downs.modes import slope_columns
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.ring_downs.response import responses, whiten
+from sim_backend.arrays import Complex, Real
 from sim_backend.force_law import MEMORY, along
 from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion, ForceLaw, Tones
 from sim_backend.modal_response import parabolas
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 SUBSTEPS = 2  # of a sample
 PARTS = 2  # in which segments are gone through side by side

@@ -14,9 +14,10 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from analysis.mismatch.evidence.maps import ExcessMap, HeldOut, Impacts
+from analysis.mismatch.evidence.excess import ExcessMap, Impacts
 from analysis.mismatch.evidence.reconstruction import Reconstruction
 from analysis.mismatch.evidence.varying import Varying
+from analysis.mismatch.ring_downs.problem import RingDownFit
 from mesotap.report.figures._style import (
     BLACK,
     BLUE,
@@ -303,27 +304,28 @@ def _smooth(power: Real) -> Real:
 
 
 @styled
-def held_out_figure(found: HeldOut) -> Figure:
-    """Draw the residual of each held-out impact over the noise, before and after."""
+def held_out_figure(before: RingDownFit, after: RingDownFit | None) -> Figure:
+    """Draw the residual of each held-out impact over the noise, by its fits before and after."""
     figure = blank(PAGE_MM, 58)
     axes = figure.subplots()
-    records = found.before.segments
-    deviations = [m.deviation for m in found.before.problem.experiment.noise]
+    records = before.segments
+    deviations = [m.deviation for m in before.problem.experiment.noise]
+    rms_before, rms_after = before.rms(), None if after is None else after.rms()
     noise = float(np.sqrt(np.mean(np.square(deviations))))
     place = np.arange(len(records))
     for rms, colour, marker, label in (
-        (found.rms_before, BLUE, "o", "Eq. 9"),
-        (found.rms_after, VERMILION, "s", "with what was left out"),
+        (rms_before, BLUE, "o", "Eq. 9"),
+        (rms_after, VERMILION, "s", "with what was left out"),
     ):
         if rms is not None:
             axes.plot(place, rms / noise, marker=marker, linestyle="none", color=colour, label=label)
-    if found.rms_after is not None:
-        axes.vlines(place, found.rms_after / noise, found.rms_before / noise, color=GREY, linewidth=0.6, zorder=0)
+    if rms_after is not None:
+        axes.vlines(place, rms_after / noise, rms_before / noise, color=GREY, linewidth=0.6, zorder=0)
     axes.axhline(1.0, color=BLACK, linewidth=0.6, linestyle=(0, (2, 2)), label="noise")
     axes.set_xticks(place, [f"{r.name.lstrip('0') or '0'}\n{MILLI * r.preload_n:.0f}" for r in records])
     axes.set_xlabel("Held-out impact, and its load [mN]")
     axes.set_ylabel("Residual over noise, rms")
-    if found.rms_after is not None and float(found.rms_before.max() / noise) > SMALLEST_SPAN * 2:
+    if rms_after is not None and float(rms_before.max() / noise) > SMALLEST_SPAN * 2:
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.mismatch.evidence.maps import ExcessMap, by_impact, map_by_frequency, map_by_time, spectrum
+from analysis.mismatch.evidence.excess import ExcessMap, by_impact, map_by_frequency, map_by_time, spectrum
 from analysis.mismatch.ring_downs.fit import RingDownFit, fit
 from daq.records import Session
 from tests.analysis.ring_downs import LOADS_N, RATE_HZ, RATIOS, SAMPLES, problem_of, session_of, with_law

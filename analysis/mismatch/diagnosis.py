@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from analysis.mismatch.account import Account
 from analysis.mismatch.answer import Answer, Named, RecordingFile, Remainder, Rival, UpperLimit, Verdict
 from analysis.mismatch.chi_squared import evidence
-from analysis.mismatch.limits import complete_probability, probability_of_nothing, rivals_of_nothing, upper_limit
+from analysis.mismatch.limits import complete_probability, probability_of_nothing, rivals_of_nothing, upper_limits
 from analysis.mismatch.problem import Constants, OnProgress, silent
 from analysis.mismatch.recordings.account import BlockAccount
 from analysis.mismatch.recordings.fit import SimulatedRecordings, problem_of
@@ -242,7 +242,7 @@ def answer_of(account: Account[Any], recordings: Sequence[RecordingFile] = ()) -
         mechanisms=tuple(named),
         complete_probability=complete_probability([m.probability for m in named], remainder.p_value),
         remainder=remainder,
-        upper_limits=() if verdict == "unexplained" else _upper_limits(account, named),
+        upper_limits=_upper_limits(account, named),
         rivals=_rivals(account),
         location=location,
         fit=account.summary(chosen),
@@ -269,21 +269,20 @@ def _remainder(account: Account[Any], verdict: Verdict) -> Remainder:
 
 
 def _upper_limits(account: Account[Any], named: Sequence[Named]) -> tuple[UpperLimit, ...]:
-    """Return the limit of every mechanism that was scored against the remainder, from its best trial and place.
+    """Return the limit of every mechanism that was scored against what is left.
 
     What these data cannot tell from a mechanism that is named has none: it may be there in the other's place.
     """
+    if account.far_off:
+        return ()  # the description is wrong: nothing is left that a limit could be told from
     present = {m.id for m in named} | {k for m in named for k in m.indistinguishable_from}
-    screening = account.selection.last_screening if named else account.selection.screening
-    limits: dict[str, UpperLimit] = {}
-    for score in screening.scores:
-        mechanism = score.term.mechanism
-        if mechanism.id in limits or mechanism.id in present:
-            continue
-        limit = upper_limit(mechanism, score.term.values, score.strength, score.error)
-        if limit is not None:
-            limits[mechanism.id] = replace(limit, unit=account.unit(limit.unit))
-    return tuple(limits[k] for k in sorted(limits))
+    selection = account.selection
+    screening = selection.last_screening if named else selection.screening
+    left = 0.0
+    if screening.p_value < (selection.problem.policy.left_level if named else selection.problem.policy.level):
+        left = max(screening.unexplained, *(s.gain - s.dof for s in screening.scores))
+    found = upper_limits([s for s in screening.scores if s.term.mechanism.id not in present], left)
+    return tuple(replace(u, unit=account.unit(u.unit)) for u in found)
 
 
 def _rivals(account: Account[Any]) -> tuple[Rival, ...]:

@@ -17,6 +17,7 @@ from scipy.stats import chi2, norm
 
 from analysis.mismatch.chi_squared import p_of
 from analysis.mismatch.free_form import channel_trials, free_places, free_trials
+from analysis.mismatch.limits import amplitude_bound
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import Columns, FitOf, Problem
 from sim_backend.mechanisms.kinds import AddedBody, Mechanism, SecondImpact, Tones
@@ -45,6 +46,9 @@ class Score:
         Of this trial alone.
     delays, choice
         For a second impact: its sample after each segment's first one, and the chi-squared that choosing these took.
+    bound
+        95 % upper bound of the strength of what is free in every segment, in its own unit: of tones in ring-downs
+        (m/s2) and of a second impact (its share of the first). NaN elsewhere.
     """
 
     term: Term
@@ -55,6 +59,7 @@ class Score:
     error: float = math.nan
     delays: tuple[float, ...] = ()
     choice: float = 0.0
+    bound: float = math.nan
 
     @property
     def own_numbers(self) -> int:
@@ -194,6 +199,8 @@ class _Sums:
         self.tests.gain += other.tests.gain
         self.tests.dof += other.tests.dof
         self.tests.gram += other.tests.gram
+        for mine, others in zip(self.tests.lines, other.tests.lines, strict=True):
+            mine += others
 
 
 def _summed(problem: Problem[FitOf], fitted: FitOf, terms: Sequence[Term], ringing: Sequence[Term]) -> _Sums:
@@ -223,6 +230,7 @@ class _RingingTests:
         self.gain = np.zeros(len(terms))
         self.dof = np.zeros(len(terms), int)
         self.gram = np.zeros((len(terms), known + 2, known + 2))
+        self.lines = [np.zeros((3, len(_lines_of(t)))) for t in terms]  # power, information, freedom of each
 
     def add(self, columns: Columns, block: Real) -> None:
         """Take in a segment: ``block`` holds the constants' slopes and the residual, projected by its own columns."""
@@ -251,6 +259,8 @@ class _RingingTests:
                 power = products(o, o)
                 if not np.all(np.diag(power) > RINGS_ITSELF * np.sum(x[o] ** 2, axis=1)):
                     continue  # the rig rings at this frequency itself
+                if self.lines[i].size:
+                    self.lines[i] += _loudness(power, across[:, -1], self.lines[i].shape[1])
                 scale = np.sqrt(np.diag(power))
                 values, vectors = np.linalg.eigh(power / np.outer(scale, scale))
                 kept = values > 1e-8
@@ -272,8 +282,28 @@ class _RingingTests:
             dof = int(self.dof[i]) + (0 if alone else 1)
             strength = 0.0 if alone else rest[0, 1] / rest[0, 0]
             error = math.nan if alone else noise.deviation / math.sqrt(rest[0, 0])
-            found.append(Score(t, gain, dof, float(strength), float(chi2.sf(gain, max(dof, 1))), error))
+            bounds = [amplitude_bound(*line) for line in self.lines[i].T if noise.known and line[1] > 0]
+            loudest = max(bounds, default=math.nan)
+            p_value = float(chi2.sf(gain, max(dof, 1)))
+            found.append(Score(t, gain, dof, float(strength), p_value, error, bound=loudest))
         return found
+
+
+def _lines_of(term: Term) -> Sequence[float]:
+    """Return the frequencies (Hz) of tones."""
+    return term.mechanism.lines(term.values) if isinstance(term.mechanism, Tones) else ()
+
+
+def _loudness(power: Real, seen: Real, lines: int) -> Real:
+    """Return (3, lines) power of each line's amplitude over its variance, inverse variance, and degrees of freedom.
+
+    ``power`` are the products of their cosines and sines (2 lines,) with each other, ``seen`` those with the residual;
+    each line is read with the other lines free.
+    """
+    spread = np.linalg.pinv(power, hermitian=True)
+    squares = ((spread @ seen) ** 2).reshape(lines, 2).sum(axis=1)
+    variance = np.diag(spread).reshape(lines, 2).mean(axis=1)
+    return np.array([squares / variance, 1 / variance, np.full(lines, 2.0)])
 
 
 def _free(cosines: Real, z: Real, first: int, free: Sequence[Mechanism]) -> FreeForm:

@@ -68,6 +68,7 @@ _DERIVED: dict[str, dict[str, Callable[[Truth], float | None]]] = {
         "mount_frequency_hz": lambda t: _mount(t)[0],
         "mount_damping_ratio": lambda t: _mount(t)[1],
     },
+    "frame_compliance": {"frame_compliance_m_per_n": lambda t: 1 / float(t["effect"]["frame_stiffness_n_per_m"])},
     "channel_gain": {"gain_error_of_b": lambda t: float(t["effect"]["gain_of_b"]) - 1.0},
     "micro_slip": {
         "slip_stiffness_share": lambda t: _ratio(t["effect"]["slip_stiffness_n_per_m"], t["kc"]),

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import cast
 
 from sim_backend.arrangement import Arrangement, Element, Parameter
-from sim_backend.mechanisms.kinds import AddedBody, Quantity, Scale, Values, geometric
+from sim_backend.mechanisms.kinds import AddedBody, Derived, Quantity, Scale, Values, geometric
 from sim_backend.mechanisms.places import Place, grounded_elements, unused_name
 
 MASS, STIFFNESS, DAMPING = "frame_mass_kg", "frame_stiffness_n_per_m", "frame_damping_n_s_per_m"
@@ -46,6 +46,8 @@ def trials(scale: Scale) -> list[dict[str, float]]:
     return [{MASS: mass, STIFFNESS: mass * w**2, DAMPING: 2 * TRIAL_RATIO * mass * w} for w in omegas]
 
 
+COMPLIANCE = Derived("frame_compliance_m_per_n", "m/N", lambda values: 1 / values[STIFFNESS], positive=True)
+
 MECHANISM = AddedBody(
     id="frame_compliance",
     component="frame",
@@ -62,6 +64,8 @@ MECHANISM = AddedBody(
     at=lambda rig: grounded_elements(rig, ("spring", "joint")),
     body=(MASS, STIFFNESS, DAMPING),
     phase_locked=True,
+    derived=(COMPLIANCE,),
+    limited=COMPLIANCE,
     statement=lambda values, name: (
         f"The {name} stands on a frame that moves: {values[MASS]:.3g} kg that resonate at "
         f"{frequency_hz(values):.0f} Hz."

@@ -138,6 +138,8 @@ class Mechanism:
         Whether only a positive strength makes sense.
     derived
         What is reported beside the parameters.
+    limited
+        What has an upper limit where no parameter is the strength: proportional to the size of the effect.
     """
 
     id: str
@@ -150,6 +152,7 @@ class Mechanism:
     statement: Callable[[Values, str], str]
     one_signed: bool = True
     derived: tuple[Derived, ...] = ()
+    limited: Derived | None = None
 
     def places(self, rig: Arrangement) -> list[Place]:
         """Return where in a rig it can act."""

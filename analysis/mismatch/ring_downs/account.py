@@ -118,17 +118,16 @@ class ImpactAccount(Account[RingDownFit]):
 
     def held_out_rms(self, fitted: RingDownFit) -> float:
         """Return the rms of the residual on held-out impacts, m/s2."""
-        return self.judge.held_out_rms(fitted)
+        return self.judge.held_out_rms(fitted)[0]
 
     def summary(self, chosen: RingDownFit | None) -> FitSummary:
         """Return how well held-out impacts are predicted."""
-        experiment, held = self.judge.problem.experiment, self.judge.held_out
+        experiment = self.judge.problem.experiment
+        before, held = self.judge.held_out_rms(self.selection.baseline)
         after = self.held_out_rms(chosen) if chosen is not None and held else None
-        before = self.held_out_rms(self.selection.baseline)
         return FitSummary(
-            "m/s2", experiment.noise_rms, before, after, len(held), len(experiment.segments),
-            len(set(experiment.loads_n)),
-        )  # fmt: skip
+            "m/s2", experiment.noise_rms, before, after, held, len(experiment.segments), len(set(experiment.loads_n))
+        )
 
     def location(self, named: Sequence[Named]) -> Location:
         """Read off the residual of the linear rig where it is more than noise."""

@@ -22,10 +22,10 @@ from analysis.mismatch.ring_downs.candidates import (
     stiffness_evidence,
     variants,
 )
-from analysis.mismatch.ring_downs.continuation import continued
-from analysis.mismatch.ring_downs.fit import Start, fit
+from analysis.mismatch.ring_downs.fit import fit
+from analysis.mismatch.ring_downs.held_out import held_out_afterwards, held_out_fit, split
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
-from analysis.mismatch.score_test import Score, screen
+from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import (
     Candidate,
     Judge,
@@ -35,28 +35,10 @@ from analysis.mismatch.selection import (
     State,
     name_of,
 )
-from sim_backend.mechanisms.kinds import AddedBody, Mechanism, SecondImpact
-
-HELD_OUT_EVERY = 4  # every fourth impact is held out
+from sim_backend.mechanisms.kinds import AddedBody, Mechanism
 
 Candidates = tuple[Candidate[RingDownFit], ...]
 Steps = tuple[SelectionStep[RingDownFit], ...]
-
-
-def split(problem: RingDowns) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return segments for fitting and held-out ones: every fourth, but never all of a load nor the strongest of all."""
-    segments = problem.experiment.segments
-    fitted = [0] * len(problem.experiment.loads_n)
-    strongest = max(range(len(segments)), key=lambda i: float(np.abs(segments[i].raw).max()), default=0)
-    training: list[int] = []
-    held: list[int] = []
-    for i, segment in enumerate(segments):
-        if i % HELD_OUT_EVERY == HELD_OUT_EVERY - 1 and fitted[segment.group] and i != strongest:
-            held.append(i)
-        else:
-            training.append(i)
-            fitted[segment.group] += 1
-    return tuple(training), tuple(held)
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,21 +236,15 @@ class ImpactJudge(Judge[RingDownFit]):
 
     def held_out_fit(self, fitted: RingDownFit) -> RingDownFit:
         """Return the fit to held-out impacts: only what belongs to each impact is fitted on them."""
-        policy, kept = self.problem.policy, self.problem.only(self.held_out)
-        again = any(isinstance(t.mechanism, SecondImpact) for t in fitted.terms)
-        found = fit(kept, start=Start(held=fitted, delays=second_impact_delays(kept, fitted) if again else ()))
-        good = fitted.reduced_chi_squared
-        if found.only_laws and good < policy.strong and found.reduced_chi_squared > policy.worse * good:
-            other = continued(kept, fitted.terms, fitted, held=fitted)
-            found = other if other is not None and other.chi_squared < found.chi_squared else found
-        return found
+        return held_out_fit(self.problem.only(self.held_out), fitted)
 
-    def held_out_rms(self, fitted: RingDownFit) -> float:
-        """Return the rms of the residual on held-out impacts, m/s2; NaN where none is held out."""
-        if not self.held_out:
-            return math.nan
-        found = self.held_out_fit(fitted)
-        return math.sqrt(np.average(found.rms() ** 2, weights=[r.size for r in found.residuals]))
+    def held_out_rms(self, fitted: RingDownFit) -> tuple[float, int]:
+        """Return the rms of the residual on held-out impacts, m/s2, and how many they are; NaN where none is."""
+        found = self.held_out_fit(fitted) if self.held_out else held_out_afterwards(fitted)
+        if found is None:
+            return math.nan, 0
+        mean = np.average(found.rms() ** 2, weights=[r.size for r in found.residuals])
+        return math.sqrt(mean), len(found.residuals)
 
 
 def _key(score: Score) -> tuple[str, tuple[int, ...]]:
@@ -300,11 +276,3 @@ def _without_idle_ones(fitted: RingDownFit, steps: Steps) -> tuple[RingDownFit, 
             if evidence(gain, candidate.own, len(candidate.mechanism.parameters)) < policy.least_gain:
                 fitted, kept[place] = without, replace(kept[place], accepted=None)
     return fitted, tuple(kept)
-
-
-def second_impact_delays(problem: RingDowns, fitted: RingDownFit) -> tuple[float, ...]:
-    """Return when the second impact fell in segments that took no part in the fit."""
-    second = [t.mechanism for t in fitted.terms if isinstance(t.mechanism, SecondImpact)]
-    others = tuple(t for t in fitted.terms if not isinstance(t.mechanism, SecondImpact))
-    plain = fit(problem, start=Start(held=replace(fitted, terms=others)))
-    return next(s.delays for s in screen(problem, plain, second).scores if s.delays)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import oaconvolve
 
+from analysis.mismatch.limits import likelihood_bound
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.ring_downs.added_response import second_impact
 from analysis.mismatch.ring_downs.modes import Nuisance
@@ -44,7 +45,10 @@ def second_impact_score(fitted: RingDownFit, mechanism: SecondImpact) -> Score:
     term = Term(mechanism, {mechanism.parameters[0].name: share})
     # the likelihood ratio has mean one under the null, so that it exceeds e^x with a probability below e^-x
     p = min(1.0, math.exp(-min(max(found - math.log(SHARES.size), 0.0), 700.0)))
-    return Score(term, max(2 * found, 0.0), 1, share, p, delays=tuple(delays), choice=2 * (highest - found))
+    bound = likelihood_bound(SHARES, evidence)
+    return Score(
+        term, max(2 * found, 0.0), 1, share, p, delays=tuple(delays), choice=2 * (highest - found), bound=bound
+    )
 
 
 def _along(fitted: RingDownFit, number: int, nuisance: Nuisance) -> tuple[Real, Real, float]:

@@ -10,7 +10,8 @@ import pytest
 
 from analysis.mismatch.problem import ComputeBudget
 from analysis.mismatch.ring_downs.fit import SUBSTEPS, RingDownFit, Stop, fit
-from analysis.mismatch.ring_downs.judge import ImpactJudge, _without_idle_ones, split
+from analysis.mismatch.ring_downs.held_out import split
+from analysis.mismatch.ring_downs.judge import ImpactJudge, _without_idle_ones
 from analysis.mismatch.selection import Candidate, Selection, State, select
 from daq.records import Session
 from tests.analysis.mismatch.ring_downs.selections import (

@@ -38,7 +38,7 @@ from calibration.estimate import Estimate
 from calibration.gauge import GaugeHistory
 from calibration.settings import CalibrationSettings
 from daq.contact_force import contact_force
-from daq.records import RigDescription, Session, Shot
+from daq.records import Impact, RigDescription, Session
 from rig.errors import MesotapError
 from rig.settings import Masses, Springs
 
@@ -149,9 +149,9 @@ def analyse_session(
         raise AnalysisError(
             f"{session.source or 'session'}: masses and springs are unknown, so there is no k_c to find"
         )
-    if not session.shots:
+    if not session.impacts:
         raise AnalysisError(f"{session.source or 'session'}: holds no impacts")
-    slowest_hz = min(shot.sample_rate_hz for shot in session.shots)
+    slowest_hz = min(impact.sample_rate_hz for impact in session.impacts)
     if rig.filter_family == "butterworth" and rig.highpass_hz >= slowest_hz / 2:
         raise AnalysisError(
             f"{session.source or 'session'}: the declared high-pass begins at {rig.highpass_hz:g} Hz, so nothing "
@@ -164,8 +164,10 @@ def analyse_session(
     with threadpool_limits(limits=1, user_api="blas"):
         modes = _modes(session, load_sets, noise, settings, on_progress)
     known, notes = _known_rig(session, modes, settings, masses, springs)
-    gauge_reading = _gauge_reading_error(session.shots)
-    impacts = [_impact(shot, modes.get(shot.number), known, history, gauge_reading, rig) for shot in session.shots]
+    gauge_reading = _gauge_reading_error(session.impacts)
+    impacts = [
+        _impact(impact, modes.get(impact.number), known, history, gauge_reading, rig) for impact in session.impacts
+    ]
     loads = [_load(session, load_set, modes, impacts, known, history, gauge_reading, noise) for load_set in load_sets]
     return SessionResults(
         source=session.source,
@@ -179,7 +181,7 @@ def analyse_session(
 
 
 def session_modes(session: Session, settings: AnalysisSettings) -> dict[int, ImpactModes]:
-    """Return both modes of every accepted shot, by its number."""
+    """Return both modes of every accepted impact, by its number."""
     return _modes(session, session.load_sets(), _noise(session), settings, None)
 
 
@@ -190,12 +192,12 @@ def _modes(
     settings: AnalysisSettings,
     on_progress: OnProgress | None,
 ) -> dict[int, ImpactModes]:
-    """Both modes of every accepted shot, by its number."""
+    """Both modes of every accepted impact, by its number."""
     modes: dict[int, ImpactModes] = {}
     for done, load_set in enumerate(load_sets):
-        shots = session.accepted(load_set)
-        for rate in sorted({s.sample_rate_hz for s in shots}):
-            same = [s for s in shots if s.sample_rate_hz == rate]
+        impacts = session.accepted(load_set)
+        for rate in sorted({s.sample_rate_hz for s in impacts}):
+            same = [s for s in impacts if s.sample_rate_hz == rate]
             found = identify_impacts(
                 [s.acceleration.mean(axis=0) for s in same],
                 [s.pretrigger for s in same],
@@ -212,7 +214,7 @@ def _modes(
 
 def _noise(session: Session) -> NoiseModel:
     """Noise of the mean of A and B, from the accepted records before their triggers."""
-    good = [s for s in session.shots if s.accepted]
+    good = [s for s in session.impacts if s.accepted]
     quiet = [s.acceleration[:, : max(0, s.pretrigger - GUARD_SAMPLES)].mean(axis=0) for s in good]
     return noise_model(quiet)
 
@@ -302,49 +304,49 @@ def _spring_values(session: Session, modes: dict[int, ImpactModes], f1: float, r
     return springs_from_system_mode(f1, float(np.median(stiffness)), rig.m1_kg, rig.m2_kg, ratio)
 
 
-def _gauge_reading_error(shots: Sequence[Shot]) -> float:
+def _gauge_reading_error(impacts: Sequence[Impact]) -> float:
     """Standard error of one gauge reading, mV, from readings before and after the same tap."""
-    change = [s.voltage_after_mv - s.voltage_before_mv for s in shots if s.accepted]
+    change = [s.voltage_after_mv - s.voltage_before_mv for s in impacts if s.accepted]
     usable = [c for c in change if math.isfinite(c)]
     return math.sqrt(sum(c * c for c in usable) / len(usable) / 2) if len(usable) >= 2 else 0.0
 
 
-def _shot_voltage(shot: Shot) -> float:
-    """Bridge voltage of a shot: mean of before and after, or of the samples before the trigger."""
-    read = [v for v in (shot.voltage_before_mv, shot.voltage_after_mv) if math.isfinite(v)]
+def _impact_voltage(impact: Impact) -> float:
+    """Bridge voltage of an impact: mean of before and after, or of the samples before the trigger."""
+    read = [v for v in (impact.voltage_before_mv, impact.voltage_after_mv) if math.isfinite(v)]
     if read:
         return sum(read) / len(read)
-    if shot.strain_mv is not None and shot.pretrigger > GUARD_SAMPLES:
-        return float(np.mean(shot.strain_mv[: shot.pretrigger - GUARD_SAMPLES]))
+    if impact.strain_mv is not None and impact.pretrigger > GUARD_SAMPLES:
+        return float(np.mean(impact.strain_mv[: impact.pretrigger - GUARD_SAMPLES]))
     return math.nan
 
 
-def _written_load(shot: Shot) -> float:
-    """Load that the session file itself gives for a shot, mN."""
-    read = [v for v in (shot.load_before_mn, shot.load_after_mn) if math.isfinite(v)]
+def _written_load(impact: Impact) -> float:
+    """Load that the session file itself gives for an impact, mN."""
+    read = [v for v in (impact.load_before_mn, impact.load_after_mn) if math.isfinite(v)]
     return sum(read) / len(read) if read else math.nan
 
 
-def _shot_load(shot: Shot, history: GaugeHistory, reading: float) -> Estimate | None:
-    by_gauge = history.load_at(_shot_voltage(shot), shot.time, reading / math.sqrt(2))
+def _impact_load(impact: Impact, history: GaugeHistory, reading: float) -> Estimate | None:
+    by_gauge = history.load_at(_impact_voltage(impact), impact.time, reading / math.sqrt(2))
     if by_gauge is not None:
         return by_gauge
-    written = _written_load(shot)
+    written = _written_load(impact)
     if not math.isfinite(written):
         return None
-    return Estimate(written, abs(shot.load_after_mn - shot.load_before_mn) / 2)
+    return Estimate(written, abs(impact.load_after_mn - impact.load_before_mn) / 2)
 
 
 def _impact(
-    shot: Shot,
+    impact: Impact,
     found: ImpactModes | None,
     known: KnownRig,
     history: GaugeHistory,
     reading: float,
     rig: RigDescription,
 ) -> ImpactResult:
-    mean = shot.acceleration.mean(axis=0)
-    force = contact_force(mean, shot.sample_rate_hz, rig.m2_kg, rig.k2_n_per_m, shot.pretrigger)
+    mean = impact.acceleration.mean(axis=0)
+    force = contact_force(mean, impact.sample_rate_hz, rig.m2_kg, rig.k2_n_per_m, impact.pretrigger)
     system = None if found is None else found.system
     contact = None if found is None else found.contact
     notes = list(found.notes) if found is not None else ["rejected when it was recorded: not analysed"]
@@ -356,18 +358,18 @@ def _impact(
         except ResonanceError as error:
             notes.append(str(error))
     return ImpactResult(
-        name=shot.name,
-        load_set=shot.load_set,
-        accepted=shot.accepted,
-        reject_reason=shot.reject_reason,
-        load_mn=_shot_load(shot, history, reading),
+        name=impact.name,
+        load_set=impact.load_set,
+        accepted=impact.accepted,
+        reject_reason=impact.reject_reason,
+        load_mn=_impact_load(impact, history, reading),
         f1_hz=None if system is None else system.frequency_hz,
         f2_hz=None if contact is None else contact.frequency_hz,
         zeta1=None if system is None else system.damping_ratio,
         zeta2=None if contact is None else contact.damping_ratio,
         contact_stiffness_n_per_m=stiffness,
         contact_damping_n_s_per_m=damping,
-        peak_acceleration_m_s2=float(np.max(np.abs(shot.acceleration))),
+        peak_acceleration_m_s2=float(np.max(np.abs(impact.acceleration))),
         peak_contact_force_n=float(np.max(np.abs(force))),
         notes=tuple(notes),
     )
@@ -388,7 +390,7 @@ def _load(
     reading: float,
     noise: NoiseModel,
 ) -> LoadResult:
-    shots = session.accepted(load_set)
+    impacts = session.accepted(load_set)
     accepted = [i for i in found if i.load_set == load_set and i.accepted]
     used = [i for i in accepted if i.f2_hz is not None]
     f1, f2 = _combined([i.f1_hz for i in used]), _combined([i.f2_hz for i in used])
@@ -405,17 +407,17 @@ def _load(
         notes.append("no accepted impact at this load")
     else:
         notes += sorted({n for i in accepted for n in i.notes})
-    notes += _load_notes(used, [modes[s.number] for s in shots if s.number in modes], history)
-    spectral, curve, found_along = _along(shots, modes, session.rig, noise)
+    notes += _load_notes(used, [modes[s.number] for s in impacts if s.number in modes], history)
+    spectral, curve, found_along = _along(impacts, modes, session.rig, noise)
     notes += found_along
     if spectral is not None and f2 is not None and zeta2 is not None:
         notes += _spectral_notes(spectral, f2, zeta2)
-    rejected = [s for s in session.shots if s.load_set == load_set]
-    target = (shots or rejected)[0].target_load_mn
+    rejected = [s for s in session.impacts if s.load_set == load_set]
+    target = (impacts or rejected)[0].target_load_mn
     return LoadResult(
         load_set=load_set,
         target_load_mn=target,
-        load_mn=_mean_load(shots, history, reading),
+        load_mn=_mean_load(impacts, history, reading),
         impacts_used=len(used),
         f1_hz=f1,
         f2_hz=f2,
@@ -427,7 +429,7 @@ def _load(
             [i.contact_stiffness_n_per_m.value for i in used if i.contact_stiffness_n_per_m is not None]
         ),
         damping_box=box_statistics([i.zeta2.value for i in used if i.zeta2 is not None]),
-        spectrum=_averaged_spectrum(shots),
+        spectrum=_averaged_spectrum(impacts),
         notes=tuple(notes),
         spectral_mode=spectral,
         along_decay=tuple(curve),
@@ -454,16 +456,16 @@ def _load_notes(used: Sequence[ImpactResult], found: Sequence[ImpactModes], hist
 
 
 def _along(
-    shots: Sequence[Shot], modes: dict[int, ImpactModes], rig: RigDescription, noise: NoiseModel
+    impacts: Sequence[Impact], modes: dict[int, ImpactModes], rig: RigDescription, noise: NoiseModel
 ) -> tuple[SpectralMode | None, list[AmplitudePoint], list[str]]:
     """Contact mode of a load from its spectra, and against its amplitude along the ring-downs, with what that says."""
     decays, curves = [], []
-    rate = shots[0].sample_rate_hz if shots else math.nan
-    for shot in shots:
-        found = modes.get(shot.number)
-        if found is None or found.system is None or found.contact is None or shot.sample_rate_hz != rate:
+    rate = impacts[0].sample_rate_hz if impacts else math.nan
+    for impact in impacts:
+        found = modes.get(impact.number)
+        if found is None or found.system is None or found.contact is None or impact.sample_rate_hz != rate:
             continue
-        mean = shot.acceleration.mean(axis=0)
+        mean = impact.acceleration.mean(axis=0)
         poles = np.exp(np.array([found.system.pole, found.contact.pole]) / rate)
         decays.append(mean[found.start :])
         # errors are those of white noise; what whitening does to the amplitude is undone
@@ -504,37 +506,38 @@ def _spectral_notes(spectral: SpectralMode, f2: Estimate, zeta2: Estimate) -> li
     return notes
 
 
-def _mean_load(shots: Sequence[Shot], history: GaugeHistory, reading: float) -> Estimate | None:
-    """Load of the accepted shots of a load: mean voltage through the gauge's line, or what the file says."""
-    if not shots:
+def _mean_load(impacts: Sequence[Impact], history: GaugeHistory, reading: float) -> Estimate | None:
+    """Load of the accepted impacts of a load: mean voltage through the gauge's line, or what the file says."""
+    if not impacts:
         return None
-    voltage = [_shot_voltage(s) for s in shots]
-    middle = sorted(s.time for s in shots)[len(shots) // 2]
+    voltage = [_impact_voltage(s) for s in impacts]
+    middle = sorted(s.time for s in impacts)[len(impacts) // 2]
     if all(map(math.isfinite, voltage)):
         spread = float(np.std(voltage, ddof=1)) if len(voltage) > 1 else reading
         by_gauge = history.load_at(float(np.mean(voltage)), middle, max(spread, reading / 2) / math.sqrt(len(voltage)))
-        each = [load for load in (_shot_load(s, history, reading) for s in shots) if load is not None]
+        each = [load for load in (_impact_load(s, history, reading) for s in impacts) if load is not None]
         if by_gauge is not None and each:
             # each tap has its own place between the calibrations
             return replace(by_gauge, value=float(np.mean([load.value for load in each])))
-    written = [w for w in map(_written_load, shots) if math.isfinite(w)]
+    written = [w for w in map(_written_load, impacts) if math.isfinite(w)]
     if not written:
         return None
     if len(written) == 1:
-        return _shot_load(shots[0], history, reading)
+        return _impact_load(impacts[0], history, reading)
     return Estimate(float(np.mean(written)), float(np.std(written, ddof=1)) / math.sqrt(len(written)), len(written) - 1)
 
 
-def _averaged_spectrum(shots: Sequence[Shot]) -> Spectrum | None:
-    """Mean amplitude spectrum of the shots (Fig. 6b), each from its trigger on; m/s2 per Hz."""
-    if not shots:
+def _averaged_spectrum(impacts: Sequence[Impact]) -> Spectrum | None:
+    """Mean amplitude spectrum of the impacts (Fig. 6b), each from its trigger on; m/s2 per Hz."""
+    if not impacts:
         return None
-    rate = shots[0].sample_rate_hz
-    length = min(s.acceleration.shape[1] - s.pretrigger for s in shots)
-    if length < 16 or any(s.sample_rate_hz != rate for s in shots):
+    rate = impacts[0].sample_rate_hz
+    length = min(s.acceleration.shape[1] - s.pretrigger for s in impacts)
+    if length < 16 or any(s.sample_rate_hz != rate for s in impacts):
         return None
     amplitude = np.mean(
-        [np.abs(np.fft.rfft(s.acceleration.mean(axis=0)[s.pretrigger : s.pretrigger + length])) for s in shots], axis=0
+        [np.abs(np.fft.rfft(s.acceleration.mean(axis=0)[s.pretrigger : s.pretrigger + length])) for s in impacts],
+        axis=0,
     )
     frequency = np.fft.rfftfreq(length, 1 / rate).astype(np.float64)
     return Spectrum(frequency, np.asarray(amplitude, np.float64) / rate)

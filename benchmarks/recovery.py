@@ -63,7 +63,7 @@ def one_load(specimen: str, seed: int) -> dict[str, tuple[bool, float]]:
     with tempfile.TemporaryDirectory() as folder, SessionFolder.create(Path(folder) / "s", header) as kept:
         bench = Bench(rig, Nobody(), Nobody(), Uninterrupted(), lambda: truth_now(rig))
         progress = SessionRunner(config, kept, bench).run()
-        session = assemble(header, config, progress, kept.shots())
+        session = assemble(header, config, progress, kept.impacts())
     results = analyse_session(session, config.analysis, config.calibration, config.rig.masses, config.rig.springs)
     truth, load = progress.truths[0], results.loads[0]
     answer = {}

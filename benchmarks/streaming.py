@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from daq.settings import Trigger
-from daq.trigger import NoTap, record_shot
+from daq.trigger import NoTap, record_impact
 from rig import Accelerometers, Block, Impactor
 from rig.drivers.recorder_settings import Usb1608Settings
 from rig.drivers.usb1608 import Usb1608
@@ -107,7 +107,7 @@ def stream(wiring: Wiring, seconds: float) -> tuple[Costs, float]:
     begin = time.process_time()
     try:
         trigger = OUT_OF_REACH.model_copy(update={"timeout_s": seconds})
-        record_shot(Checked(driver, wiring, costs), Nobody(), clock, trigger, 500.0)
+        record_impact(Checked(driver, wiring, costs), Nobody(), clock, trigger, 500.0)
     except NoTap:
         pass
     total = time.process_time() - begin

@@ -85,8 +85,8 @@ class GaugeHistory:
     def fraction_at(self, time: str) -> tuple[float, str]:
         """Where a time lies between the calibrations: 0 before, 1 after; and a note, empty if there is none to make.
 
-        ``time`` is ISO 8601 UTC. A time that cannot be read, of the shot or of a calibration, counts as midway, and so
-        does one that is farther from the calibrations than they are from each other.
+        ``time`` is ISO 8601 UTC. A time that cannot be read, of the impact or of a calibration, counts as midway;
+        so does one that is farther from the calibrations than they are from each other.
         """
         if self.pre_fit is None:
             return 1.0, ""

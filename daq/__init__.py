@@ -1,1 +1,1 @@
-"""From a `rig.Rig` to a session file: trigger, shot quality, journal, session format, exchange formats."""
+"""From a `rig.Rig` to a session file: trigger, impact quality, journal, session format, exchange formats."""

@@ -1,4 +1,4 @@
-"""One tap as an HDF5 group: `/impacts/00000` of a session file, and the whole of a shot file."""
+"""One tap as an HDF5 group: `/impacts/00000` of a session file, and the whole of an impact file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from daq.bounds import BOUNDS
 from daq.errors import RecordingError
 from daq.hdf5 import Node, claims_too_much, refuse_non_finite
-from daq.records import Shot
+from daq.records import Impact
 from daq.texts import LONGEST_TEXT
 
 DIGEST = "digest"
@@ -53,7 +53,7 @@ def _plain(value: object) -> Any:
     raise RecordingError(f"a {type(value).__name__} cannot be kept as JSON")
 
 
-def digest_of(shot: Shot) -> str:
+def digest_of(impact: Impact) -> str:
     """Return the digest of a tap: ``sha256:`` and 64 hexadecimal digits (FIPS 180-4).
 
     It is taken over each array (name, shape, and the samples as little-endian doubles, row after row), then over the
@@ -61,14 +61,14 @@ def digest_of(shot: Shot) -> str:
     """
     taken = hashlib.sha256(b"mesotap impact 1\n")
     for name in _ARRAYS:
-        values = getattr(shot, name)
+        values = getattr(impact, name)
         if values is not None:
             samples = np.ascontiguousarray(values, dtype="<f8")
             taken.update(f"{name} {samples.shape}\n".encode())
             taken.update(samples.data)
-    numbers = [getattr(shot, name) for name in _DIGESTED]
+    numbers = [getattr(impact, name) for name in _DIGESTED]
     plain = [float(n) if isinstance(n, float | np.floating) else n for n in numbers]
-    taken.update(to_json([*plain, list(shot.channel_names)]).encode())
+    taken.update(to_json([*plain, list(impact.channel_names)]).encode())
     return f"sha256:{taken.hexdigest()}"
 
 
@@ -88,61 +88,61 @@ def check_time(text: str, where: str) -> str:
     return text
 
 
-def check_shot(shot: Shot, where: str) -> None:
-    """Refuse a shot that `read_impact` would refuse, before it gets to disk.
+def check_impact(impact: Impact, where: str) -> None:
+    """Refuse an impact that `read_impact` would refuse, before it gets to disk.
 
     Raises
     ------
     RecordingError
         Names what is wrong with it.
     """
-    a = shot.acceleration
+    a = impact.acceleration
     if a.ndim != 2 or a.shape[0] != 2 or a.shape[1] == 0:
         raise RecordingError(f"{where}/acceleration has shape {a.shape}, expected (2, n)")
     refuse_non_finite(a, f"{where}/acceleration")
-    if shot.strain_mv is not None:
-        if shot.strain_mv.shape != (a.shape[1],):
-            raise RecordingError(f"{where}/strain_mv has shape {shot.strain_mv.shape}, expected ({a.shape[1]},)")
-        refuse_non_finite(shot.strain_mv, f"{where}/strain_mv")
-    if not 0 <= shot.pretrigger < a.shape[1]:
-        raise RecordingError(f"{where}: pretrigger {shot.pretrigger} lies outside the {a.shape[1]} samples recorded")
-    if not (math.isfinite(shot.sample_rate_hz) and shot.sample_rate_hz > 0):
-        raise RecordingError(f"{where}: sample_rate_hz is {shot.sample_rate_hz:g}, expected above 0")
+    if impact.strain_mv is not None:
+        if impact.strain_mv.shape != (a.shape[1],):
+            raise RecordingError(f"{where}/strain_mv has shape {impact.strain_mv.shape}, expected ({a.shape[1]},)")
+        refuse_non_finite(impact.strain_mv, f"{where}/strain_mv")
+    if not 0 <= impact.pretrigger < a.shape[1]:
+        raise RecordingError(f"{where}: pretrigger {impact.pretrigger} lies outside the {a.shape[1]} samples recorded")
+    if not (math.isfinite(impact.sample_rate_hz) and impact.sample_rate_hz > 0):
+        raise RecordingError(f"{where}: sample_rate_hz is {impact.sample_rate_hz:g}, expected above 0")
     for name in _BOUNDED:
-        if fault := BOUNDS[name].fault(getattr(shot, name)):
+        if fault := BOUNDS[name].fault(getattr(impact, name)):
             raise RecordingError(f"{where}: {name} {fault}")
     for name in _ARRAYS:
-        values = getattr(shot, name)
+        values = getattr(impact, name)
         if values is not None and (fault := BOUNDS[name].fault_of_all(values)):
             raise RecordingError(f"{where}/{name} {fault}")
-    if shot.load_set < 0:
-        raise RecordingError(f"{where}: load_set is {shot.load_set}, expected at least 0")
-    check_time(shot.time, f"{where}: time")
-    if shot.channels is not None:
-        if shot.channels.ndim != 2 or shot.channels.shape != (len(shot.channel_names), a.shape[1]):
-            expected = (len(shot.channel_names), a.shape[1])
-            raise RecordingError(f"{where}/channels has shape {shot.channels.shape}, expected {expected}")
-        refuse_non_finite(shot.channels, f"{where}/channels")
+    if impact.load_set < 0:
+        raise RecordingError(f"{where}: load_set is {impact.load_set}, expected at least 0")
+    check_time(impact.time, f"{where}: time")
+    if impact.channels is not None:
+        if impact.channels.ndim != 2 or impact.channels.shape != (len(impact.channel_names), a.shape[1]):
+            expected = (len(impact.channel_names), a.shape[1])
+            raise RecordingError(f"{where}/channels has shape {impact.channels.shape}, expected {expected}")
+        refuse_non_finite(impact.channels, f"{where}/channels")
 
 
-def write_impact(group: h5py.Group, shot: Shot, compress: bool) -> None:
-    """Write ``shot`` into ``group``, samples kept exactly; ``compress`` trades time for a smaller file."""
-    _dataset(group, "acceleration", shot.acceleration, compress).attrs["units"] = "m/s2"
-    if shot.strain_mv is not None:
-        _dataset(group, "strain_mv", shot.strain_mv, compress).attrs["units"] = "mV"
-    if shot.channels is not None:
-        _dataset(group, "channels", shot.channels, compress)
-        group.attrs["channel_names"] = to_json(list(shot.channel_names))
-    group.attrs["load_set"] = shot.load_set
+def write_impact(group: h5py.Group, impact: Impact, compress: bool) -> None:
+    """Write ``impact`` into ``group``, samples kept exactly; ``compress`` trades time for a smaller file."""
+    _dataset(group, "acceleration", impact.acceleration, compress).attrs["units"] = "m/s2"
+    if impact.strain_mv is not None:
+        _dataset(group, "strain_mv", impact.strain_mv, compress).attrs["units"] = "mV"
+    if impact.channels is not None:
+        _dataset(group, "channels", impact.channels, compress)
+        group.attrs["channel_names"] = to_json(list(impact.channel_names))
+    group.attrs["load_set"] = impact.load_set
     for name in _LOADS:
-        group.attrs[name] = float(getattr(shot, name))
-    group.attrs["time"] = shot.time
-    group.attrs["sample_rate_hz"] = float(shot.sample_rate_hz)
-    group.attrs["pretrigger"] = shot.pretrigger
-    group.attrs["accepted"] = bool(shot.accepted)
-    group.attrs["reject_reason"] = shot.reject_reason
-    group.attrs[DIGEST] = digest_of(shot)
-    write_json_item(group, "extra", shot.extra)
+        group.attrs[name] = float(getattr(impact, name))
+    group.attrs["time"] = impact.time
+    group.attrs["sample_rate_hz"] = float(impact.sample_rate_hz)
+    group.attrs["pretrigger"] = impact.pretrigger
+    group.attrs["accepted"] = bool(impact.accepted)
+    group.attrs["reject_reason"] = impact.reject_reason
+    group.attrs[DIGEST] = digest_of(impact)
+    write_json_item(group, "extra", impact.extra)
 
 
 def write_json_item(group: h5py.Group, name: str, value: object) -> None:
@@ -161,8 +161,8 @@ def _dataset(group: h5py.Group, name: str, values: NDArray[np.float64], compress
     return group.create_dataset(name, data=data)
 
 
-def read_impact(node: Node, number: int) -> Shot:
-    """Return the shot that `write_impact`, or another program that keeps format 1, wrote.
+def read_impact(node: Node, number: int) -> Impact:
+    """Return the impact that `write_impact`, or another program that keeps format 1, wrote.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def read_impact(node: Node, number: int) -> Shot:
     if math.isnan(sample_rate):
         raise node.error(": sample_rate_hz is NaN")
     names = _channel_names(node)
-    shot = Shot(
+    impact = Impact(
         number=number,
         load_set=node.count("load_set"),
         target_load_mn=node.number("target_load_mn"),
@@ -203,16 +203,16 @@ def read_impact(node: Node, number: int) -> Shot:
         channels=node.values("channels", (len(names), samples)) if names else None,
         channel_names=names,
     )
-    _check_digest(node, shot)
-    return shot
+    _check_digest(node, impact)
+    return impact
 
 
-def _check_digest(node: Node, shot: Shot) -> None:
+def _check_digest(node: Node, impact: Impact) -> None:
     kept = node.attribute(DIGEST)
     # what another program keeps under that name is not a fault
-    if isinstance(kept, str) and _DIGEST_FORM.fullmatch(kept) and kept != digest_of(shot):
+    if isinstance(kept, str) and _DIGEST_FORM.fullmatch(kept) and kept != digest_of(impact):
         raise node.error(
-            f": the samples or numbers of impact {shot.name} were altered after it was recorded (its digest differs)"
+            f": the samples or numbers of impact {impact.name} were altered after it was recorded (its digest differs)"
         )
 
 

@@ -4,8 +4,8 @@
     The header: what was asked for. Written once, whole. A folder without it holds no session.
 ``journal.jsonl``
     What was done, a line an event, each on the disk before the program goes on.
-``shots/00000.h5``
-    A file a shot, complete or absent, with the checkpoint of the rig after it.
+``impacts/00000.h5``
+    A file an impact, complete or absent, with the checkpoint of the rig after it.
 ``lock``
     Held by the one program that works here; the system frees it when the program dies.
 """
@@ -36,20 +36,20 @@ from daq.durable import (
 )
 from daq.errors import RecordingError, UnwrittenError
 from daq.hdf5 import CHECKSUMMED, open_hdf5, reading
-from daq.impact_group import check_shot, digest_of, read_impact, scalar_text, to_json, write_impact
+from daq.impact_group import check_impact, digest_of, read_impact, scalar_text, to_json, write_impact
 from daq.journal_file import JOURNAL, LARGEST_TEXT, append_after_death, mend, open_journal, write_all
 from daq.json_text import GivenTwice, parsed_once
 from daq.limited import read_limited
-from daq.limits import shot_room
-from daq.records import Shot
+from daq.limits import impact_room
+from daq.records import Impact
 
-__all__ = ["HEADER", "JOURNAL", "LOCK", "SHOTS", "SessionFolder", "any_shot_in", "append_after_death"]
+__all__ = ["HEADER", "IMPACTS", "JOURNAL", "LOCK", "SessionFolder", "any_impact_in", "append_after_death"]
 
-HEADER, SHOTS, LOCK = "session.json", "shots", "lock"
+HEADER, IMPACTS, LOCK = "session.json", "shots", "lock"
 LOG = logging.getLogger("mesotap.journal")
-SHOT = "shot"
-"""The journal's event for a shot that was kept; its entry has ``number`` and ``digest``."""
-SHOT_FORMAT = "mesotap-shot"
+IMPACT = "shot"
+"""The journal's event for an impact that was kept; its entry has ``number`` and ``digest``."""
+IMPACT_FORMAT = "mesotap-shot"
 
 
 class SessionFolder:
@@ -80,16 +80,16 @@ class SessionFolder:
             The folder holds a session already, another program works in it, or it cannot be written.
         """
         path = Path(path)
-        _not_linked(path / SHOTS)
+        _not_linked(path / IMPACTS)
         try:
-            make_folder(path / SHOTS)
+            make_folder(path / IMPACTS)
             sync_folder(path)  # also where a program that was killed at once had made it
             sync_folder(path.parent)
         except OSError as error:
             raise write_error(path, error) from error
         lock = _take_lock(path)
         try:
-            if any((path / name).exists() for name in (HEADER, JOURNAL)) or any((path / SHOTS).glob("*.h5")):
+            if any((path / name).exists() for name in (HEADER, JOURNAL)) or any((path / IMPACTS).glob("*.h5")):
                 raise RecordingError(f"{path}: holds a session already; resume it, or name another folder")
             content = to_json(header)
             write_whole(path / HEADER, content.encode() + b"\n")
@@ -110,9 +110,9 @@ class SessionFolder:
         path = Path(path)
         if not path.is_dir():
             raise RecordingError(f"{path}: there is no such session folder")
-        if not (path / SHOTS).is_dir() and not (path / HEADER).exists():
+        if not (path / IMPACTS).is_dir() and not (path / HEADER).exists():
             raise RecordingError(f"{path}: is not a session folder: it holds no {HEADER}")
-        _not_linked(path / SHOTS)
+        _not_linked(path / IMPACTS)
         lock = _take_lock(path)
         try:
             return cls(path, lock, _read_header(path))
@@ -155,23 +155,23 @@ class SessionFolder:
         """Return all events in order, those of earlier runs included."""
         return list(self._events)
 
-    def write_shot(self, shot: Shot, checkpoint: dict[str, Any]) -> None:
-        """Keep a shot, and the rig's state after it; on disk on return, absent if killed before.
+    def write_impact(self, impact: Impact, checkpoint: dict[str, Any]) -> None:
+        """Keep an impact, and the rig's state after it; on disk on return, absent if killed before.
 
         Raises
         ------
         RecordingError
-            The shot is malformed, one of its number exists, or the disk is full.
+            The impact is malformed, one of its number exists, or the disk is full.
         """
-        path = self._shot_path(shot.number)
+        path = self._impact_path(impact.number)
         if path.exists():
             raise RecordingError(f"{path}: this impact was recorded already")
-        check_shot(shot, str(path))
+        check_impact(impact, str(path))
         try:
             with h5py.File("shot", "w", driver="core", backing_store=False, libver=CHECKSUMMED) as file:
-                file.attrs["format"] = SHOT_FORMAT
-                file.attrs["number"] = shot.number
-                write_impact(file.create_group("shot"), shot, compress=False)
+                file.attrs["format"] = IMPACT_FORMAT
+                file.attrs["number"] = impact.number
+                write_impact(file.create_group("shot"), impact, compress=False)
                 file.create_dataset("checkpoint", data=to_json(checkpoint), dtype=h5py.string_dtype())
                 file.flush()
                 image = file.id.get_file_image()
@@ -179,36 +179,38 @@ class SessionFolder:
             raise RecordingError(f"{path}: the impact cannot be put into a file: {error}") from error
         write_whole(path, image)
 
-    def shot_numbers(self) -> list[int]:
-        """Return the numbers of all complete shots, ascending."""
+    def impact_numbers(self) -> list[int]:
+        """Return the numbers of all complete impacts, ascending."""
         try:
-            names = [entry.stem for entry in (self.path / SHOTS).iterdir() if entry.suffix == ".h5"]
+            names = [entry.stem for entry in (self.path / IMPACTS).iterdir() if entry.suffix == ".h5"]
         except OSError as error:
-            raise RecordingError(f"{self.path / SHOTS}: cannot be listed: {error.strerror}") from error
+            raise RecordingError(f"{self.path / IMPACTS}: cannot be listed: {error.strerror}") from error
         return sorted(int(name) for name in names if name.isascii() and name.isdigit())
 
-    def read_shot(self, number: int) -> tuple[Shot, dict[str, Any]]:
-        """Return shot ``number`` and the checkpoint kept with it.
+    def read_impact(self, number: int) -> tuple[Impact, dict[str, Any]]:
+        """Return impact ``number`` and the checkpoint kept with it.
 
         Raises
         ------
         RecordingError
-            There is no such shot, or its file is damaged.
+            There is no such impact, or its file is damaged.
         """
-        path = _not_linked(self._shot_path(number))
-        shot, state = read_limited(shot_in, path, number, kinds=(Shot,))
-        self._check_noted(shot)
-        return shot, state
+        path = _not_linked(self._impact_path(number))
+        impact, state = read_limited(impact_in, path, number, kinds=(Impact,))
+        self._check_noted(impact)
+        return impact, state
 
-    def shots(self) -> list[Shot]:
-        """Return all complete shots in order; `RecordingError` names a damaged file."""
-        paths = {number: _not_linked(self._shot_path(number)) for number in self.shot_numbers()}
+    def impacts(self) -> list[Impact]:
+        """Return all complete impacts in order; `RecordingError` names a damaged file."""
+        paths = {number: _not_linked(self._impact_path(number)) for number in self.impact_numbers()}
         size = sum(path.stat().st_size for path in paths.values() if path.is_file())
         listed = [[number, str(path)] for number, path in paths.items()]
-        shots: list[Shot] = read_limited(shots_in, self.path, listed, kinds=(Shot,), size=size) if listed else []
-        for shot in shots:
-            self._check_noted(shot)
-        return shots
+        impacts: list[Impact] = (
+            read_limited(impacts_in, self.path, listed, kinds=(Impact,), size=size) if listed else []
+        )
+        for impact in impacts:
+            self._check_noted(impact)
+        return impacts
 
     def close(self) -> None:
         """Let go of the folder; harmless when called twice."""
@@ -226,28 +228,28 @@ class SessionFolder:
     ) -> None:
         self.close()
 
-    def _check_noted(self, shot: Shot) -> None:
-        """Hold a shot against what the journal says of it."""
-        noted = self._noted_digest(shot.number)
-        if noted and noted != digest_of(shot):
+    def _check_noted(self, impact: Impact) -> None:
+        """Hold an impact against what the journal says of it."""
+        noted = self._noted_digest(impact.number)
+        if noted and noted != digest_of(impact):
             raise RecordingError(
-                f"{self._shot_path(shot.number)}: is not the impact {shot.number} that the journal lists: its digest "
-                "does not agree; put that one back"
+                f"{self._impact_path(impact.number)}: is not the impact {impact.number} that the journal lists: its "
+                "digest does not agree; put that one back"
             )
 
     def _noted_digest(self, number: int) -> str:
         """Digest by the journal; empty where it has none."""
-        noted = (e.get("digest") for e in self._events if e["event"] == SHOT and e.get("number") == number)
+        noted = (e.get("digest") for e in self._events if e["event"] == IMPACT and e.get("number") == number)
         return next((digest for digest in noted if isinstance(digest, str)), "")
 
-    def _shot_path(self, number: int) -> Path:
-        return self.path / SHOTS / f"{number:05d}.h5"
+    def _impact_path(self, number: int) -> Path:
+        return self.path / IMPACTS / f"{number:05d}.h5"
 
 
-def shot_in(path: Path, number: int) -> tuple[Shot, dict[str, Any]]:
-    """Return a shot and its checkpoint from a file that this process opens itself; see `SessionFolder.read_shot`."""
-    with open_hdf5(path, shot_room) as root:
-        if root.attribute("format") != SHOT_FORMAT or root.count("number") != number:
+def impact_in(path: Path, number: int) -> tuple[Impact, dict[str, Any]]:
+    """Return an impact and its checkpoint from a file that this process opens; see `SessionFolder.read_impact`."""
+    with open_hdf5(path, impact_room) as root:
+        if root.attribute("format") != IMPACT_FORMAT or root.count("number") != number:
             raise RecordingError(f"{path}: is not the file of impact {number}")
         checkpoint = root.child("checkpoint")
         if checkpoint is None:
@@ -259,17 +261,17 @@ def shot_in(path: Path, number: int) -> tuple[Shot, dict[str, Any]]:
         return read_impact(root.need_group("shot"), number), state
 
 
-def any_shot_in(path: Path) -> Shot:
-    """Return the shot, of whatever number, in a file that this process opens itself, without its checkpoint."""
-    with open_hdf5(path, shot_room) as root:
-        if root.attribute("format") != SHOT_FORMAT:
+def any_impact_in(path: Path) -> Impact:
+    """Return the impact, of whatever number, in a file that this process opens itself, without its checkpoint."""
+    with open_hdf5(path, impact_room) as root:
+        if root.attribute("format") != IMPACT_FORMAT:
             raise RecordingError(f"{path}: it is not an impact of a session")
         return read_impact(root.need_group("shot"), root.count("number"))
 
 
-def shots_in(folder: Path, listed: Sequence[tuple[int, str]]) -> list[Shot]:
-    """Return shots from files that this process opens itself, a number and a path each."""
-    return [shot_in(Path(path), number)[0] for number, path in listed]
+def impacts_in(folder: Path, listed: Sequence[tuple[int, str]]) -> list[Impact]:
+    """Return impacts from files that this process opens itself, a number and a path each."""
+    return [impact_in(Path(path), number)[0] for number, path in listed]
 
 
 def _not_linked(path: Path) -> Path:
@@ -299,7 +301,7 @@ def _read_header(path: Path) -> dict[str, Any]:
     except GivenTwice as error:
         raise RecordingError(f"{file}: is damaged: {error}; {mend(path)}") from error
     except FileNotFoundError:
-        if any((path / SHOTS).glob("*.h5")):
+        if any((path / IMPACTS).glob("*.h5")):
             raise RecordingError(f"{path}: its {HEADER} is lost, but there are impacts; {mend(path)}") from None
         raise RecordingError(
             f"{path}: holds no session: it was stopped before it began; start it again with mesotap run"
@@ -314,7 +316,7 @@ def _read_header(path: Path) -> dict[str, Any]:
 
 
 def _remove_parts(path: Path) -> None:
-    for folder in (path, path / SHOTS):
+    for folder in (path, path / IMPACTS):
         for part in folder.glob(f"*{PART}"):
             try:
                 remove_part(part)

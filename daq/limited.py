@@ -85,7 +85,7 @@ def read_limited(
 class LimitedReader:
     """One process with limits that reads file after file, started anew after a file that ended it.
 
-    To start a process takes longer than to read a shot. Use it in a ``with`` statement.
+    To start a process takes longer than to read an impact. Use it in a ``with`` statement.
     """
 
     def __init__(self) -> None:

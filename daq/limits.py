@@ -26,21 +26,21 @@ def data_room(size: int) -> int:
     return min(max(EXPANSION * size, LEAST_ROOM), 8 * LARGEST_ARRAY)
 
 
-SHOT_EXPANSION = 4
-"""Times its size that a shot's file may unpack to: it is written unpacked, and noise packs to a third."""
+IMPACT_EXPANSION = 4
+"""Times its size that an impact's file may unpack to: it is written unpacked, and noise packs to a third."""
 
-LEAST_SHOT_ROOM = 1_000_000
-"""Bytes that the smallest shot's file may unpack to."""
+LEAST_IMPACT_ROOM = 1_000_000
+"""Bytes that the smallest impact's file may unpack to."""
 
 
-def shot_room(size: int) -> int:
-    """Return how many bytes of arrays the file of a shot, of ``size`` bytes, may hold."""
-    return min(max(SHOT_EXPANSION * size, LEAST_SHOT_ROOM), 8 * LARGEST_ARRAY)
+def impact_room(size: int) -> int:
+    """Return how many bytes of arrays the file of an impact, of ``size`` bytes, may hold."""
+    return min(max(IMPACT_EXPANSION * size, LEAST_IMPACT_ROOM), 8 * LARGEST_ARRAY)
 
 
 def folder_room(size: int) -> int:
-    """Return how many bytes of arrays the shots of a folder, ``size`` bytes together, may hold."""
-    return min(max(SHOT_EXPANSION * size, LEAST_ROOM), 8 * LARGEST_ARRAY)
+    """Return how many bytes of arrays the impacts of a folder, ``size`` bytes together, may hold."""
+    return min(max(IMPACT_EXPANSION * size, LEAST_ROOM), 8 * LARGEST_ARRAY)
 
 
 def memory_room(size: int) -> int:

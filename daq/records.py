@@ -1,4 +1,4 @@
-"""What a test session consists of: calibrations, shots, and the rig that made them. Arrays and numbers only."""
+"""What a test session consists of: calibrations, impacts, and the rig that made them. Arrays and numbers only."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class CalibrationPoints:
 
 
 @dataclass(frozen=True, slots=True)
-class Shot:
+class Impact:
     """One tap as recorded, accepted or not.
 
     Attributes
@@ -108,7 +108,7 @@ class Session:
 
     created: str
     rig: RigDescription
-    shots: tuple[Shot, ...]
+    impacts: tuple[Impact, ...]
     pre: CalibrationPoints | None = None
     post: CalibrationPoints | None = None
     operator: str = ""
@@ -123,8 +123,8 @@ class Session:
 
     def load_sets(self) -> list[int]:
         """Numbers of the load sets in the session, ascending."""
-        return sorted({shot.load_set for shot in self.shots})
+        return sorted({impact.load_set for impact in self.impacts})
 
-    def accepted(self, load_set: int) -> list[Shot]:
-        """Return the accepted shots of one load set, in time order."""
-        return [s for s in self.shots if s.load_set == load_set and s.accepted]
+    def accepted(self, load_set: int) -> list[Impact]:
+        """Return the accepted impacts of one load set, in time order."""
+        return [s for s in self.impacts if s.load_set == load_set and s.accepted]

@@ -14,7 +14,7 @@ from daq.durable import write_whole
 from daq.errors import RecordingError
 from daq.hdf5 import CHECKSUMMED, Node, open_hdf5, refuse_non_finite
 from daq.impact_group import (
-    check_shot,
+    check_impact,
     check_time,
     read_impact,
     read_json_item,
@@ -24,7 +24,7 @@ from daq.impact_group import (
 )
 from daq.limited import read_limited
 from daq.limits import data_room
-from daq.records import CalibrationPoints, RigDescription, Session, Shot
+from daq.records import CalibrationPoints, Impact, RigDescription, Session
 from daq.texts import LONGEST_TEXT, is_storable
 from rig.hardware_log import Repetition
 
@@ -92,15 +92,15 @@ def _check_session(path: Path, session: Session) -> None:
             if fault := BOUNDS[name].fault_of_all(values):
                 raise RecordingError(f"{path}: /calibration/{when}/{name} {fault}")
         check_time(points.time, f"{path}: /calibration/{when}: time")
-    if len({shot.number for shot in session.shots}) < len(session.shots):
+    if len({impact.number for impact in session.impacts}) < len(session.impacts):
         raise RecordingError(f"{path}: two impacts have the same number")
-    for shot in session.shots:
-        check_shot(shot, f"{path}: /impacts/{shot.name}")
+    for impact in session.impacts:
+        check_impact(impact, f"{path}: /impacts/{impact.name}")
 
 
 def _samples_size(session: Session) -> int:
     """Bytes of all arrays of a session."""
-    arrays = [a for s in session.shots for a in (s.acceleration, s.strain_mv, s.channels)]
+    arrays = [a for s in session.impacts for a in (s.acceleration, s.strain_mv, s.channels)]
     arrays += [a for p in (session.pre, session.post) if p is not None for a in (p.load_mn, p.voltage_mv)]
     return sum(8 * a.size for a in arrays if a is not None)
 
@@ -128,13 +128,13 @@ def _image(session: Session, compress: bool) -> bytes:
                 group.create_dataset("voltage_mv", data=np.asarray(points.voltage_mv, dtype=np.float64))
                 group.attrs["time"] = points.time
         impacts = file.create_group("impacts")
-        for shot in session.shots:
-            write_impact(impacts.create_group(shot.name), shot, compress)
+        for impact in session.impacts:
+            write_impact(impacts.create_group(impact.name), impact, compress)
         file.flush()
         return bytes(file.id.get_file_image())
 
 
-KINDS = (Session, Shot, RigDescription, CalibrationPoints, Repetition)
+KINDS = (Session, Impact, RigDescription, CalibrationPoints, Repetition)
 
 
 def read_session(path: str | Path) -> Session:
@@ -170,7 +170,7 @@ def session_in(path: Path) -> Session:
         return Session(
             created=created,
             rig=rig,
-            shots=_read_impacts(root.need_group("impacts"), rig.sample_rate_hz),
+            impacts=_read_impacts(root.need_group("impacts"), rig.sample_rate_hz),
             pre=_read_points(calibration, "pre"),
             post=_read_points(calibration, "post"),
             operator=root.text("operator"),
@@ -243,8 +243,8 @@ def _read_points(calibration: Node | None, when: str) -> CalibrationPoints | Non
     )
 
 
-def _read_impacts(group: Node, rig_rate_hz: float) -> tuple[Shot, ...]:
-    shots: list[Shot] = []
+def _read_impacts(group: Node, rig_rate_hz: float) -> tuple[Impact, ...]:
+    impacts: list[Impact] = []
     for name in sorted((n for n in group.names() if n.isascii() and n.isdigit()), key=int):
         node = group.need_group(name)
         node.take()
@@ -254,5 +254,5 @@ def _read_impacts(group: Node, rig_rate_hz: float) -> tuple[Shot, ...]:
         rate_hz = node.number("sample_rate_hz", above=0.0)
         if math.isfinite(rig_rate_hz) and abs(rate_hz - rig_rate_hz) > RATE_TOLERANCE * rig_rate_hz:
             raise node.error(f": sample_rate_hz is {rate_hz:g} but /rig says {rig_rate_hz:g}")
-        shots.append(read_impact(node, number))
-    return tuple(shots)
+        impacts.append(read_impact(node, number))
+    return tuple(impacts)

@@ -146,7 +146,7 @@ class _Threshold:
         return None
 
 
-def record_shot(
+def record_impact(
     accelerometers: Accelerometers,
     impactor: Impactor,
     clock: Clock,

@@ -11,7 +11,7 @@ from daq.errors import RecordingError
 from daq.exchange.recording import Columns, Recording, make_recording
 from daq.exchange.units import is_no_acceleration
 from daq.limited import read_limited
-from daq.records import RigDescription, Session, Shot
+from daq.records import Impact, RigDescription, Session
 from daq.regular import read_head, read_regular
 
 LARGEST_FILE = 1_000_000_000
@@ -167,7 +167,7 @@ def as_session(recording: Recording, channels: Sequence[str | int] | None = None
         pretrigger = 0
     source = Path(recording.source)
     time = _modified(source)
-    shot = Shot(
+    impact = Impact(
         number=0,
         load_set=0,
         target_load_mn=math.nan,
@@ -189,7 +189,7 @@ def as_session(recording: Recording, channels: Sequence[str | int] | None = None
     return Session(
         created=time,
         rig=RigDescription(sample_rate_hz=recording.rate_hz, filter_family=""),
-        shots=(shot,),
+        impacts=(impact,),
         title=source.name,
         complete=True,
         source=recording.source,

@@ -66,7 +66,7 @@ def correct(session: Session, model: AdoptedModel, folders: Sequence[str] = ()) 
     with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
         before = fit(ring_downs([session], tester_rig(), header_uncertainty(session)))
         after = augmented(before, [Term(a.mechanism, a.values, a.place) for a in found])
-    sets = {shot.number: shot.load_set for shot in session.shots}
+    sets = {impact.number: impact.load_set for impact in session.impacts}
     of_group = {s.group: sets[s.order] for s in before.segments}
     pairs = zip(contact_at_rest(before), contact_at_rest(after), strict=True)
     rows = tuple(CorrectedLoad(of_group[g], plain, corrected) for g, (plain, corrected) in enumerate(pairs))

@@ -170,14 +170,14 @@ def _config_for(session: Session, config_path: Path | None, changes: Sequence[st
 
 
 def _as_recording(session: Session) -> Recording:
-    """Return the first accepted shot of a session without a known rig, with all channels it has."""
-    shots = [s for s in session.shots if s.accepted] or list(session.shots)
-    if not shots:
+    """Return the first accepted impact of a session without a known rig, with all channels it has."""
+    impacts = [s for s in session.impacts if s.accepted] or list(session.impacts)
+    if not impacts:
         raise RecordingError(f"{session.source}: holds no impacts")
-    shot = shots[0]
-    data = shot.acceleration if shot.channels is None else shot.channels
-    names = shot.channel_names if shot.channels is not None else ("A", "B")
-    return Recording(data, shot.sample_rate_hz, tuple(names), "m/s2", session.source)
+    impact = impacts[0]
+    data = impact.acceleration if impact.channels is None else impact.channels
+    names = impact.channel_names if impact.channels is not None else ("A", "B")
+    return Recording(data, impact.sample_rate_hz, tuple(names), "m/s2", session.source)
 
 
 def write_session_report(

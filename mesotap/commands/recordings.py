@@ -12,7 +12,7 @@ from rich.console import Console
 from daq.bounds import ANY, RATE
 from daq.errors import RecordingError
 from daq.exchange import Recording, as_session, import_recording
-from daq.records import Session, Shot
+from daq.records import Impact, Session
 from daq.session_file import read_session, write_session
 from mesotap.commands.outputs import refuse_to_overwrite, write_json
 from mesotap.operator.terminal import escape
@@ -69,17 +69,17 @@ def import_file(
     recording = believed(import_recording(file, rate_hz=rate))
     session = as_session(recording, _chosen(channels))
     write_session(target, session)
-    shot = session.shots[0]
+    impact = session.impacts[0]
     count, samples = recording.data.shape
     names = escape(", ".join(recording.names))
     console.print(
         f"{escape(target)}: {count} channels ({names}), {samples} samples at {recording.rate_hz:g} Hz; "
-        f"trigger at sample {shot.pretrigger}",
+        f"trigger at sample {impact.pretrigger}",
         highlight=False,
         soft_wrap=True,
     )
     unknown = [
-        f"{name} ({unit!r})" if unit else name for name, unit in _units_of_pair(recording, shot) if unit != "m/s2"
+        f"{name} ({unit!r})" if unit else name for name, unit in _units_of_pair(recording, impact) if unit != "m/s2"
     ]
     if unknown:
         console.print(
@@ -91,9 +91,9 @@ def import_file(
     write_json(json_path, _recording_info(recording, target))
 
 
-def _units_of_pair(recording: Recording, shot: Shot) -> list[tuple[str, str]]:
+def _units_of_pair(recording: Recording, impact: Impact) -> list[tuple[str, str]]:
     units = dict(zip(recording.names, recording.units or (recording.unit,) * len(recording.names), strict=True))
-    return [(name, units[name]) for name in shot.extra["channels_as_a_and_b"]]
+    return [(name, units[name]) for name in impact.extra["channels_as_a_and_b"]]
 
 
 def show_left_out(recording: Recording, console: Console) -> None:
@@ -127,7 +127,7 @@ def info(file: Path, json_path: Path | None, console: Console) -> None:
 
 
 def _session_info(session: Session, file: Path) -> dict[str, Any]:
-    accepted = sum(s.accepted for s in session.shots)
+    accepted = sum(s.accepted for s in session.impacts)
     rig = session.rig
     return {
         "file": str(file),
@@ -138,7 +138,7 @@ def _session_info(session: Session, file: Path) -> dict[str, Any]:
         "title": session.title,
         "software": session.software,
         "complete": session.complete,
-        "impacts": len(session.shots),
+        "impacts": len(session.impacts),
         "accepted": accepted,
         "loads_mn": [
             "unknown" if math.isnan(load) else round(load, 3)
@@ -152,7 +152,7 @@ def _session_info(session: Session, file: Path) -> dict[str, Any]:
 
 
 def _target(session: Session, load_set: int) -> float:
-    return next(s.target_load_mn for s in session.shots if s.load_set == load_set)
+    return next(s.target_load_mn for s in session.impacts if s.load_set == load_set)
 
 
 def _recording_info(recording: Recording, file: Path) -> dict[str, Any]:

@@ -34,10 +34,10 @@ def recover_folder(folder: Path, output: Path | None, json_path: Path | None, co
     session = read_session(target)  # what was written can be read, or this is the place to say so
     for line in found.losses:
         console.print(f"- {escape(line)}", highlight=False, soft_wrap=True)
-    accepted = sum(shot.accepted for shot in session.shots)
+    accepted = sum(impact.accepted for impact in session.impacts)
     state = "complete" if session.complete else "not complete, as far as can be proven"
     console.print(
-        f"{escape(str(target))}: {len(session.shots)} impacts, {accepted} of them accepted; {state}; "
+        f"{escape(str(target))}: {len(session.impacts)} impacts, {accepted} of them accepted; {state}; "
         f"{len(found.losses) or 'no'} {'thing was' if len(found.losses) == 1 else 'things were'} amiss",
         highlight=False,
         soft_wrap=True,
@@ -49,7 +49,7 @@ def recover_folder(folder: Path, output: Path | None, json_path: Path | None, co
             "version": 1,
             "source": str(folder),
             "file": str(target),
-            "shots": [shot.number for shot in session.shots],
+            "shots": [impact.number for impact in session.impacts],
             "accepted": accepted,
             "complete": session.complete,
             "losses": list(found.losses),

@@ -20,7 +20,7 @@ from daq.errors import RecordingError
 from daq.journal import HEADER, SessionFolder
 from daq.records import Session
 from daq.session_file import read_session, write_session
-from daq.trigger import record_shot
+from daq.trigger import record_impact
 from mesotap import __version__
 from mesotap.answers.results_files import results_json
 from mesotap.commands.answers import analysed, show_session
@@ -36,10 +36,10 @@ from mesotap.session.emulated_devices import SeparateRig, refuse_foreign_devices
 from mesotap.session.entries import progress_in
 from mesotap.session.guardian_link import guardian_for
 from mesotap.session.header import FOLDER_FORMAT, FOLDER_VERSION, header_fault, kept_config, note_version, read_header
+from mesotap.session.impacts import judged_impact
 from mesotap.session.progress import HARDWARE, assemble, describe_rig
 from mesotap.session.runner import Bench, SessionRunner
 from mesotap.session.session_log import Logged, session_log
-from mesotap.session.shots import judged_shot
 from mesotap.session.states import State
 from rig import GaugeScale, Rig
 from rig.drivers.wire_record import WireFile
@@ -155,7 +155,7 @@ def _carry_out(
         finally:
             _note_hardware(folder, runner, hardware)
     file = folder.path / SESSION_FILE
-    session = assemble(header, config, runner.progress, folder.shots())
+    session = assemble(header, config, runner.progress, folder.impacts())
     write_session(file, session)
     runner.finish()
     if isinstance(rig, SeparateRig):
@@ -217,8 +217,8 @@ def partial(path: Path) -> tuple[Session, Config, list[dict[str, Any]]]:
     with SessionFolder.open(path) as folder:
         config = kept_config(read_header(folder).config, str(path / HEADER)).config
         progress = progress_in(folder, len(config.mesotap.load_plan_mn))
-        session = assemble(folder.header, config, progress, folder.shots())
-        if not session.shots:
+        session = assemble(folder.header, config, progress, folder.impacts())
+        if not session.impacts:
             raise RecordingError(f"{path}: holds no impacts yet")
         return replace(session, source=str(path)), config, progress.truths
 
@@ -287,14 +287,14 @@ def simulate_one(
         interlock.set_load(load_mn, config.mesotap.load_tolerance_mn)
         interlock.lock()
         before = interlock.read_load()
-        record = record_shot(rig.accelerometers, rig.impactor, rig.clock, config.daq.trigger, before[0])
-        shot = judged_shot(record, before, interlock.read_load(), (0, 0, load_mn), config, rig.accelerometers)
+        record = record_impact(rig.accelerometers, rig.impactor, rig.clock, config.daq.trigger, before[0])
+        impact = judged_impact(record, before, interlock.read_load(), (0, 0, load_mn), config, rig.accelerometers)
         truth = truth_now(rig)
     rig.close()
     session = Session(
         created=record.time,
         rig=describe_rig(config.rig),
-        shots=(shot,),
+        impacts=(impact,),
         operator=config.mesotap.operator,
         specimen=config.mesotap.specimen,
         title="one simulated ring-down",
@@ -305,6 +305,6 @@ def simulate_one(
     write_session(output, session)
     for line in lines:
         console.print(line, highlight=False)
-    said = shot.reject_reason or "accepted"
+    said = impact.reject_reason or "accepted"
     console.print(f"{escape(output)}: one tap at {before[0]:.1f} mN, {escape(said)}", highlight=False, soft_wrap=True)
     write_json(json_path, {"format": "mesotap-truth", "version": 1, "file": str(output), "truth": truth})

@@ -153,7 +153,7 @@ def paper_figures(output: Path, seed: int, json: Path | None, console: Console) 
     console.print("simulating a session on flats and one on a sphere", highlight=False)
     session, on_flats = _simulated_session(_settings(flat), seed, console)
     _, on_sphere = _simulated_session(_settings(sphere), seed, console)
-    shot = max((s for s in session.shots if s.accepted), key=lambda s: s.target_load_mn)
+    impact = max((s for s in session.impacts if s.accepted), key=lambda s: s.target_load_mn)
     quoted = quoted_numbers()
     drawn = [
         (
@@ -168,7 +168,7 @@ def paper_figures(output: Path, seed: int, json: Path | None, console: Console) 
             "Calibration of the strain gauge before and after a simulated session.",
             figures.calibration_figure(session, on_flats),
         ),
-        ("fig6a", "Figure 6 (a)", "Acceleration after a tap, simulated.", figures.record_figure(shot)),
+        ("fig6a", "Figure 6 (a)", "Acceleration after a tap, simulated.", figures.record_figure(impact)),
         (
             "fig6b",
             "Figure 6 (b)",

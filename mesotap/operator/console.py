@@ -17,7 +17,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from daq.records import Shot
+from daq.records import Impact
 from mesotap.operator.terminal import escape
 from mesotap.session.states import State
 from rig import Operator, RigError, SessionAborted
@@ -63,14 +63,16 @@ class SessionDisplay:
                 self._console.print(f"{state.value} ...", highlight=False)
         self._progress.update(self._task, description=f"{state.value}: {escape(text)}")
 
-    def shot(self, shot: Shot, accepted: int, wanted: int) -> None:
+    def impact(self, impact: Impact, accepted: int, wanted: int) -> None:
         """Show the verdict on one tap."""
-        where = f"load {shot.target_load_mn:.0f} mN"
-        if shot.accepted:
+        where = f"load {impact.target_load_mn:.0f} mN"
+        if impact.accepted:
             self._progress.advance(self._task)
             self._progress.update(self._task, description=f"{where}: tap {accepted} of {wanted}")
         else:
-            self._console.print(f"{where}: tap {shot.number} not used: {escape(shot.reject_reason)}", highlight=False)
+            self._console.print(
+                f"{where}: tap {impact.number} not used: {escape(impact.reject_reason)}", highlight=False
+            )
 
     def __enter__(self) -> SessionDisplay:
         self._progress.start()

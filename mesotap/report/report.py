@@ -22,7 +22,7 @@ from analysis.settings import FlatContact, SphereContact
 from calibration.estimate import LEVEL
 from daq.durable import write_error, write_whole
 from daq.errors import UnwrittenError
-from daq.records import Session, Shot
+from daq.records import Impact, Session
 from mesotap.answers.comparison import count_inside, recovered_against, spectral_check, theory_ratios
 from mesotap.answers.explanations import SHOWN, chance, explain, known
 from mesotap.answers.results_files import impacts_csv, json_text, loads_csv, modes_json, results_json
@@ -137,7 +137,7 @@ def write_report(
         simulated=truth is not None or SIMULATED in session.software,
         summary=summary(results, theory, ratios),
         plates={n: Plate(Markup(figures.inline_svg(drawn[n], n, _label(n, drift)))) for n in drawn},
-        typical=_typical_shot(session),
+        typical=_typical_impact(session),
         spectra=figures.shown_spectra(results),
         amplitudes=figures.shown_amplitudes(results),
         checked=[c for load in results.loads if (c := spectral_check(load)) is not None],
@@ -148,7 +148,7 @@ def write_report(
         correction=correction,
         explanations_shown=SHOWN,
         taps=_taps(results),
-        rejected=[(i, _shot(session, i)) for i in results.impacts if not i.accepted],
+        rejected=[(i, _impact(session, i)) for i in results.impacts if not i.accepted],
         recovered=recovered,
         inside=count_inside(recovered),
         truth_missing=truth is not None and not recovered,
@@ -331,8 +331,8 @@ def _session_figures(session: Session, results: SessionResults, theory: Sequence
     drawn: dict[str, Figure] = {}
     if session.pre is not None or session.post is not None:
         drawn["calibration"] = figures.calibration_figure(session, results)
-    if (shot := _typical_shot(session)) is not None:
-        drawn["record"] = figures.record_figure(shot)
+    if (impact := _typical_impact(session)) is not None:
+        drawn["record"] = figures.record_figure(impact)
     if figures.shown_spectra(results):
         drawn["spectra"] = figures.spectra_figure(results)
     if any(load.contact_stiffness_n_per_m is not None for load in results.loads):
@@ -346,10 +346,10 @@ def _session_figures(session: Session, results: SessionResults, theory: Sequence
     return drawn
 
 
-def _typical_shot(session: Session) -> Shot | None:
+def _typical_impact(session: Session) -> Impact | None:
     """Pick the accepted tap of the middle load with the median peak; a rejected one if there is no other."""
-    shots = [s for s in session.shots if s.acceleration.shape[0] >= 2 and s.acceleration.shape[1] > 1]
-    candidates = [s for s in shots if s.accepted] or shots
+    impacts = [s for s in session.impacts if s.acceleration.shape[0] >= 2 and s.acceleration.shape[1] > 1]
+    candidates = [s for s in impacts if s.accepted] or impacts
     if not candidates:
         return None
     load_sets = sorted({s.load_set for s in candidates})
@@ -358,8 +358,8 @@ def _typical_shot(session: Session) -> Shot | None:
     return middle[len(middle) // 2]
 
 
-def _shot(session: Session, result: ImpactResult) -> Shot | None:
-    return next((s for s in session.shots if s.name == result.name), None)
+def _impact(session: Session, result: ImpactResult) -> Impact | None:
+    return next((s for s in session.impacts if s.name == result.name), None)
 
 
 def _footnotes(loads: Sequence[LoadResult]) -> list[list[str]]:

@@ -16,7 +16,7 @@ from daq.errors import RecordingError, one_line
 from daq.impact_group import check_time
 from daq.journal import JOURNAL, SessionFolder
 from daq.journal_file import mend
-from mesotap.session.progress import HARDWARE, NO_TAP, SAFE, SHOT, STARTED, VERSION, Progress
+from mesotap.session.progress import HARDWARE, IMPACT, NO_TAP, SAFE, STARTED, VERSION, Progress
 from mesotap.session.states import Event, State
 
 FARTHEST_UM = 1e9
@@ -67,7 +67,7 @@ class _Loaded(Entry):
     truth: dict[str, Number] | None = None
 
 
-class _Shot(Entry):
+class _Impact(Entry):
     number: Whole
     load_set: Whole
     accepted: bool
@@ -102,7 +102,7 @@ KINDS: dict[str, type[Entry]] = {
     Event.CALIBRATED.value: _Calibrated,
     Event.CONTACT.value: _Contact,
     Event.LOADED.value: _Loaded,
-    SHOT: _Shot,
+    IMPACT: _Impact,
     NO_TAP: _NoTap,
     SAFE: _Safe,
     STARTED: Entry,
@@ -135,15 +135,15 @@ def fault_of(entry: dict[str, Any]) -> str:
 def walk(entries: list[dict[str, Any]]) -> Iterator[tuple[Progress, str]]:
     """Yield where each entry leaves the session, and what is wrong with it; an entry with a fault is passed over."""
     progress = Progress()
-    last_shot = -1
+    last_impact = -1
     for entry in entries:
         fault = fault_of(entry)
-        if not fault and entry["event"] == SHOT:
+        if not fault and entry["event"] == IMPACT:
             number = entry["number"]
-            if number <= last_shot:
-                fault = f"entry 'shot': number is {number}, after {last_shot}"
+            if number <= last_impact:
+                fault = f"entry 'shot': number is {number}, after {last_impact}"
             else:
-                last_shot = number
+                last_impact = number
         if not fault:
             try:
                 progress.apply(entry)
@@ -165,7 +165,7 @@ def progress_in(folder: SessionFolder, loads: int) -> Progress:
     Raises
     ------
     RecordingError
-        An entry is damaged, cannot follow the one before it, or names a load or a shot that is not there.
+        An entry is damaged, cannot follow the one before it, or names a load or an impact that is not there.
     """
     progress = Progress()
     where = folder.path / JOURNAL
@@ -174,10 +174,10 @@ def progress_in(folder: SessionFolder, loads: int) -> Progress:
             fault = f"the load plan has {loads} loads, but this begins another"
         if fault:
             raise RecordingError(f"{where}: line {line}: {fault}; {mend(folder.path)}")
-    noted = {entry["number"] for entry in folder.events() if entry["event"] == SHOT}
-    there = set(folder.shot_numbers())
+    noted = {entry["number"] for entry in folder.events() if entry["event"] == IMPACT}
+    there = set(folder.impact_numbers())
     unlisted = there - noted
-    # a kill leaves at most the last shot without its entry
+    # a kill leaves at most the last impact without its entry
     if len(unlisted) > 1 or (unlisted and not progress.was_loaded) or any(n < max(noted) for n in unlisted if noted):
         raise RecordingError(
             f"{where}: does not list impact {min(unlisted):05d}, which is there: entries were lost; {mend(folder.path)}"

@@ -19,7 +19,7 @@ from mesotap.session.progress import VERSION
 
 FOLDER_FORMAT = "mesotap-folder"
 FOLDER_VERSION = 1
-"""Of header, journal and shot files together; raised when an older program would misread them."""
+"""Of header, journal and impact files together; raised when an older program would misread them."""
 
 SOFTWARE = f"mesotap {__version__}"
 LONGEST_SHOWN = 60

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from daq.records import CalibrationPoints, RigDescription, Session, Shot
+from daq.records import CalibrationPoints, Impact, RigDescription, Session
 from mesotap import __version__
 from mesotap.configuration.config import Config
 from mesotap.session.states import Event, State, follow
@@ -17,7 +17,7 @@ from rig.hardware_log import Repetition, added
 from rig.settings import RigSettings
 
 SAFE = "safe"  # journal event: the surfaces were taken apart before the plan was done
-SHOT = "shot"
+IMPACT = "shot"
 NO_TAP = "no tap"  # nothing was felt in time
 STARTED = "started"
 HARDWARE = "hardware"  # what had to be repeated in one run of the program
@@ -88,7 +88,7 @@ class Progress:
         if name == HARDWARE:
             told = tuple(Repetition(**{k: r[k] for k in REPETITION}) for r in entry["repeated"])
             self.hardware = added(self.hardware or (), told)
-        if name == SHOT or name in NOTES:
+        if name == IMPACT or name in NOTES:
             return
         event = Event(name)
         if event is Event.CALIBRATED:
@@ -145,9 +145,9 @@ def describe_rig(settings: RigSettings) -> RigDescription:
     )
 
 
-def assemble(header: dict[str, Any], config: Config, progress: Progress, shots: Iterable[Shot]) -> Session:
+def assemble(header: dict[str, Any], config: Config, progress: Progress, impacts: Iterable[Impact]) -> Session:
     """Make the session from what is on disk; complete if the plan was carried out to its end."""
-    recorded = tuple(shots)
+    recorded = tuple(impacts)
     rig = describe_rig(config.rig)
     if recorded:
         # what the recorder's clock really gave: 25.6 kHz where 25 was asked of an NI 9234
@@ -155,7 +155,7 @@ def assemble(header: dict[str, Any], config: Config, progress: Progress, shots: 
     return Session(
         created=str(header["created"]),
         rig=rig,
-        shots=recorded,
+        impacts=recorded,
         pre=progress.pre,
         post=progress.post,
         operator=config.mesotap.operator,

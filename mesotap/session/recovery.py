@@ -1,6 +1,6 @@
 """What can be saved of a session folder that is damaged, and line by line what cannot.
 
-The folder is only read: shots are read from copies, and nothing in it is locked, cut, removed or written.
+The folder is only read: impacts are read from copies, and nothing in it is locked, cut, removed or written.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ import numpy as np
 from daq.durable import PART, cause_of, read_plain
 from daq.errors import RecordingError, one_line
 from daq.impact_group import check_time, digest_of
-from daq.journal import HEADER, JOURNAL, SHOTS, any_shot_in
+from daq.journal import HEADER, IMPACTS, JOURNAL, any_impact_in
 from daq.journal_file import LARGEST_TEXT
 from daq.json_text import GivenTwice, parsed_once
 from daq.limited import LimitedReader
 from daq.limits import folder_room
-from daq.records import CalibrationPoints, RigDescription, Session, Shot
+from daq.records import CalibrationPoints, Impact, RigDescription, Session
 from daq.session_file import RATE_TOLERANCE, read_session
 from daq.texts import LONGEST_TEXT, is_storable
 from mesotap import __version__
@@ -34,12 +34,12 @@ from mesotap.configuration.config import Config, ConfigError
 from mesotap.configuration.yaml_text import NOT_YAML, parsed
 from mesotap.session.entries import fault_of, walk
 from mesotap.session.header import header_fault, kept_config, physical_part
-from mesotap.session.progress import SHOT, Progress, describe_rig
+from mesotap.session.progress import IMPACT, Progress, describe_rig
 from mesotap.session.states import Event, State
 
 SESSION_FILE = "session.h5"
-LARGEST_SHOT = 256 * 2**20
-"""Bytes of a shot file beyond which it is none: one of 2500 samples takes a two-thousandth."""
+LARGEST_IMPACT = 256 * 2**20
+"""Bytes of an impact file beyond which it is none: one of 2500 samples takes a two-thousandth."""
 
 
 NAMES = ("operator", "specimen", "title")
@@ -66,7 +66,7 @@ class Recovered:
 
 
 def recover(folder: Path) -> Recovered:
-    """Return a session of whatever shots in ``folder`` are whole.
+    """Return a session of whatever impacts in ``folder`` are whole.
 
     Raises
     ------
@@ -78,23 +78,23 @@ def recover(folder: Path) -> Recovered:
     losses = Losses()
     header = _header(folder, losses)
     entries, progress = _entries(folder, losses)
-    noted = {e["number"]: e for e in entries if e["event"] == SHOT}
-    shots = _shots(folder, noted, losses)
-    if not shots:
+    noted = {e["number"]: e for e in entries if e["event"] == IMPACT}
+    impacts = _impacts(folder, noted, losses)
+    if not impacts:
         raise RecordingError(f"{folder}: holds no intact impact to make a session of{_finished(folder)}")
-    for number in sorted(set(noted) - {shot.number for shot in shots}):
+    for number in sorted(set(noted) - {impact.number for impact in impacts}):
         losses.note(f"impact {number:05d}", "is lost: the journal lists it, but there is no whole file of it")
-    before, after = _calibrations(entries, shots)
+    before, after = _calibrations(entries, impacts)
     if before is None:
         losses.note("calibration", "none from before the test is left")
     config, text = _config(folder, header, losses)
-    rig = _rig(config, shots, losses)
+    rig = _rig(config, impacts, losses)
     names = {name: _kept(said, name, LONGEST_TEXT, losses) for name, said in _names(text).items()}
     at_its_end = progress is not None and progress.state in (State.FILE, State.DONE)
     session = Session(
-        created=_created(header, shots),
+        created=_created(header, impacts),
         rig=rig,
-        shots=tuple(shots),
+        impacts=tuple(impacts),
         pre=before,
         post=after,
         operator=names["operator"],
@@ -193,22 +193,22 @@ def _kept(text: str, what: str, most: float, losses: Losses) -> str:
     return text
 
 
-def _rig(config: Config | None, shots: list[Shot], losses: Losses) -> RigDescription:
-    """Return the rig as configured, at the rate that the shots were sampled with; NaN where they differ."""
+def _rig(config: Config | None, impacts: list[Impact], losses: Losses) -> RigDescription:
+    """Return the rig as configured, at the rate that the impacts were sampled with; NaN where they differ."""
     rig = RigDescription(filter_family="") if config is None else describe_rig(config.rig)
-    rates = [shot.sample_rate_hz for shot in shots]
+    rates = [impact.sample_rate_hz for impact in impacts]
     if max(rates) - min(rates) > RATE_TOLERANCE * min(rates):
         losses.note("shots", f"were sampled at different rates, {min(rates):g} to {max(rates):g} Hz")
         return replace(rig, sample_rate_hz=math.nan)
     return replace(rig, sample_rate_hz=rates[0])
 
 
-def _created(header: dict[str, Any], shots: list[Shot]) -> str:
+def _created(header: dict[str, Any], impacts: list[Impact]) -> str:
     created = header.get("created")
     with contextlib.suppress(RecordingError):  # told with the header
         if isinstance(created, str) and check_time(created, "created"):
             return created
-    return min((shot.time for shot in shots if shot.time), default="")
+    return min((impact.time for impact in impacts if impact.time), default="")
 
 
 def _software(header: dict[str, Any]) -> str:
@@ -261,19 +261,19 @@ def _entries(folder: Path, losses: Losses) -> tuple[list[dict[str, Any]], Progre
 
 
 def _calibrations(
-    entries: list[dict[str, Any]], shots: list[Shot]
+    entries: list[dict[str, Any]], impacts: list[Impact]
 ) -> tuple[CalibrationPoints | None, CalibrationPoints | None]:
     """Return the calibrations before and after the taps: by their dates, and where there are none by their order."""
     before = after = None
     tapped = False
     for entry in entries:
-        tapped = tapped or entry["event"] in (SHOT, Event.CONTACT.value, Event.LOADED.value, Event.APART.value)
+        tapped = tapped or entry["event"] in (IMPACT, Event.CONTACT.value, Event.LOADED.value, Event.APART.value)
         if entry["event"] != Event.CALIBRATED.value:
             continue
         points = CalibrationPoints(
             np.array(entry["load_mn"], np.float64), np.array(entry["voltage_mv"], np.float64), entry["time"]
         )
-        if tapped or _later(entry["time"], [shot.time for shot in shots]):
+        if tapped or _later(entry["time"], [impact.time for impact in impacts]):
             after = points
         else:
             before = points
@@ -288,43 +288,43 @@ def _later(time: str, taps: list[str]) -> bool:
         return False
 
 
-# --- shots ----------------------------------------------------------------------------------------------------
+# --- impacts ----------------------------------------------------------------------------------------------------
 
 
-def _shots(folder: Path, noted: dict[int, dict[str, Any]], losses: Losses) -> list[Shot]:
+def _impacts(folder: Path, noted: dict[int, dict[str, Any]], losses: Losses) -> list[Impact]:
     """Return the intact impacts in order of their numbers."""
-    place = folder / SHOTS
+    place = folder / IMPACTS
     if place.is_symlink():
-        losses.note(SHOTS, "is lost: it is a link to another place, which is not followed")
+        losses.note(IMPACTS, "is lost: it is a link to another place, which is not followed")
         return []
     try:
         files = sorted(entry for entry in place.iterdir())
     except OSError as error:
-        losses.note(SHOTS, "is missing" if isinstance(error, FileNotFoundError) else f"is lost: {cause_of(error)}")
+        losses.note(IMPACTS, "is missing" if isinstance(error, FileNotFoundError) else f"is lost: {cause_of(error)}")
         return []
-    found: dict[int, tuple[Shot, str]] = {}
+    found: dict[int, tuple[Impact, str]] = {}
     room = folder_room(sum(file.lstat().st_size for file in files if _is_plain(file)))
     with tempfile.TemporaryDirectory(prefix="mesotap-recover-") as scratch, LimitedReader() as reader:
         # files under their own names first: a renamed one is the copy
         for file in sorted(files, key=lambda f: (not _own_name(f), f.name)):
-            where = f"{SHOTS}/{file.name}"
+            where = f"{IMPACTS}/{file.name}"
             try:
-                shot = _shot_in(file, Path(scratch) / "shot.h5", reader)
+                impact = _impact_in(file, Path(scratch) / "shot.h5", reader)
             except (RecordingError, OSError) as error:
                 cause = cause_of(error) if isinstance(error, OSError) else error
                 losses.note(where, f"is lost: {cause}".removesuffix(": "))
                 continue
-            if _samples_size(shot) > room:
+            if _samples_size(impact) > room:
                 losses.note(where, "is lost: the impacts claim more samples than a folder of this size holds")
                 continue
-            room -= _samples_size(shot)
-            _take(shot, file, noted, found, losses)
-    shots = [found[number][0] for number in sorted(found)]
+            room -= _samples_size(impact)
+            _take(impact, file, noted, found, losses)
+    impacts = [found[number][0] for number in sorted(found)]
     if noted:
-        for shot in shots:
-            if shot.number not in noted:
-                losses.note(f"impact {shot.number:05d}", "is not in the journal; kept, with what its file says")
-    return shots
+        for impact in impacts:
+            if impact.number not in noted:
+                losses.note(f"impact {impact.number:05d}", "is not in the journal; kept, with what its file says")
+    return impacts
 
 
 def _own_name(file: Path) -> bool:
@@ -338,55 +338,55 @@ def _is_plain(file: Path) -> bool:
         return False
 
 
-def _samples_size(shot: Shot) -> int:
-    """Bytes of a shot's arrays."""
-    return sum(a.nbytes for a in (shot.acceleration, shot.strain_mv, shot.channels) if a is not None)
+def _samples_size(impact: Impact) -> int:
+    """Bytes of an impact's arrays."""
+    return sum(a.nbytes for a in (impact.acceleration, impact.strain_mv, impact.channels) if a is not None)
 
 
-def _shot_in(file: Path, copy: Path, reader: LimitedReader) -> Shot:
-    """Return the shot in a file, of which another process reads a copy."""
-    copy.write_bytes(read_plain(file, LARGEST_SHOT))
+def _impact_in(file: Path, copy: Path, reader: LimitedReader) -> Impact:
+    """Return the impact in a file, of which another process reads a copy."""
+    copy.write_bytes(read_plain(file, LARGEST_IMPACT))
     try:
-        return reader.read(any_shot_in, copy, kinds=(Shot,))
+        return reader.read(any_impact_in, copy, kinds=(Impact,))
     except RecordingError as error:
         raise RecordingError(str(error).removeprefix(f"{copy}: ")) from error
 
 
 def _take(
-    shot: Shot,
+    impact: Impact,
     file: Path,
     noted: dict[int, dict[str, Any]],
-    found: dict[int, tuple[Shot, str]],
+    found: dict[int, tuple[Impact, str]],
     losses: Losses,
 ) -> None:
     """Add an intact impact to those found, unless it is a copy or another impact than the journal lists."""
-    where, digest = f"{SHOTS}/{file.name}", digest_of(shot)
-    entry = noted.get(shot.number, {})
+    where, digest = f"{IMPACTS}/{file.name}", digest_of(impact)
+    entry = noted.get(impact.number, {})
     if entry.get("digest") not in (None, "", digest):
         if all(digest != other.get("digest") for other in noted.values()):
             losses.note(
-                where, f"is left out: it is not the impact {shot.name} that the journal lists (its digest differs)"
+                where, f"is left out: it is not the impact {impact.name} that the journal lists (its digest differs)"
             )
             return
         losses.note(where, "has another number in the journal; kept, with what its file says")
-    if shot.number in found:
-        same = found[shot.number][1] == digest
-        losses.note(where, f"is left out: it {'is a copy of' if same else 'has the number of'} impact {shot.name}")
+    if impact.number in found:
+        same = found[impact.number][1] == digest
+        losses.note(where, f"is left out: it {'is a copy of' if same else 'has the number of'} impact {impact.name}")
         return
-    if file.name != f"{shot.name}.h5":
-        unnamed = "was whole, but not yet named" if file.name == f"{shot.name}.h5{PART}" else "is under another name"
-        losses.note(where, f"{unnamed}: it is impact {shot.name}")
+    if file.name != f"{impact.name}.h5":
+        unnamed = "was whole, but not yet named" if file.name == f"{impact.name}.h5{PART}" else "is under another name"
+        losses.note(where, f"{unnamed}: it is impact {impact.name}")
     for key in ("load_set", "accepted", "reject_reason"):
-        if key in entry and entry[key] != getattr(shot, key):
+        if key in entry and entry[key] != getattr(impact, key):
             losses.note(
-                f"impact {shot.name}", f"{key} is {getattr(shot, key)!r} in its file, {entry[key]!r} in the journal"
+                f"impact {impact.name}", f"{key} is {getattr(impact, key)!r} in its file, {entry[key]!r} in the journal"
             )
-    found[shot.number] = (shot, digest)
+    found[impact.number] = (impact, digest)
 
 
 def _finished(folder: Path) -> str:
     try:
-        count = len(read_session(folder / SESSION_FILE).shots)
+        count = len(read_session(folder / SESSION_FILE).impacts)
     except RecordingError:
         return ""
     return f"; the finished {SESSION_FILE} in it is sound and holds {count}: use that"

@@ -15,12 +15,12 @@ from calibration.line import fit_line
 from calibration.routine import calibrate, check_points
 from daq.errors import RecordingError, UnwrittenError
 from daq.journal import SessionFolder
-from daq.records import CalibrationPoints, Shot
-from daq.trigger import NoTap, record_shot
+from daq.records import CalibrationPoints, Impact
+from daq.trigger import NoTap, record_impact
 from mesotap.configuration.config import Config
 from mesotap.session.guardian import Guardian
-from mesotap.session.progress import NO_TAP, NOTES, SAFE, SHOT, STARTED, Progress, progress_of
-from mesotap.session.shots import judged_shot, shot_entry
+from mesotap.session.impacts import impact_entry, judged_impact
+from mesotap.session.progress import IMPACT, NO_TAP, NOTES, SAFE, STARTED, Progress, progress_of
 from mesotap.session.states import Event, State
 from rig import GaugeScale, Operator, Rig, RigError
 from rig.attention import Attention
@@ -54,7 +54,7 @@ class Observer(Protocol):
     def progress(self, state: State, text: str) -> None:
         """Something went on within a state."""
 
-    def shot(self, shot: Shot, accepted: int, wanted: int) -> None:
+    def impact(self, impact: Impact, accepted: int, wanted: int) -> None:
         """A tap was recorded and judged."""
 
 
@@ -261,27 +261,27 @@ class SessionRunner:
         self._done(Event.LOAD_MOVED if moved else Event.SETTLED)
 
     def _tap(self) -> None:
-        shots = [e for e in self._events_of_this_load() if e["event"] == SHOT]
-        accepted = sum(bool(e["accepted"]) for e in shots)
+        impacts = [e for e in self._events_of_this_load() if e["event"] == IMPACT]
+        accepted = sum(bool(e["accepted"]) for e in impacts)
         wanted = self._config.mesotap.impacts_per_load
         if accepted >= wanted:
             last = self.progress.load_set + 1 >= len(self._config.mesotap.load_plan_mn)
             self._done(Event.PLAN_DONE if last else Event.LOAD_DONE)
             return
-        tries = self._tries_since_start(shots)
+        tries = self._tries_since_start(impacts)
         if tries >= self._config.mesotap.tries_per_load:
             raise RigError(
                 f"load {self._target():.0f} mN: {tries} taps gave {accepted} good ones of {wanted}; "
-                f"the last was not used: {shots[-1]['reject_reason'] or 'accepted'}; change the tap, then resume"
+                f"the last was not used: {impacts[-1]['reject_reason'] or 'accepted'}; change the tap, then resume"
             )
         before = self._interlock.read_load()
         if abs(before[0] - self._target()) > 2 * self._largest_change(self._target()):
             self._refuse_a_creeping_load(before[0])
             self._done(Event.LOAD_MOVED)
             return
-        shot = self._record(before, self._what_was_wrong())
-        if shot is not None:
-            self._bench.observer.shot(shot, accepted + shot.accepted, wanted)
+        impact = self._record(before, self._what_was_wrong())
+        if impact is not None:
+            self._bench.observer.impact(impact, accepted + impact.accepted, wanted)
 
     def _refuse_a_creeping_load(self, load_mn: float) -> None:
         """Give up on a load that has to be set anew time and again."""
@@ -292,11 +292,11 @@ class SessionRunner:
                 "check the clamp, the specimen, and the amplifier's filter (settling_s)"
             )
 
-    def _record(self, before: tuple[float, float], hint: str) -> Shot | None:
+    def _record(self, before: tuple[float, float], hint: str) -> Impact | None:
         """Have one tap made, judge it, and put it on the disk; None if none came."""
         self._watch.taps = True
         try:
-            record = record_shot(
+            record = record_impact(
                 self._rig.accelerometers,
                 self._rig.impactor,
                 self._rig.clock,
@@ -314,11 +314,13 @@ class SessionRunner:
         finally:
             self._watch.taps = False
         place = (self._next_number(), self.progress.load_set, self._target())
-        shot = judged_shot(record, before, self._interlock.read_load(), place, self._config, self._rig.accelerometers)
+        impact = judged_impact(
+            record, before, self._interlock.read_load(), place, self._config, self._rig.accelerometers
+        )
         checkpoint = self._rig.checkpoint()
-        self._folder.write_shot(shot, checkpoint)
-        self._note(SHOT, checkpoint, **shot_entry(shot))
-        return shot
+        self._folder.write_impact(impact, checkpoint)
+        self._note(IMPACT, checkpoint, **impact_entry(impact))
+        return impact
 
     def _retract(self) -> None:
         self._take_apart(State.RETRACT)
@@ -344,26 +346,26 @@ class SessionRunner:
         self._watch.restart()
 
     def _reconcile(self) -> None:
-        """Journal a shot that reached the disk just before the program was killed."""
+        """Journal an impact that reached the disk just before the program was killed."""
         events = self._folder.events()
-        known = {e["number"] for e in events if e["event"] == SHOT}
-        there = set(self._folder.shot_numbers())
+        known = {e["number"] for e in events if e["event"] == IMPACT}
+        there = set(self._folder.impact_numbers())
         if known - there:
             raise RecordingError(
                 f"{self._folder.path}: the journal lists impact {min(known - there):05d}, but its file is gone; "
                 "put it back before anything is written"
             )
         for number in sorted(there - known):
-            shot, checkpoint = self._folder.read_shot(number)
-            entry = {"event": SHOT, "at": shot.time, **shot_entry(shot)}
-            # a rig that was brought into its safe state since then is no longer where the shot left it
+            impact, checkpoint = self._folder.read_impact(number)
+            entry = {"event": IMPACT, "at": impact.time, **impact_entry(impact)}
+            # a rig that was brought into its safe state since then is no longer where the impact left it
             later = next((e["event"] for e in reversed(events) if e["event"] not in NOTES), "") == SAFE
             self._folder.append(entry if later else {**entry, "rig": checkpoint})
         if progress_of(events).state is not State.DONE:
             self._folder.append({"event": STARTED})
 
     def _next_number(self) -> int:
-        numbers = self._folder.shot_numbers()
+        numbers = self._folder.impact_numbers()
         return numbers[-1] + 1 if numbers else 0
 
     def _events_of_this_load(self) -> list[dict[str, Any]]:
@@ -374,7 +376,7 @@ class SessionRunner:
 
     def _what_was_wrong(self) -> str:
         """Why the last tap at this load was not used; empty if it was."""
-        taps = [e for e in self._events_of_this_load() if e["event"] in (SHOT, NO_TAP)]
+        taps = [e for e in self._events_of_this_load() if e["event"] in (IMPACT, NO_TAP)]
         if not taps:
             return ""
         return str(taps[-1]["reason"] if taps[-1]["event"] == NO_TAP else taps[-1]["reject_reason"])
@@ -388,9 +390,9 @@ class SessionRunner:
             missed += 1
         return missed
 
-    def _tries_since_start(self, shots: list[dict[str, Any]]) -> int:
+    def _tries_since_start(self, impacts: list[dict[str, Any]]) -> int:
         """Taps at this load since the program was started last: who resumes may try again."""
-        return len(self._since_start(shots))
+        return len(self._since_start(impacts))
 
     def _since_start(self, entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
         """Those of the entries that were written since the program was started last."""

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq.trigger import NoTap, record_shot
+from daq.trigger import NoTap, record_impact
 from mesotap.configuration.config import Config
-from mesotap.session.shots import judged_shot
+from mesotap.session.impacts import judged_impact
 from rig import GaugeScale, Rig, RigError, SessionAborted
 from rig.attention import Attention, Hold
 from rig.interface import Waiting, nothing
@@ -211,7 +211,7 @@ def _tap(rig: Rig, interlock: Interlock, attention: Attention, config: Config) -
         attention.watch.taps = True
         try:
             trigger = config.daq.trigger
-            record = record_shot(
+            record = record_impact(
                 rig.accelerometers, rig.impactor, rig.clock, trigger, before[0], reason, attention.idle
             )
         except NoTap as missed:
@@ -220,9 +220,9 @@ def _tap(rig: Rig, interlock: Interlock, attention: Attention, config: Config) -
         finally:
             attention.watch.taps = False
         place = (number, 0, target)
-        shot = judged_shot(record, before, interlock.read_load(), place, config, rig.accelerometers)
-        if shot.accepted:
-            peak = float(np.abs(shot.acceleration).max())
+        impact = judged_impact(record, before, interlock.read_load(), place, config, rig.accelerometers)
+        if impact.accepted:
+            peak = float(np.abs(impact.acceleration).max())
             return True, f"good at {before[0]:.0f} mN, peak {peak:.2g} m/s2, tap {number + 1}"
-        reason = shot.reject_reason
+        reason = impact.reject_reason
     return False, f"none of {TAPS} was good at {target:.0f} mN; the last: {reason}"

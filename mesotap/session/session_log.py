@@ -17,7 +17,7 @@ from pathlib import Path
 
 from daq.durable import open_plain
 from daq.errors import one_line
-from daq.records import Shot
+from daq.records import Impact
 from mesotap import __version__
 from mesotap.session.runner import Observer
 from mesotap.session.states import State
@@ -123,8 +123,8 @@ class Logged:
             LOG.debug("%s: %s", state.value, text)
         self._observer.progress(state, text)
 
-    def shot(self, shot: Shot, accepted: int, wanted: int) -> None:
+    def impact(self, impact: Impact, accepted: int, wanted: int) -> None:
         """Log the verdict on a tap."""
-        verdict = f"accepted, {accepted} of {wanted}" if shot.accepted else f"not used: {shot.reject_reason}"
-        LOG.info("tap %s at %.0f mN: %s", shot.name, shot.target_load_mn, verdict)
-        self._observer.shot(shot, accepted, wanted)
+        verdict = f"accepted, {accepted} of {wanted}" if impact.accepted else f"not used: {impact.reject_reason}"
+        LOG.info("tap %s at %.0f mN: %s", impact.name, impact.target_load_mn, verdict)
+        self._observer.impact(impact, accepted, wanted)

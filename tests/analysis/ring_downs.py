@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from analysis.mismatch.diagnosis import Diagnosis, diagnose_sessions
 from analysis.mismatch.ring_downs.fit import RingDowns
 from analysis.mismatch.ring_downs.sessions import ring_downs
-from daq.records import RigDescription, Session, Shot
+from daq.records import Impact, RigDescription, Session
 from mesotap.configuration.declared import header_uncertainty
 from mesotap.configuration.rig_files import tester_rig
 from rig.settings import Filter
@@ -80,19 +80,19 @@ def with_law(*laws: str) -> Record:
 def session_of(record: Record, noise: float = 0.005, seed: int = 1, ratios: tuple[float, ...] = RATIOS) -> Session:
     """A session with an impact of every ratio at every load."""
     rng = np.random.default_rng(seed)
-    shots = []
+    impacts = []
     for load_set, load in enumerate(LOADS_N):
         rig = two_mass(load)
         for ratio in ratios:
             y = record(rig, load, pulse_of(rig, load, ratio))
-            shots.append(
-                Shot(
-                    len(shots),
+            impacts.append(
+                Impact(
+                    len(impacts),
                     load_set,
                     1e3 * load,
                     1e3 * load,
                     1e3 * load,
-                    f"2026-01-01T00:00:{len(shots):02d}Z",
+                    f"2026-01-01T00:00:{len(impacts):02d}Z",
                     RATE_HZ,
                     PRETRIGGER,
                     y[:, :SAMPLES] + noise * rng.standard_normal((2, SAMPLES)),
@@ -102,7 +102,7 @@ def session_of(record: Record, noise: float = 0.005, seed: int = 1, ratios: tupl
     return Session(
         "2026-01-01T00:00:00Z",
         RigDescription(M1, M2, K1, K2, RATE_HZ, 10.0, 1, 10000.0, 4, "butterworth", 100.0, 16),
-        tuple(shots),
+        tuple(impacts),
         source="made",
         complete=True,
     )

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.records import CalibrationPoints, RigDescription, Session, Shot
+from daq.records import CalibrationPoints, Impact, RigDescription, Session
 
 
 @pytest.fixture
@@ -19,9 +19,9 @@ def recordings() -> Path:
 
 
 @pytest.fixture
-def shot() -> Shot:
+def impact() -> Impact:
     rng = np.random.default_rng(0)
-    return Shot(
+    return Impact(
         number=3,
         load_set=1,
         target_load_mn=265.0,
@@ -41,13 +41,13 @@ def shot() -> Shot:
 
 
 @pytest.fixture
-def session(shot: Shot) -> Session:
+def session(impact: Impact) -> Session:
     from dataclasses import replace
 
     return Session(
         created="2026-02-03T04:00:00Z",
         rig=RigDescription(0.107, 0.108, 5.4e5, 5.3e5, 25000.0, 10.0, 1, 1e4, 4, "butterworth", 49.0, 16),
-        shots=(replace(shot, number=0, accepted=True, reject_reason="", strain_mv=None), shot),
+        impacts=(replace(impact, number=0, accepted=True, reject_reason="", strain_mv=None), impact),
         pre=CalibrationPoints(np.array([0.0, 100, 200]), np.array([0.1, 4.3, 8.5]), "2026-02-03T03:00:00Z"),
         operator="N. N.",
         specimen="flat",

@@ -74,12 +74,12 @@ def test_what_nothing_measurable_has_is_not_read(tmp_path: Path, change: Change,
 
 def test_what_would_not_be_read_is_not_written(tmp_path: Path) -> None:
     sound = small_session()
-    shot = sound.shots[0]
+    impact = sound.impacts[0]
     points = replace(sound.pre, voltage_mv=sound.pre.voltage_mv * 1e30)  # type: ignore[union-attr, type-var]
     for wrong in (
         replace(sound, rig=replace(sound.rig, k1_n_per_m=1e300)),
-        replace(sound, shots=(replace(shot, acceleration=shot.acceleration * 1e100),)),
-        replace(sound, shots=(replace(shot, target_load_mn=1e300),)),
+        replace(sound, impacts=(replace(impact, acceleration=impact.acceleration * 1e100),)),
+        replace(sound, impacts=(replace(impact, target_load_mn=1e300),)),
         replace(sound, pre=points),  # type: ignore[arg-type]
     ):
         with pytest.raises(RecordingError, match="expected at most"):
@@ -136,8 +136,8 @@ def test_a_high_pass_that_passes_nothing_is_told() -> None:
 def test_a_record_that_ends_before_its_pulse_has_no_modes() -> None:
     session = small_session(samples=512)
     fast = replace(session.rig, sample_rate_hz=1e10)
-    shots = tuple(replace(shot, sample_rate_hz=1e10) for shot in session.shots)
-    results = analysed(replace(session, rig=fast, shots=shots))
+    impacts = tuple(replace(impact, sample_rate_hz=1e10) for impact in session.impacts)
+    results = analysed(replace(session, rig=fast, impacts=impacts))
     assert all(load.f2_hz is None for load in results.loads)  # type: ignore[attr-defined]
 
 

@@ -9,7 +9,7 @@ from daq import durable
 from daq.durable import make_folder, write_whole
 from daq.errors import RecordingError, UnwrittenError
 from daq.journal import SessionFolder
-from daq.records import Shot
+from daq.records import Impact
 
 
 def test_a_file_is_not_written_through_a_link_that_stands_in_for_its_unfinished_self(tmp_path: Path) -> None:
@@ -67,11 +67,11 @@ def test_every_new_folder_and_the_one_above_it_are_on_the_disk(tmp_path: Path, m
         assert made.parent in synced[synced.index(made) :]
 
 
-def test_a_shot_is_not_written_through_a_link(tmp_path: Path, shot: Shot) -> None:
+def test_a_impact_is_not_written_through_a_link(tmp_path: Path, impact: Impact) -> None:
     victim = tmp_path / "victim"
     victim.write_text("precious")
     with SessionFolder.create(tmp_path / "run", {"seed": 1}) as folder:
         (tmp_path / "run" / "shots" / "00003.h5.part").symlink_to(victim)
         with pytest.raises(RecordingError, match="a link stands there"):
-            folder.write_shot(shot, {})
+            folder.write_impact(impact, {})
     assert victim.read_text() == "precious"

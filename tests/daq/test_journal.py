@@ -21,7 +21,7 @@ from daq.errors import RecordingError
 from daq.impact_group import digest_of
 from daq.journal import SessionFolder, append_after_death
 from daq.journal_file import parse_journal
-from daq.records import Shot
+from daq.records import Impact
 
 from .same import same
 
@@ -43,40 +43,40 @@ def test_header_and_events_come_back(folder: Path) -> None:
         assert again.events() == [{"event": "begin", "n": 0}, {"event": "calibrated", "points": [1.5, None, "µ"]}]
 
 
-def test_a_shot_and_its_checkpoint_come_back(folder: Path, shot: Shot) -> None:
+def test_a_impact_and_its_checkpoint_come_back(folder: Path, impact: Impact) -> None:
     state = {"time": 12.5, "random": list(range(1000))}
     with SessionFolder.open(folder) as run:
-        run.write_shot(shot, state)
-        run.write_shot(replace(shot, number=0), {})
+        run.write_impact(impact, state)
+        run.write_impact(replace(impact, number=0), {})
     with SessionFolder.open(folder) as run:
-        assert run.shot_numbers() == [0, 3]
-        again, checkpoint = run.read_shot(3)
-        assert same(again, shot)
+        assert run.impact_numbers() == [0, 3]
+        again, checkpoint = run.read_impact(3)
+        assert same(again, impact)
         assert checkpoint == state
-        assert same(tuple(run.shots()), (replace(shot, number=0), shot))
+        assert same(tuple(run.impacts()), (replace(impact, number=0), impact))
 
 
-def test_a_shot_is_never_overwritten(folder: Path, shot: Shot) -> None:
+def test_a_impact_is_never_overwritten(folder: Path, impact: Impact) -> None:
     with SessionFolder.open(folder) as run:
-        run.write_shot(shot, {})
+        run.write_impact(impact, {})
         with pytest.raises(RecordingError, match=r"00003\.h5: this impact was recorded already"):
-            run.write_shot(shot, {})
+            run.write_impact(impact, {})
 
 
-def test_leftovers_of_a_kill_are_removed(folder: Path, shot: Shot) -> None:
+def test_leftovers_of_a_kill_are_removed(folder: Path, impact: Impact) -> None:
     (folder / "shots" / "00005.h5.part").write_bytes(b"half")
     with SessionFolder.open(folder) as run:
-        assert run.shots() == []
+        assert run.impacts() == []
     assert list((folder / "shots").iterdir()) == []
 
 
-def test_a_damaged_shot_is_named(folder: Path, shot: Shot) -> None:
+def test_a_damaged_impact_is_named(folder: Path, impact: Impact) -> None:
     with SessionFolder.open(folder) as run:
-        run.write_shot(shot, {})
+        run.write_impact(impact, {})
         file = folder / "shots" / "00003.h5"
         file.write_bytes(file.read_bytes()[:1000])
         with pytest.raises(RecordingError, match=r"00003\.h5: the file is damaged or truncated"):
-            run.shots()
+            run.impacts()
 
 
 def test_two_programs_cannot_work_in_one_folder(folder: Path) -> None:
@@ -200,7 +200,7 @@ while True:
 """
 
 
-def test_kills_lose_at_most_the_shot_in_flight(tmp_path: Path) -> None:
+def test_kills_lose_at_most_the_impact_in_flight(tmp_path: Path) -> None:
     path = tmp_path / "run"
     reported = -1
     for round_ in range(20):
@@ -212,7 +212,7 @@ def test_kills_lose_at_most_the_shot_in_flight(tmp_path: Path) -> None:
         lines = child.communicate()[0].split("\n")[:-1]
         reported = max([reported, *map(int, lines)])
         with SessionFolder.open(path) as run:
-            numbers = run.shot_numbers()
+            numbers = run.impact_numbers()
             assert numbers == list(range(len(numbers)))
             assert len(numbers) in (reported + 1, reported + 2)
             reported = max(reported, len(numbers) - 1)
@@ -220,18 +220,18 @@ def test_kills_lose_at_most_the_shot_in_flight(tmp_path: Path) -> None:
             assert set(done) <= set(numbers)
     with SessionFolder.open(path) as run:
         for number in numbers:
-            shot, checkpoint = run.read_shot(number)
+            impact, checkpoint = run.read_impact(number)
             assert checkpoint == {"n": number}
-            assert (shot.acceleration == number).all()
+            assert (impact.acceleration == number).all()
     assert reported > 20
 
 
-def test_a_shot_is_kept_within_milliseconds(tmp_path: Path, shot: Shot) -> None:
+def test_a_impact_is_kept_within_milliseconds(tmp_path: Path, impact: Impact) -> None:
     with SessionFolder.create(tmp_path / "run", {}) as run:
         times = []
         for number in range(30):
             begin = time.perf_counter()
-            run.write_shot(replace(shot, number=number), {"n": number})
+            run.write_impact(replace(impact, number=number), {"n": number})
             times.append(time.perf_counter() - begin)
     assert sorted(times)[15] < 0.05  # 2 ms on a quiet machine; a shared one gets room
 
@@ -295,37 +295,37 @@ def altered(path: Path, item: str) -> None:
 
 
 @pytest.mark.parametrize("item", ["sample", "strain", "accepted", "load_before_mn", "reject_reason"])
-def test_a_shot_that_was_altered_is_named(folder: Path, shot: Shot, item: str) -> None:
+def test_a_impact_that_was_altered_is_named(folder: Path, impact: Impact, item: str) -> None:
     with SessionFolder.open(folder) as run:
-        run.write_shot(shot, {})
+        run.write_impact(impact, {})
         altered(folder / "shots" / "00003.h5", item)
         with pytest.raises(RecordingError, match=r"00003\.h5: /shot: .* of impact 00003 were altered"):
-            run.read_shot(3)
+            run.read_impact(3)
 
 
-def test_a_shot_without_a_digest_is_read_as_it_is(folder: Path, shot: Shot) -> None:
+def test_a_impact_without_a_digest_is_read_as_it_is(folder: Path, impact: Impact) -> None:
     with SessionFolder.open(folder) as run:
-        run.write_shot(shot, {})
+        run.write_impact(impact, {})
         with h5py.File(folder / "shots" / "00003.h5", "r+") as file:
             del file["shot"].attrs["digest"]
-        assert same(run.read_shot(3)[0], shot)
+        assert same(run.read_impact(3)[0], impact)
 
 
-def test_a_shot_that_was_exchanged_for_another_is_named(folder: Path, shot: Shot) -> None:
+def test_a_impact_that_was_exchanged_for_another_is_named(folder: Path, impact: Impact) -> None:
     with SessionFolder.open(folder) as run:
-        run.append({"event": "shot", "number": 3, "digest": digest_of(shot)})
-        run.write_shot(replace(shot, load_after_mn=265.2), {})
+        run.append({"event": "shot", "number": 3, "digest": digest_of(impact)})
+        run.write_impact(replace(impact, load_after_mn=265.2), {})
         with pytest.raises(RecordingError, match="is not the impact 3 that the journal lists"):
-            run.read_shot(3)
+            run.read_impact(3)
 
 
-def test_the_digest_is_that_of_samples_and_numbers_as_documented(shot: Shot) -> None:
+def test_the_digest_is_that_of_samples_and_numbers_as_documented(impact: Impact) -> None:
     content = b"mesotap impact 1\n"
-    content += b"acceleration (2, 300)\n" + b"".join(struct.pack("<d", v) for row in shot.acceleration for v in row)
-    content += b"strain_mv (300,)\n" + b"".join(struct.pack("<d", v) for v in shot.strain_mv)
+    content += b"acceleration (2, 300)\n" + b"".join(struct.pack("<d", v) for row in impact.acceleration for v in row)
+    content += b"strain_mv (300,)\n" + b"".join(struct.pack("<d", v) for v in impact.strain_mv)
     content += json.dumps([1, 265.0, 264.5, 265.1, 11.1, 11.2, 25000.0, 50, False, "too weak; noisy – µ", []]).encode()
-    assert digest_of(shot) == "sha256:" + hashlib.sha256(content).hexdigest()
+    assert digest_of(impact) == "sha256:" + hashlib.sha256(content).hexdigest()
 
 
-def test_equal_taps_have_equal_digests_whenever_they_were_made(shot: Shot) -> None:
-    assert digest_of(shot) == digest_of(replace(shot, time="2030-01-01T00:00:00Z", number=9, extra={}))
+def test_equal_taps_have_equal_digests_whenever_they_were_made(impact: Impact) -> None:
+    assert digest_of(impact) == digest_of(replace(impact, time="2030-01-01T00:00:00Z", number=9, extra={}))

@@ -38,7 +38,7 @@ def test_a_session_comes_back_as_it_was_written(file: Path, session: Session) ->
 
 
 def test_a_session_without_calibration_strain_or_rig_comes_back(tmp_path: Path, session: Session) -> None:
-    bare = replace(session, pre=None, rig=RigDescription(filter_family=""), shots=session.shots[:1], config="")
+    bare = replace(session, pre=None, rig=RigDescription(filter_family=""), impacts=session.impacts[:1], config="")
     path = tmp_path / "bare.h5"
     write_session(path, bare)
     assert same(read_session(path), replace(bare, source=str(path)))
@@ -46,17 +46,17 @@ def test_a_session_without_calibration_strain_or_rig_comes_back(tmp_path: Path, 
 
 def test_channels_of_another_rig_come_back(tmp_path: Path, session: Session) -> None:
     channels = np.arange(900.0).reshape(3, 300)
-    shot = replace(session.shots[0], channels=channels, channel_names=("acc1", "acc2", "hammer µ"))
+    impact = replace(session.impacts[0], channels=channels, channel_names=("acc1", "acc2", "hammer µ"))
     path = tmp_path / "other.h5"
-    write_session(path, replace(session, shots=(shot,)))
-    assert same(read_session(path).shots[0], shot)
+    write_session(path, replace(session, impacts=(impact,)))
+    assert same(read_session(path).impacts[0], impact)
 
 
 def test_extra_beyond_an_attribute_comes_back(tmp_path: Path, session: Session) -> None:
-    shot = replace(session.shots[0], extra={"state": list(range(30_000))})
+    impact = replace(session.impacts[0], extra={"state": list(range(30_000))})
     path = tmp_path / "big.h5"
-    write_session(path, replace(session, shots=(shot,)))
-    assert read_session(path).shots[0].extra == shot.extra
+    write_session(path, replace(session, impacts=(impact,)))
+    assert read_session(path).impacts[0].extra == impact.extra
 
 
 def test_a_written_file_keeps_format_1(file: Path) -> None:
@@ -72,9 +72,9 @@ def test_a_written_file_keeps_format_1(file: Path) -> None:
 
 
 def test_an_unwritable_session_is_refused_before_a_file_appears(tmp_path: Path, session: Session) -> None:
-    bad = session.shots[1].acceleration.copy()
+    bad = session.impacts[1].acceleration.copy()
     bad[0, 17] = np.nan
-    broken = replace(session, shots=(replace(session.shots[1], acceleration=bad),))
+    broken = replace(session, impacts=(replace(session.impacts[1], acceleration=bad),))
     with pytest.raises(RecordingError, match=r"/impacts/00003/acceleration holds a NaN at channel A, sample 17"):
         write_session(tmp_path / "x.h5", broken)
     assert list(tmp_path.iterdir()) == []
@@ -192,7 +192,7 @@ def test_attributes_as_other_programs_write_them_are_read(file: Path) -> None:
         f[I3].attrs["extra"] = "no JSON"
     session = read_session(file)
     assert (session.operator, session.complete, session.title, session.rig.bits) == ("N. N.", True, "", 0)
-    assert session.shots[1].pretrigger == 50
+    assert session.impacts[1].pretrigger == 50
     assert np.isnan(session.rig.m1_kg)
 
 
@@ -262,17 +262,17 @@ def test_a_damaged_heap_is_refused_where_its_padding_is_damaged_too(tmp_path: Pa
 
 def test_samples_that_look_like_a_damaged_heap_are_samples(tmp_path: Path, session: Session) -> None:
     path = tmp_path / "look.h5"
-    shot = session.shots[0]
-    samples = shot.acceleration.copy()
+    impact = session.impacts[0]
+    samples = impact.acceleration.copy()
     samples[0, 3] = np.frombuffer(b"GCOL\x01\x01@@")[0]
-    write_session(path, replace(session, shots=(replace(shot, acceleration=samples),)))
+    write_session(path, replace(session, impacts=(replace(impact, acceleration=samples),)))
     with h5py.File(path, "r+") as f:
-        data = f["impacts"][shot.name]["acceleration"][()]
-        del f["impacts"][shot.name]["acceleration"]
-        f["impacts"][shot.name]["acceleration"] = data
-        f["impacts"][shot.name]["acceleration"].attrs["units"] = "m/s2"
+        data = f["impacts"][impact.name]["acceleration"][()]
+        del f["impacts"][impact.name]["acceleration"]
+        f["impacts"][impact.name]["acceleration"] = data
+        f["impacts"][impact.name]["acceleration"].attrs["units"] = "m/s2"
     assert b"GCOL\x01\x01" in path.read_bytes()
-    assert read_session(path).shots[0].acceleration[0, 3] == samples[0, 3]
+    assert read_session(path).impacts[0].acceleration[0, 3] == samples[0, 3]
 
 
 def test_a_text_longer_than_its_file_is_refused_before_room_is_made_for_it(tmp_path: Path, session: Session) -> None:
@@ -350,8 +350,8 @@ def test_the_practice_sessions_load(recordings: Path) -> None:
     assert len(files) == 44
     for file in files:
         session = read_session(file)
-        assert session.shots
-        assert all(shot.acceleration.dtype == np.float64 for shot in session.shots)
+        assert session.impacts
+        assert all(impact.acceleration.dtype == np.float64 for impact in session.impacts)
 
 
 @pytest.mark.data

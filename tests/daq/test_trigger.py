@@ -7,7 +7,7 @@ import pytest
 
 from daq.errors import RecordingError
 from daq.settings import Trigger
-from daq.trigger import NoTap, SamplesLost, find_trigger, record_shot
+from daq.trigger import NoTap, SamplesLost, find_trigger, record_impact
 from rig.errors import RigError
 from rig.interface import Accelerometers, Clock, Impactor
 from rig.readings import Block
@@ -79,7 +79,7 @@ SHORT = Trigger(threshold_m_s2=0.1, pretrigger_samples=100, record_samples=1000,
 @pytest.mark.parametrize("height", [1.0, -1.0, 0.11])
 def test_the_trigger_is_the_first_sample_over(block: int, height: float) -> None:
     bench = Bench(block, height)
-    record = record_shot(bench, bench, bench, SHORT, 265.0, "harder")
+    record = record_impact(bench, bench, bench, SHORT, 265.0, "harder")
     assert record.acceleration.shape == (2, 1000)
     assert record.pretrigger == 100
     step = np.diff(record.acceleration[0])
@@ -95,26 +95,26 @@ def test_the_trigger_is_the_first_sample_over(block: int, height: float) -> None
 def test_a_slow_drift_does_not_trigger() -> None:
     bench = Bench()
     bench.offset = lambda t: 2.0 * np.sin(2 * np.pi * 0.05 * t)
-    record = record_shot(bench, bench, bench, SHORT, 265.0)
+    record = record_impact(bench, bench, bench, SHORT, 265.0)
     assert int(np.argmax(np.abs(np.diff(record.acceleration[0])))) + 1 == 100
 
 
 def test_a_channel_without_strain_has_none() -> None:
     bench = Bench()
     bench.strain = False
-    assert record_shot(bench, bench, bench, SHORT, 265.0).strain_mv is None
+    assert record_impact(bench, bench, bench, SHORT, 265.0).strain_mv is None
 
 
 def test_noise_over_the_threshold_does_not_trigger() -> None:
     bench = Bench(height=3.0, noise=0.1, delay=9000)
-    record = record_shot(bench, bench, bench, SHORT, 265.0)
+    record = record_impact(bench, bench, bench, SHORT, 265.0)
     assert int(np.argmax(np.abs(np.diff(record.acceleration.mean(axis=0))))) + 1 == 100
 
 
 def test_no_tap_is_told_and_the_stream_stopped() -> None:
     bench = Bench(height=0.0)
     with pytest.raises(NoTap, match=r"No tap within 1 s: nothing passed 0\.1 m/s2"):
-        record_shot(bench, bench, bench, SHORT, 265.0)
+        record_impact(bench, bench, bench, SHORT, 265.0)
     assert not bench.running
     assert bench.position / RATE == pytest.approx(1.0, abs=0.05)
 
@@ -123,14 +123,14 @@ def test_no_tap_is_told_even_if_the_clock_stands() -> None:
     bench = Bench(height=0.0)
     bench.now = lambda: 0.0  # type: ignore[method-assign]
     with pytest.raises(NoTap):
-        record_shot(bench, bench, bench, SHORT, 265.0)
+        record_impact(bench, bench, bench, SHORT, 265.0)
 
 
 @pytest.mark.parametrize("lose_at", [0, 64, 512])
 def test_samples_lost_before_the_tap_cost_nothing(lose_at: int) -> None:
     bench = Bench()
     bench.lose_at = lose_at
-    record = record_shot(bench, bench, bench, SHORT, 265.0)
+    record = record_impact(bench, bench, bench, SHORT, 265.0)
     assert bench.gap_ends == lose_at + 1
     assert bench.struck is not None
     assert record.strain_mv is not None
@@ -143,14 +143,14 @@ def test_a_record_never_spans_lost_samples(before_the_tap: int) -> None:
     bench = Bench(block=1, delay=700)
     bench.lose_at = 100 + 700 - before_the_tap
     with pytest.raises(SamplesLost, match="The recorder lost 1 samples while the tap was waited for"):
-        record_shot(bench, bench, bench, SHORT, 265.0)
+        record_impact(bench, bench, bench, SHORT, 265.0)
     assert not bench.running
 
 
 def test_a_whole_pretrigger_after_the_gap_will_do() -> None:
     bench = Bench(block=1, delay=700)
     bench.lose_at = 100 + 700 - 101
-    record = record_shot(bench, bench, bench, SHORT, 265.0)
+    record = record_impact(bench, bench, bench, SHORT, 265.0)
     assert record.strain_mv is not None
     assert record.strain_mv[0] == bench.gap_ends
 
@@ -159,7 +159,7 @@ def test_a_recorder_that_loses_samples_all_the_time_is_told_in_time() -> None:
     bench = Bench(block=64)
     bench.lose_every = True
     with pytest.raises(SamplesLost, match="lost"):
-        record_shot(bench, bench, bench, SHORT, 265.0)
+        record_impact(bench, bench, bench, SHORT, 265.0)
     assert not bench.running
 
 
@@ -167,14 +167,14 @@ def test_a_tap_that_fell_into_the_gap_is_told_as_lost() -> None:
     bench = Bench(block=64, delay=700, height=0.0)
     bench.lose_at = 512
     with pytest.raises(SamplesLost, match="tap again"):
-        record_shot(bench, bench, bench, SHORT, 265.0)
+        record_impact(bench, bench, bench, SHORT, 265.0)
 
 
 def test_samples_that_come_twice_are_told() -> None:
     bench = Bench()
     bench.repeat_at = 512
     with pytest.raises(RigError, match="again where") as caught:
-        record_shot(bench, bench, bench, SHORT, 265.0)
+        record_impact(bench, bench, bench, SHORT, 265.0)
     assert not isinstance(caught.value, NoTap)
 
 
@@ -182,7 +182,7 @@ def test_a_value_that_is_no_number_is_told() -> None:
     bench = Bench()
     bench.offset = lambda t: np.where(t > 0.03, np.nan, 0.0)
     with pytest.raises(RigError, match="not a number"):
-        record_shot(bench, bench, bench, SHORT, 265.0)
+        record_impact(bench, bench, bench, SHORT, 265.0)
     assert not bench.running
 
 
@@ -194,7 +194,7 @@ def test_the_stream_is_stopped_when_the_impactor_fails(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(bench, "tap", fail)
     with pytest.raises(RigError, match="solenoid"):
-        record_shot(bench, bench, bench, SHORT, 265.0)
+        record_impact(bench, bench, bench, SHORT, 265.0)
     assert not bench.running
 
 

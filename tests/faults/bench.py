@@ -10,8 +10,8 @@ from pathlib import Path
 from rich.console import Console
 
 from daq.errors import RecordingError
-from daq.journal import SHOTS, SessionFolder, shot_in
-from daq.records import Shot
+from daq.journal import IMPACTS, SessionFolder, impact_in
+from daq.records import Impact
 from mesotap.configuration.config import Config
 from mesotap.operator.console import POLL_S, KeyControl
 from mesotap.session.bench import emulated_rig, truth_now
@@ -63,9 +63,9 @@ def quick_config(*changes: str) -> Config:
     return small_config(*QUICK, *PORTS, *changes)
 
 
-def shots_of(folder: SessionFolder) -> list[Shot]:
-    """The shots of a folder, opened in this process: the tests wrote them."""
-    return [shot_in(folder.path / SHOTS / f"{number:05d}.h5", number)[0] for number in folder.shot_numbers()]
+def impacts_of(folder: SessionFolder) -> list[Impact]:
+    """The impacts of a folder, opened in this process: the tests wrote them."""
+    return [impact_in(folder.path / IMPACTS / f"{number:05d}.h5", number)[0] for number in folder.impact_numbers()]
 
 
 def allowed_mn(config: Config) -> float:
@@ -222,7 +222,7 @@ class FaultyBench:
         with SessionFolder.open(self.path) as folder:
             return {
                 s.number: (s.load_set, s.load_before_mn, s.load_after_mn, s.acceleration.tobytes())
-                for s in shots_of(folder)
+                for s in impacts_of(folder)
                 if s.accepted
             }
 

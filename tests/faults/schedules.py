@@ -20,7 +20,7 @@ from rig import SessionAborted
 from rig.drivers.newport_codes import PositionerError
 from rig.drivers.settings import AmplifierTcp
 from sim_backend.emulators.disturbance import WireFault
-from tests.faults.bench import SOLENOID, TCP, FaultyBench, Killed, allowed_mn, quick_config, shots_of
+from tests.faults.bench import SOLENOID, TCP, FaultyBench, Killed, allowed_mn, impacts_of, quick_config
 from tests.faults.cases import cut_power, end_in_the_way, fill_the_disk, gauge, set_the_clock_back, setting, usb, wire
 
 SAFE_WITHIN_S = 0.5
@@ -120,7 +120,7 @@ def run_schedule(path: Path, seed: int) -> dict[str, int]:
             _hold_to_safety(bench, outcome, seed)
         bench.mend()
         now = bench.accepted()
-        lost = [number for number, shot in kept.items() if now.get(number) != shot]
+        lost = [number for number, impact in kept.items() if now.get(number) != impact]
         assert not lost, f"seed {seed}: accepted shots {lost} were lost or altered"
         kept = now
         if outcome.error is None:
@@ -164,9 +164,9 @@ def _hold_to_the_end(bench: FaultyBench, seed: int) -> None:
     """The plan carried out: the taps asked for at each load, and a session to be written."""
     with SessionFolder.open(bench.path) as folder:
         progress = progress_of(folder.events())
-        session = assemble(folder.header, bench.config, progress, shots_of(folder))
+        session = assemble(folder.header, bench.config, progress, impacts_of(folder))
     assert progress.state is State.FILE, f"seed {seed}: {progress.state}"
     for load_set in range(len(bench.config.mesotap.load_plan_mn)):
-        good = sum(s.accepted and s.load_set == load_set for s in session.shots)
+        good = sum(s.accepted and s.load_set == load_set for s in session.impacts)
         assert good == bench.config.mesotap.impacts_per_load, f"seed {seed}: {good} taps at load {load_set}"
     assert bench.rig.physics.true_load_mn() == 0.0, f"seed {seed}: the surfaces are not apart"

@@ -45,7 +45,7 @@ def imported_or_refused(path: Path, content: bytes, **options: Any) -> None:
     except RecordingError as error:
         assert "\n" not in str(error)
         return
-    assert 0 <= session.shots[0].pretrigger < session.shots[0].acceleration.shape[1]
+    assert 0 <= session.impacts[0].pretrigger < session.impacts[0].acceleration.shape[1]
 
 
 def damaged_files(path: Path, sound: Sequence[bytes], most: int = 6) -> Target:

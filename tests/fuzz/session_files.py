@@ -30,12 +30,12 @@ def read_or_refused(path: Path) -> Session | None:
         assert len(text) < len(str(path)) + 400
         assert "\n" not in text
         return None
-    for shot in session.shots:
-        assert shot.acceleration.shape[0] == 2
-        assert np.isfinite(shot.acceleration).all()
-        assert 0 <= shot.pretrigger < shot.acceleration.shape[1]
-        assert math.isfinite(shot.sample_rate_hz)
-        assert shot.sample_rate_hz > 0
+    for impact in session.impacts:
+        assert impact.acceleration.shape[0] == 2
+        assert np.isfinite(impact.acceleration).all()
+        assert 0 <= impact.pretrigger < impact.acceleration.shape[1]
+        assert math.isfinite(impact.sample_rate_hz)
+        assert impact.sample_rate_hz > 0
     return session
 
 
@@ -200,7 +200,7 @@ def sound_hdf5_that_is_no_sound_session(place: Path) -> Target:
         if session is not None:  # what is read can be written, and reads as the same again
             write_session(again, session)
             with reading_in_forks():
-                assert [s.number for s in read_session(again).shots] == [s.number for s in session.shots]
+                assert [s.number for s in read_session(again).impacts] == [s.number for s in session.impacts]
 
     return Target(lambda source: source.several(edit, 1, 3), check)
 
@@ -212,10 +212,10 @@ FILES = ("journal.jsonl", "session.json", "shots/00000.h5")
 
 
 def folder_bytes(root: Path) -> dict[str, bytes]:
-    """What a session folder with one shot holds."""
+    """What a session folder with one impact holds."""
     with SessionFolder.create(root, {"created": "2026-01-01T00:00:00Z", "config": "", "simulated": True}) as folder:
         folder.append({"event": "started"})
-        folder.write_shot(small_session().shots[0], {"state": 1})
+        folder.write_impact(small_session().impacts[0], {"state": 1})
         folder.append({"event": "shot", "number": 0, "accepted": True, "reject_reason": ""})
     return {
         str(path.relative_to(root)): Content(path.read_bytes())
@@ -235,7 +235,7 @@ def damaged_session_folder(place: Path) -> Target:
         try:
             with reading_in_forks(), SessionFolder.open(root) as folder:
                 folder.events()
-                list(folder.shots())
+                list(folder.impacts())
         except RecordingError as error:
             assert str(root) in str(error)
             assert "\n" not in str(error)

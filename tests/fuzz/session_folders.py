@@ -25,14 +25,14 @@ class _Leaving:
     """Ends a session after some taps."""
 
     def __init__(self) -> None:
-        self.shots = 0
+        self.impacts = 0
 
     def progress(self, state: object, text: str) -> None:
         pass
 
-    def shot(self, shot: object, accepted: int, wanted: int) -> None:
-        self.shots += 1
-        if self.shots == TAPS_BEFORE_THE_END:
+    def impact(self, impact: object, accepted: int, wanted: int) -> None:
+        self.impacts += 1
+        if self.impacts == TAPS_BEFORE_THE_END:
             raise SessionAborted("enough")
 
 
@@ -56,7 +56,7 @@ def finished(path: Path) -> None:
     folder, runner = new_runner(path, config, simulated_rig(config, seed=1))
     with folder:
         progress = runner.run()
-        write_session(path / SESSION_FILE, assemble(folder.header, config, progress, folder.shots()))
+        write_session(path / SESSION_FILE, assemble(folder.header, config, progress, folder.impacts()))
         runner.finish()
 
 
@@ -139,12 +139,12 @@ def _link_instead(name: str, to: str) -> Damage:
     return damage
 
 
-def _file_instead_of_shots(folder: Path) -> None:
+def _file_instead_of_impacts(folder: Path) -> None:
     shutil.rmtree(folder / "shots")
     (folder / "shots").write_text("no folder")
 
 
-def _in_shot(change: Callable[[h5py.File], Any], name: str = "00001.h5") -> Damage:
+def _in_impact(change: Callable[[h5py.File], Any], name: str = "00001.h5") -> Damage:
     def damage(folder: Path) -> None:
         with h5py.File(folder / "shots" / name, "r+") as file:
             change(file)
@@ -183,7 +183,7 @@ def _foreign(name: str) -> Damage:
     return damage
 
 
-def _every_shot_gone(folder: Path) -> None:
+def _every_impact_gone(folder: Path) -> None:
     for file in (folder / "shots").iterdir():
         file.unlink()
 
@@ -200,7 +200,7 @@ def _doubled(event: str) -> Damage:
     return _entries(change)
 
 
-def _shots_out_of_order(entries: list[dict[str, Any]]) -> None:
+def _impacts_out_of_order(entries: list[dict[str, Any]]) -> None:
     first, second = [e for e in entries if e["event"] == "shot"][:2]
     first["number"], second["number"] = second["number"], first["number"]
 
@@ -265,7 +265,7 @@ DAMAGES: dict[str, Damage] = {
         lambda entries: [entries.append({"event": "load done"}) for _ in range(5)]
     ),
     "journal: no first start": _entries(lambda entries: entries.pop(0)),
-    "journal: shots out of order": _entries(_shots_out_of_order),
+    "journal: shots out of order": _entries(_impacts_out_of_order),
     "journal: a shot of a negative number": _set("shot", number=-1),
     "journal: a shot that is not in it": _entries(lambda entries: entries.remove(_of(entries, "shot"))),
     "journal: a shot whose number is text": _set("shot", number="0"),
@@ -315,9 +315,9 @@ DAMAGES: dict[str, Damage] = {
     "lock: a folder": _folder_instead("lock"),
     "lock: a link": _link_instead("lock", "/etc/passwd"),
     "lock: a FIFO": _fifo_instead("lock"),
-    "shots: a file": _file_instead_of_shots,
+    "shots: a file": _file_instead_of_impacts,
     "shots: missing": lambda folder: shutil.rmtree(folder / "shots"),
-    "shots: none": _every_shot_gone,
+    "shots: none": _every_impact_gone,
     "shots: one missing": _gone("shots/00001.h5"),
     "shots: the last missing": _gone("shots/00002.h5"),
     "shots: one cut": _bytes("shots/00001.h5", lambda content: content[: len(content) // 2]),
@@ -326,14 +326,16 @@ DAMAGES: dict[str, Damage] = {
     "shots: a bit flipped in each tenth byte": _bytes(
         "shots/00001.h5", lambda content: bytes(b ^ (not i % 10) for i, b in enumerate(content))
     ),
-    "shots: a sample altered": _in_shot(
+    "shots: a sample altered": _in_impact(
         lambda file: file["shot/acceleration"].write_direct(0 * file["shot/acceleration"][()])
     ),
-    "shots: a sample that is NaN": _in_shot(lambda file: file["shot/strain_mv"].__setitem__(3, float("nan"))),
-    "shots: one whose verdict was altered": _in_shot(lambda file: file["shot"].attrs.__setitem__("accepted", False)),
-    "shots: one of a load out of this world": _in_shot(lambda file: file["shot"].attrs.__setitem__("load_set", 10**8)),
-    "shots: checkpoint not JSON": _in_shot(_checkpoint("{"), "00002.h5"),
-    "shots: checkpoint a list": _in_shot(_checkpoint("[1]"), "00002.h5"),
+    "shots: a sample that is NaN": _in_impact(lambda file: file["shot/strain_mv"].__setitem__(3, float("nan"))),
+    "shots: one whose verdict was altered": _in_impact(lambda file: file["shot"].attrs.__setitem__("accepted", False)),
+    "shots: one of a load out of this world": _in_impact(
+        lambda file: file["shot"].attrs.__setitem__("load_set", 10**8)
+    ),
+    "shots: checkpoint not JSON": _in_impact(_checkpoint("{"), "00002.h5"),
+    "shots: checkpoint a list": _in_impact(_checkpoint("[1]"), "00002.h5"),
     "shots: one renamed": _renamed("00001.h5", "tap number 1.h5"),
     "shots: one under another's number": _renamed("00002.h5", "00007.h5"),
     "shots: two exchanged": _swapped,

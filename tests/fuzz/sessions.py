@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from daq.records import CalibrationPoints, RigDescription, Session, Shot
+from daq.records import CalibrationPoints, Impact, RigDescription, Session
 from daq.session_file import write_session
 from tests.fuzz.mutations import Content
 
@@ -17,7 +17,7 @@ def small_session(impacts: int = 2, samples: int = 64) -> Session:
     t = np.arange(samples)
     ring = np.exp(-t / 20) * np.sin(t)
     recorded = tuple(
-        Shot(
+        Impact(
             number=n,
             load_set=n,
             target_load_mn=300.0,

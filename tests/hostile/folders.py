@@ -32,7 +32,7 @@ def session(damage: Damage, command: str) -> Make:
         root = folder / "s"
         with SessionFolder.create(root, HEADER) as kept:
             kept.append({"event": "started"})
-            kept.write_shot(small_session().shots[0], {"state": 1})
+            kept.write_impact(small_session().impacts[0], {"state": 1})
         damage(root)
         return [command, "s"]
 

@@ -37,17 +37,17 @@ class Silent(Operator):
 
 
 class Watching:
-    """An observer who remembers the shots."""
+    """An observer who remembers the impacts."""
 
     def __init__(self) -> None:
-        self.shots = []
+        self.impacts = []
         self.seen = []
 
     def progress(self, state, text) -> None:
         self.seen.append((state, text))
 
-    def shot(self, shot, accepted, wanted) -> None:
-        self.shots.append(shot)
+    def impact(self, impact, accepted, wanted) -> None:
+        self.impacts.append(impact)
 
 
 def small_config(*changes: str) -> Config:

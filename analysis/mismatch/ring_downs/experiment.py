@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from analysis.mismatch.ring_downs.noise import NoiseModel, level_error, noise_models
-from daq.records import Session, Shot
+from daq.records import Impact, Session
 from sim_backend.arrangement import DERIVATIVES, Arrangement
 from sim_backend.arrays import Real
 
@@ -118,11 +118,11 @@ def pulse_end(force: Real, trigger: int, sample_rate_hz: float) -> int:
     return peak + int(after[0]) if after.size else trigger + longest
 
 
-def channel_noise(shots: Sequence[Shot], sample_rate_hz: float) -> tuple[NoiseModel, ...]:
+def channel_noise(impacts: Sequence[Impact], sample_rate_hz: float) -> tuple[NoiseModel, ...]:
     """Return the noise of each channel: its level before the triggers, its spectrum from the channels' difference."""
-    quiet = [s.acceleration[:, : max(2, s.pretrigger - GUARD_SAMPLES)] for s in shots]
-    whole = [s.acceleration[0] - s.acceleration[1] for s in shots if s.acceleration.shape[0] == 2]
-    steps = np.concatenate([np.diff(np.unique(s.acceleration)) for s in shots])
+    quiet = [s.acceleration[:, : max(2, s.pretrigger - GUARD_SAMPLES)] for s in impacts]
+    whole = [s.acceleration[0] - s.acceleration[1] for s in impacts if s.acceleration.shape[0] == 2]
+    steps = np.concatenate([np.diff(np.unique(s.acceleration)) for s in impacts])
     return noise_models(quiet, whole, sample_rate_hz, float(steps.min(initial=math.inf)) if steps.size else 0.0)
 
 
@@ -145,34 +145,34 @@ def segments_of(
         Of the channels, where it is known from more than this session; None to take it from this one.
     """
     rate = session.rig.sample_rate_hz
-    shots = [s for s in session.shots if s.accepted and s.load_set in constants]
+    impacts = [s for s in session.impacts if s.accepted and s.load_set in constants]
     if noise is None:
-        noise = channel_noise(shots, rate)
+        noise = channel_noise(impacts, rate)
     groups = {load_set: g for g, load_set in enumerate(sorted(constants))}
     alike = [
         i for i, s in enumerate(rig.sensors) if (s.row, s.quantity) == (rig.sensors[0].row, rig.sensors[0].quantity)
     ]
     cleaned, starts = [], []
-    for shot in shots:
-        rest = shot.acceleration[:, : max(1, shot.pretrigger - GUARD_SAMPLES)].mean(axis=1, keepdims=True)
-        clean = shot.acceleration - rest
-        force = tap_force(clean[alike].mean(axis=0), rate, rig, constants[shot.load_set])
+    for impact in impacts:
+        rest = impact.acceleration[:, : max(1, impact.pretrigger - GUARD_SAMPLES)].mean(axis=1, keepdims=True)
+        clean = impact.acceleration - rest
+        force = tap_force(clean[alike].mean(axis=0), rate, rig, constants[impact.load_set])
         cleaned.append(clean)
-        starts.append(pulse_end(force, shot.pretrigger, rate) - shot.pretrigger)
+        starts.append(pulse_end(force, impact.pretrigger, rate) - impact.pretrigger)
     least = round(float(np.median(starts))) - SHORTER if starts else 0
     segments = []
-    for shot, clean, end in zip(shots, cleaned, starts, strict=True):
-        start = shot.pretrigger + max(end, least) + math.ceil(MARGIN_S * rate) + RUN_UP
+    for impact, clean, end in zip(impacts, cleaned, starts, strict=True):
+        start = impact.pretrigger + max(end, least) + math.ceil(MARGIN_S * rate) + RUN_UP
         y = np.stack([m.whiten(row)[start:] for m, row in zip(noise, clean, strict=True)])
-        pulse = clean[:, max(0, shot.pretrigger - GUARD_SAMPLES) : start]
+        pulse = clean[:, max(0, impact.pretrigger - GUARD_SAMPLES) : start]
         segments.append(
             Segment(
-                shot.name, y, clean[:, start:], (start - shot.pretrigger) / rate, groups[shot.load_set],
-                loads_n[shot.load_set], shot.number, RUN_UP, pulse,
+                impact.name, y, clean[:, start:], (start - impact.pretrigger) / rate, groups[impact.load_set],
+                loads_n[impact.load_set], impact.number, RUN_UP, pulse,
             )
         )  # fmt: skip
     loads = tuple(loads_n[k] for k in sorted(groups, key=lambda k: groups[k]))
-    rms = float(np.mean([np.std(s.acceleration[:, : s.pretrigger - GUARD_SAMPLES]) for s in shots]))
+    rms = float(np.mean([np.std(s.acceleration[:, : s.pretrigger - GUARD_SAMPLES]) for s in impacts]))
     return Experiment(tuple(segments), noise, rate, loads, rms)
 
 

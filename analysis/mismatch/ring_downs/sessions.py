@@ -16,7 +16,7 @@ from analysis.mismatch.ring_downs.problem import RingDowns
 from analysis.session import AnalysisError, session_modes
 from analysis.settings import AnalysisSettings
 from analysis.stiffness import ResonanceError, springs_from_system_mode
-from daq.records import RigDescription, Session, Shot
+from daq.records import Impact, RigDescription, Session
 from rig.settings import Filter
 from sim_backend.arrangement import LOAD, Arrangement, Element
 from sim_backend.recorder import analog_filter
@@ -72,9 +72,9 @@ def ring_downs(
 def _declared(rig: DescribedRig, session: Session, uncertainty: Mapping[str, float]) -> Arrangement:
     """Return what the rig is made of, with what the session's header declares; sensors without gain and offset."""
     name = _name(session)
-    if len(rig.seen) != len(session.shots[0].acceleration) if session.shots else False:
+    if len(rig.seen) != len(session.impacts[0].acceleration) if session.impacts else False:
         raise AnalysisError(
-            f"{name}: has {len(session.shots[0].acceleration)} channels, {rig.name} has {len(rig.seen)}"
+            f"{name}: has {len(session.impacts[0].acceleration)} channels, {rig.name} has {len(rig.seen)}"
         )
     if rig.drives:
         raise AnalysisError(f"{name}: holds impacts; {rig.name} describes measured inputs")
@@ -123,8 +123,8 @@ class _Usable:
     system_hz: tuple[float, ...]
 
     @property
-    def shots(self) -> list[Shot]:
-        return [s for s in self.session.shots if s.accepted and s.load_set in self.constants]
+    def impacts(self) -> list[Impact]:
+        return [s for s in self.session.impacts if s.accepted and s.load_set in self.constants]
 
 
 def _name(session: Session) -> str:
@@ -133,7 +133,7 @@ def _name(session: Session) -> str:
 
 def _usable(session: Session, arrangement: Arrangement) -> _Usable:
     name = _name(session)
-    rates = {s.sample_rate_hz for s in session.shots if s.accepted}
+    rates = {s.sample_rate_hz for s in session.impacts if s.accepted}
     if len(rates) != 1:
         raise AnalysisError(f"{name}: a diagnosis needs accepted impacts of one sampling rate, not of {len(rates)}")
     scoped = {p.name for p in arrangement.parameters if p.scope == LOAD}
@@ -205,7 +205,7 @@ def _common_noise(usable: Sequence[_Usable]) -> tuple[NoiseModel, ...] | None:
         return None
     shown: dict[bytes, Session] = {}
     for one in usable:
-        key = one.shots[0].acceleration.tobytes()
+        key = one.impacts[0].acceleration.tobytes()
         if key in shown:
             raise AnalysisError(
                 f"{_name(one.session)}: holds the impacts of {_name(shown[key])} once more; name it once"
@@ -213,8 +213,8 @@ def _common_noise(usable: Sequence[_Usable]) -> tuple[NoiseModel, ...] | None:
         shown[key] = one.session
     rate = first.rig.sample_rate_hz
     try:
-        own = [channel_noise(one.shots, rate) for one in usable]
-        both = channel_noise([s for one in usable for s in one.shots], rate)
+        own = [channel_noise(one.impacts, rate) for one in usable]
+        both = channel_noise([s for one in usable for s in one.impacts], rate)
     except ValueError as error:
         raise AnalysisError(f"{_name(first)} and others: {error}") from None
     for one, noise in zip(usable, own, strict=True):
@@ -245,6 +245,6 @@ def declared_filter(rig: RigDescription) -> StateSpace:
 
 def _load(session: Session, load_set: int) -> float:
     """Load of a load set as the session file gives it, mN."""
-    shots = session.accepted(load_set)
-    read = [v for s in shots for v in (s.load_before_mn, s.load_after_mn) if math.isfinite(v)]
-    return float(np.mean(read)) if read else shots[0].target_load_mn
+    impacts = session.accepted(load_set)
+    read = [v for s in impacts for v in (s.load_before_mn, s.load_after_mn) if math.isfinite(v)]
+    return float(np.mean(read)) if read else impacts[0].target_load_mn

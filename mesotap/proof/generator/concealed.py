@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.records import RigDescription, Session, Shot
+from daq.records import Impact, RigDescription, Session
 from mesotap.proof.generator.effects import FULL, Character, Effect
 from mesotap.proof.generator.integration import integrate
 from mesotap.proof.generator.plan import PRETRIGGER, RATE_HZ, Plan, machine_of
@@ -150,12 +150,12 @@ def record(rng: np.random.Generator, concealed: Concealed, number: int) -> Recor
     y = converted(disturbed, scale)
     noise = (y - whole)[:, :, PRETRIGGER:]
     began = datetime(2026, 1, 5, 9, 0, tzinfo=UTC) + timedelta(days=number)
-    shots = []
+    impacts = []
     for i, g in enumerate(plan.group.tolist()):
         drift = concealed.drift_n * i / max(plan.group.size - 1, 1)
         load = (plan.loads[g] + drift + LOAD_NOISE_N * rng.standard_normal(2)) * 1e3
-        shots.append(
-            Shot(
+        impacts.append(
+            Impact(
                 number=i,
                 load_set=g,
                 target_load_mn=float(round(plan.loads[g] * 1e3, 1)),
@@ -182,7 +182,7 @@ def record(rng: np.random.Generator, concealed: Concealed, number: int) -> Recor
         full_scale_m_s2=scale,
         bits=BITS,
     )
-    session = Session(created=began.isoformat(), rig=rig, shots=tuple(shots), software="concealed", complete=True)
+    session = Session(created=began.isoformat(), rig=rig, impacts=tuple(impacts), software="concealed", complete=True)
     return Recorded(session, knowing_rms(plan, noise))
 
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.results import LoadResult, SessionResults, Spectrum
-from daq.records import Shot
+from daq.records import Impact
 from mesotap.report.figures._contact import drift_footnote, load_text, spread_over_loads
 from mesotap.report.figures._style import (
     BLACK,
@@ -31,24 +31,24 @@ BEYOND_CONTACT_MODE = 1.8  # the frequency axis ends at so many times the highes
 
 
 @styled
-def record_figure(shot: Shot, enlarged_ms: float = ENLARGED_MS) -> Figure:
+def record_figure(impact: Impact, enlarged_ms: float = ENLARGED_MS) -> Figure:
     """Draw both accelerometers against time: (a) the whole record, (b) its first milliseconds (Fig. 6a).
 
     Parameters
     ----------
-    shot
+    impact
         The tap; the trigger is at 0 ms.
     enlarged_ms
         Time after the trigger that (b) shows.
     """
     figure = blank(PAGE_MM, 62)
     whole, first = figure.subplots(1, 2, width_ratios=(1.35, 1))
-    time_ms = (np.arange(shot.acceleration.shape[1]) - shot.pretrigger) / shot.sample_rate_hz * 1e3
+    time_ms = (np.arange(impact.acceleration.shape[1]) - impact.pretrigger) / impact.sample_rate_hz * 1e3
     early = (time_ms >= -0.2 * enlarged_ms) & (time_ms <= enlarged_ms)
     # B is broad and pale beneath A: where they agree both are seen.
     lines = ((1, "accelerometer B", ORANGE, 2.2), (0, "accelerometer A", BLUE, 0.8))
     for row, label, colour, width in lines:
-        signal = shot.acceleration[row]
+        signal = impact.acceleration[row]
         whole.plot(*decimated(time_ms, signal), color=colour, linewidth=0.5 * width)
         first.plot(time_ms[early], signal[early], color=colour, linewidth=width, label=label)
     for letter, axes in (("a", whole), ("b", first)):

@@ -151,7 +151,7 @@ def test_an_upper_limit_is_the_bound_of_the_score_in_the_parameters_unit() -> No
 def test_what_is_named_has_no_upper_limit() -> None:
     session = session_of(with_law(), noise=0.02)
     louder = np.array([[1.0], [1.02]])
-    shots = tuple(replace(s, acceleration=louder * s.acceleration) for s in session.shots)
-    found = diagnosed([replace(session, shots=shots)], [listed("channel_gain"), listed("guide_friction")]).answer
+    impacts = tuple(replace(s, acceleration=louder * s.acceleration) for s in session.impacts)
+    found = diagnosed([replace(session, impacts=impacts)], [listed("channel_gain"), listed("guide_friction")]).answer
     assert [m.id for m in found.mechanisms] == ["channel_gain"]
     assert [limit.id for limit in found.upper_limits] == ["guide_friction"]

@@ -323,16 +323,16 @@ def test_a_session_file_is_not_imported(tmp_path: Path) -> None:
 def test_a_recording_becomes_a_session_of_one_impact(tmp_path: Path) -> None:
     recording = Recording(np.array([A, 2 * A, B]), RATE, ("a", "hammer", "b"), "m/s2", str(tmp_path / "x.csv"))
     session = as_session(recording, channels=("a", "b"))
-    (shot,) = session.shots
-    np.testing.assert_array_equal(shot.acceleration, [A, B])
-    assert shot.channels is not None
-    np.testing.assert_array_equal(shot.channels, recording.data)
-    assert shot.channel_names == ("a", "hammer", "b")
-    assert shot.pretrigger == 103  # the first sample after 4 ms
-    assert math.isnan(shot.target_load_mn)
+    (impact,) = session.impacts
+    np.testing.assert_array_equal(impact.acceleration, [A, B])
+    assert impact.channels is not None
+    np.testing.assert_array_equal(impact.channels, recording.data)
+    assert impact.channel_names == ("a", "hammer", "b")
+    assert impact.pretrigger == 103  # the first sample after 4 ms
+    assert math.isnan(impact.target_load_mn)
     assert not session.rig.is_tester
     write_session(tmp_path / "x.h5", session)
-    assert same(read_session(tmp_path / "x.h5").shots, session.shots)
+    assert same(read_session(tmp_path / "x.h5").impacts, session.impacts)
 
 
 def test_one_channel_is_not_enough() -> None:

@@ -62,7 +62,7 @@ def test_what_is_left_out_is_told_and_nothing_takes_its_place(tmp_path: Path, od
     assert recording.left_out == (f"a ({what})",)
     with pytest.raises(RecordingError, match=rf"a \({what}\): name A and B with --channel, of b, c"):
         as_session(recording)
-    np.testing.assert_array_equal(as_session(recording, ("c", "b")).shots[0].acceleration, [A, B])
+    np.testing.assert_array_equal(as_session(recording, ("c", "b")).impacts[0].acceleration, [A, B])
 
 
 def test_complex_channels_of_hdf5_are_left_out_and_told(tmp_path: Path) -> None:

@@ -82,7 +82,7 @@ def test_a_session_is_diagnosed_at_its_end(tmp_path: Path, monkeypatch) -> None:
 
 
 def test_a_session_that_cannot_be_diagnosed_stays_what_it_is(made: Session, tmp_path: Path) -> None:
-    few = Session(made.created, made.rig, made.shots[:2], source="few.h5")
+    few = Session(made.created, made.rig, made.impacts[:2], source="few.h5")
     said = ended(few, tmp_path, Config.model_validate({"mesotap": {"diagnose": True}}))
     assert re.search(r"no diagnosis: \S+few\.h5: a diagnosis needs at least four accepted impacts", said)
     assert [f.name for f in tmp_path.iterdir()] == ["few.h5"]

@@ -162,17 +162,17 @@ def recovered(folder: Path) -> tuple[Session, list[str]]:
     ],
 )
 def test_what_is_whole_is_recovered_and_the_rest_is_told(
-    sound: Path, tmp_path: Path, damage: str, shots: list[int], lost: str
+    sound: Path, tmp_path: Path, damage: str, impacts: list[int], lost: str
 ) -> None:
     folder = tmp_path / "run"
     shutil.copytree(sound / "unfinished", folder)
     whole = recovered(folder)[0]
     DAMAGES[damage](folder)
     found, lines = recovered(folder)
-    assert [shot.number for shot in found.shots] == shots
-    for shot in found.shots:
-        assert shot.acceleration.tobytes() == whole.shots[shot.number].acceleration.tobytes()
-        assert shot.accepted == whole.shots[shot.number].accepted
+    assert [impact.number for impact in found.impacts] == impacts
+    for impact in found.impacts:
+        assert impact.acceleration.tobytes() == whole.impacts[impact.number].acceleration.tobytes()
+        assert impact.accepted == whole.impacts[impact.number].accepted
     assert any(line.startswith(lost) for line in lines), lines
     assert not found.complete
 
@@ -213,7 +213,7 @@ def test_a_finished_session_is_recovered_as_what_it_is(sound: Path, tmp_path: Pa
     assert lines == []
     assert found.complete
     assert found.rig == true.rig
-    assert [s.acceleration.tobytes() for s in found.shots] == [s.acceleration.tobytes() for s in true.shots]
+    assert [s.acceleration.tobytes() for s in found.impacts] == [s.acceleration.tobytes() for s in true.impacts]
     assert found.pre is not None
     assert found.post is not None
     assert found.post.time == true.post.time  # type: ignore[union-attr]

@@ -163,7 +163,7 @@ def test_a_link_in_a_session_folder_is_not_followed(folder: Path, name: str) -> 
         pytest.raises(RecordingError, match=f"{name}: is a link to another place, which is not followed"),
         SessionFolder.open(folder) as opened,
     ):
-        opened.read_shot(1)
+        opened.read_impact(1)
 
 
 def test_no_session_is_begun_behind_a_link(tmp_path: Path) -> None:

@@ -180,10 +180,10 @@ def test_a_record_begins_with_noise_alone_and_is_what_the_rig_shows() -> None:
     plan = small_plan()
     recorded = record(np.random.default_rng(9), Concealed(plan), 4).session
     clean = signals(Concealed(plan))
-    for shot, y in zip(recorded.shots, clean, strict=True):
-        assert shot.acceleration.shape == (2, PRETRIGGER + plan.samples)
-        assert np.std(shot.acceleration[:, :PRETRIGGER]) == pytest.approx(plan.noise.rms, rel=0.4)
-        assert np.std(shot.acceleration[:, PRETRIGGER:] - y) == pytest.approx(plan.noise.rms, rel=0.2)
+    for impact, y in zip(recorded.impacts, clean, strict=True):
+        assert impact.acceleration.shape == (2, PRETRIGGER + plan.samples)
+        assert np.std(impact.acceleration[:, :PRETRIGGER]) == pytest.approx(plan.noise.rms, rel=0.4)
+        assert np.std(impact.acceleration[:, PRETRIGGER:] - y) == pytest.approx(plan.noise.rms, rel=0.2)
     assert recorded.rig.sample_rate_hz == RATE_HZ
     assert recorded.rig.k1_n_per_m == plan.declared_springs[0]
 

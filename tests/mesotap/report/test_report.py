@@ -33,7 +33,7 @@ from analysis.results import (
 from analysis.statistics import BoxStatistics
 from calibration.estimate import Estimate
 from calibration.gauge import GaugeResult
-from daq.records import CalibrationPoints, RigDescription, Session, Shot
+from daq.records import CalibrationPoints, Impact, RigDescription, Session
 from mesotap.answers.comparison import recovered_against
 from mesotap.answers.results_files import impacts_csv, json_text, loads_csv, modes_json
 from mesotap.answers.rounding import significant
@@ -118,7 +118,7 @@ def follow(frequency_hz: float, damping_ratio: float, points: int = 6) -> tuple[
     )
 
 
-def make_load(load_set: int, impacts: list[ImpactResult], recorded: list[Shot]) -> LoadResult:
+def make_load(load_set: int, impacts: list[ImpactResult], recorded: list[Impact]) -> LoadResult:
     used = [i for i in impacts if i.accepted]
     values = {q: [getattr(i, q).value for i in used] for q in ("f1_hz", "f2_hz", "zeta1", "zeta2")}
     ks = [stiffness_of(f) for f in values["f2_hz"]]
@@ -153,7 +153,7 @@ def make_load(load_set: int, impacts: list[ImpactResult], recorded: list[Shot]) 
 def make_session(loads: int = 8, drifted: bool = False) -> tuple[Session, SessionResults]:
     """Return a session like the one behind Table 5 and Fig. 8, eight accepted taps a load and some rejected."""
     rng = np.random.default_rng(5)
-    recorded: list[Shot] = []
+    recorded: list[Impact] = []
     impacts: list[ImpactResult] = []
     results: list[LoadResult] = []
     for load_set in range(loads):
@@ -161,11 +161,11 @@ def make_session(loads: int = 8, drifted: bool = False) -> tuple[Session, Sessio
         for extra in range(load_set % 3):
             plan.insert(3 * extra + 1, REASONS[extra])
         mine: list[ImpactResult] = []
-        records: list[Shot] = []
+        records: list[Impact] = []
         for index, reason in enumerate(plan):
             number = len(impacts) + len(mine)
             mine.append(make_impact(number, load_set, rng, not reason, reason))
-            shot = Shot(
+            impact = Impact(
                 number=number,
                 load_set=load_set,
                 target_load_mn=round(TABLE_5_MN[load_set], -1),
@@ -178,7 +178,7 @@ def make_session(loads: int = 8, drifted: bool = False) -> tuple[Session, Sessio
                 accepted=not reason,
                 reject_reason=reason,
             )
-            records.append(shot)
+            records.append(impact)
         recorded += records
         impacts += mine
         results.append(make_load(load_set, mine, records))
@@ -191,7 +191,7 @@ def make_session(loads: int = 8, drifted: bool = False) -> tuple[Session, Sessio
     session = Session(
         created="2024-05-06T09:30:00Z",
         rig=RigDescription(m1_kg=M1, m2_kg=M2, k1_n_per_m=K, k2_n_per_m=K, sample_rate_hz=RATE),
-        shots=tuple(recorded),
+        impacts=tuple(recorded),
         pre=gauge(0.042, 9),
         post=gauge(0.0424 if drifted else 0.042, 12),
         operator="A. Operator",
@@ -543,7 +543,7 @@ def test_one_load_without_values_beside_a_good_one(small: tuple[Session, Session
 
 
 def test_empty_session(tmp_path: Path) -> None:
-    session = Session(created="", rig=RigDescription(), shots=())
+    session = Session(created="", rig=RigDescription(), impacts=())
     springs = (Estimate(math.nan, math.nan), Estimate(math.nan, math.nan))
     text = Page(report(tmp_path, session, SessionResults("", "era", (), (), None, springs), truth=[])).text
     assert "0 taps at 0 loads: 0 used, 0 rejected." in text

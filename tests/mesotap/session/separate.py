@@ -144,7 +144,7 @@ class SeparateSession:
         while True:
             try:
                 with SessionFolder.open(self.folder) as folder:
-                    return {s.number: s.acceleration.tobytes() for s in folder.shots() if s.accepted}
+                    return {s.number: s.acceleration.tobytes() for s in folder.impacts() if s.accepted}
             except ValueError:  # the guardian still holds the folder's lock
                 assert time.monotonic() < begun + STARTING_S
                 time.sleep(0.1)

@@ -35,12 +35,12 @@ LARGEST_MV = 64.0
 
 
 def session(path: Path, config, rig) -> tuple[list, list, dict]:
-    """Shots and journal of a whole session, the rig's own state left out."""
+    """Impacts and journal of a whole session, the rig's own state left out."""
     folder, runner = new_runner(path, config, rig)
     with folder:
         runner.run()
         events = [{k: v for k, v in event.items() if k != "rig"} for event in folder.events()]
-        return folder.shots(), events, rig.checkpoint()
+        return folder.impacts(), events, rig.checkpoint()
 
 
 def same(one, other) -> None:
@@ -125,8 +125,8 @@ def test_an_emulated_session_goes_on_from_its_journal(tmp_path, monkeypatch):
         with pytest.raises(KeyError):
             runner.run()
         runner_in(folder, config, emulated_rig(config, seed=5)).run()
-        shots = folder.shots()
-    assert [s.acceleration.tobytes() for s in shots] == [s.acceleration.tobytes() for s in whole[0]]
+        impacts = folder.impacts()
+    assert [s.acceleration.tobytes() for s in impacts] == [s.acceleration.tobytes() for s in whole[0]]
 
 
 def test_a_simulated_session_is_not_resumed_on_emulated_devices():

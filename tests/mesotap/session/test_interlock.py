@@ -70,8 +70,8 @@ def run_with(tmp_path, config, state, reading, fault):
             runner.run()
         except RigError as caught:
             error = caught
-        shots = folder.shots()
-    return rig, error, shots
+        impacts = folder.impacts()
+    return rig, error, impacts
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=str)
@@ -110,9 +110,9 @@ def test_a_gauge_that_fails_while_loading_is_named(tmp_path, fault):
 
 def test_contact_higher_than_expected_is_found(tmp_path):
     config = small_config(f"sim_backend.contact_position_um={150.0 - HIGH_UM}")
-    rig, error, shots = run_with(tmp_path, config, State.DONE, 0, None)
+    rig, error, impacts = run_with(tmp_path, config, State.DONE, 0, None)
     assert error is None
-    assert sum(s.accepted for s in shots) == 4
+    assert sum(s.accepted for s in impacts) == 4
     assert rig.peak_true_load_mn <= config.rig.limits.load_mn
 
 
@@ -252,7 +252,7 @@ def test_a_gauge_of_whole_divisions_is_not_taken_for_a_dead_one(tmp_path):
     folder, runner = new_runner(tmp_path / "session", config, rig)
     with folder:
         runner.run()
-        assert sum(shot.accepted for shot in folder.shots()) == 4
+        assert sum(impact.accepted for impact in folder.impacts()) == 4
 
 
 @pytest.mark.parametrize("at_mn", [100.0, 500.0])

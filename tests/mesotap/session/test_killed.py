@@ -76,11 +76,11 @@ def content(path: Path) -> dict[str, object]:
 
 
 def accepted(folder: Path) -> dict[int, bytes]:
-    """Accepted shots on the disk of a session."""
+    """Accepted impacts on the disk of a session."""
     if not (folder / "session.json").exists():
         return {}
     with SessionFolder.open(folder) as session:
-        return {s.number: s.acceleration.tobytes() for s in session.shots() if s.accepted}
+        return {s.number: s.acceleration.tobytes() for s in session.impacts() if s.accepted}
 
 
 @pytest.mark.slow

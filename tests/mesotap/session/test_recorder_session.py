@@ -30,7 +30,7 @@ def run(path, config, rig):
     folder, runner = new_runner(path, config, rig)
     with folder:
         runner.run()
-        return assemble(header_of(config), config, runner.progress, folder.shots()), folder.events()
+        return assemble(header_of(config), config, runner.progress, folder.impacts()), folder.events()
 
 
 def test_the_session_is_the_same_as_on_the_simulated_recorder(tmp_path):
@@ -40,8 +40,8 @@ def test_the_session_is_the_same_as_on_the_simulated_recorder(tmp_path):
     simulated, _ = run(tmp_path / "a", config, simulated_rig(config))
     emulated, _ = run(tmp_path / "b", config, over_the_wire(config)[0])
     assert emulated.complete
-    assert len(emulated.shots) == len(simulated.shots)
-    for one, other in zip(simulated.shots, emulated.shots, strict=True):
+    assert len(emulated.impacts) == len(simulated.impacts)
+    for one, other in zip(simulated.impacts, emulated.impacts, strict=True):
         assert np.array_equal(one.acceleration, other.acceleration)
         assert np.array_equal(one.strain_mv, other.strain_mv)
         assert (one.time, one.accepted, one.reject_reason) == (other.time, other.accepted, other.reject_reason)
@@ -58,7 +58,7 @@ def test_a_fault_within_a_record_costs_one_tap_and_not_the_session(tmp_path, fau
     )
     session, events = run(tmp_path / "s", config, rig)
     assert session.complete
-    assert sum(shot.accepted for shot in session.shots) == 4
+    assert sum(impact.accepted for impact in session.impacts) == 4
     lost = [event for event in events if event["event"] == NO_TAP]
     assert len(lost) == 1
     assert "samples while the tap was waited for" in lost[0]["reason"]
@@ -80,18 +80,18 @@ def test_a_cable_pulled_for_good_ends_with_the_surfaces_apart_and_the_session_go
         with pytest.raises(RigError, match="it is gone from the bus; check its cable and the hub"):
             runner.run()
         assert rig.true_load_mn() == 0.0
-        kept = {number: folder.read_shot(number)[0].acceleration for number in folder.shot_numbers()}
+        kept = {number: folder.read_impact(number)[0].acceleration for number in folder.impact_numbers()}
         assert kept
         device.bus.plug(device)
         again = runner_in(folder, config, rig)
         assert again.run().state is State.FILE
-        assert sum(shot.accepted for shot in folder.shots()) == 4
+        assert sum(impact.accepted for impact in folder.impacts()) == 4
         for number, acceleration in kept.items():
-            assert np.array_equal(folder.read_shot(number)[0].acceleration, acceleration)
+            assert np.array_equal(folder.read_impact(number)[0].acceleration, acceleration)
 
 
 def test_the_session_says_the_rate_that_was_recorded(tmp_path):
     config = small_config("rig.wiring.sample_rate_hz=24690.0")
     session, _ = run(tmp_path / "s", config, over_the_wire(config)[0])
-    assert session.rig.sample_rate_hz == session.shots[0].sample_rate_hz == 40e6 / round(40e6 / 24690)
+    assert session.rig.sample_rate_hz == session.impacts[0].sample_rate_hz == 40e6 / round(40e6 / 24690)
     assert session.rig.sample_rate_hz != 24690.0

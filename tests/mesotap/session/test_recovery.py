@@ -16,10 +16,10 @@ import pytest
 from daq.durable import write_whole
 from daq.errors import RecordingError, UnwrittenError
 from daq.hdf5 import CHECKSUMMED
-from daq.journal import any_shot_in
+from daq.journal import any_impact_in
 from daq.limited import LimitedReader
 from daq.limits import LEAST_ROOM, folder_room
-from daq.records import Shot
+from daq.records import Impact
 from daq.session_file import read_session, write_session
 from mesotap.session import recovery
 from mesotap.session.recovery import recover
@@ -29,23 +29,23 @@ from tests.fuzz.sessions import small_session
 MARK = b"this one ends the process"
 
 
-def ends_at_the_mark(path: Path) -> Shot:
-    """Reads a shot; what a library does that a file crashes."""
+def ends_at_the_mark(path: Path) -> Impact:
+    """Reads an impact; what a library does that a file crashes."""
     if path.read_bytes().endswith(MARK):
         os.kill(os.getpid(), signal.SIGSEGV)
-    return any_shot_in(path)
+    return any_impact_in(path)
 
 
 def ask_for_its_own(path: Path) -> int:
     return os.getpid()
 
 
-def test_a_shot_that_crashes_the_library_costs_no_other(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recovery, "any_shot_in", ends_at_the_mark)
-    shot = folder / "shots/00001.h5"
-    shot.write_bytes(shot.read_bytes() + MARK)
+def test_a_impact_that_crashes_the_library_costs_no_other(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recovery, "any_impact_in", ends_at_the_mark)
+    impact = folder / "shots/00001.h5"
+    impact.write_bytes(impact.read_bytes() + MARK)
     found = recover(folder)
-    assert [s.number for s in found.session.shots] == [0, 2]
+    assert [s.number for s in found.session.impacts] == [0, 2]
     assert "shots/00001.h5: is lost: the file is damaged or truncated: the library that reads it failed" in found.losses
 
 
@@ -60,35 +60,41 @@ def test_one_process_reads_file_after_file_and_is_followed_by_another_where_it_e
         assert reader.read(ask_for_its_own, bad) != first
 
 
-def test_a_shot_that_claims_more_than_its_file_may_hold_is_lost(folder: Path) -> None:
+def test_a_impact_that_claims_more_than_its_file_may_hold_is_lost(folder: Path) -> None:
     with h5py.File(folder / "shots/00001.h5", "r+", libver=CHECKSUMMED) as file:
-        shot = file["shot"]
-        del shot["acceleration"], shot["strain_mv"], shot.attrs["digest"]
-        zeros = shot.create_dataset("acceleration", (2, 500_000), "f8", compression="gzip", data=np.zeros((2, 500_000)))
+        impact = file["shot"]
+        del impact["acceleration"], impact["strain_mv"], impact.attrs["digest"]
+        zeros = impact.create_dataset(
+            "acceleration", (2, 500_000), "f8", compression="gzip", data=np.zeros((2, 500_000))
+        )
         zeros.attrs["units"] = "m/s2"
     found = recover(folder)
-    assert [s.number for s in found.session.shots] == [0, 2]
+    assert [s.number for s in found.session.impacts] == [0, 2]
     assert any("shots/00001.h5: is lost: /shot/acceleration claims shape" in line for line in found.losses)
 
 
-def test_the_shots_of_a_folder_claim_no_more_than_it_may_hold(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = recover(folder).session.shots[0]
+def test_the_impacts_of_a_folder_claim_no_more_than_it_may_hold(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = recover(folder).session.impacts[0]
     one = whole.acceleration.nbytes + (0 if whole.strain_mv is None else whole.strain_mv.nbytes)
     monkeypatch.setattr(recovery, "folder_room", lambda size: 2 * one)
     found = recover(folder)
-    assert [s.number for s in found.session.shots] == [0, 1]
+    assert [s.number for s in found.session.impacts] == [0, 1]
     assert any(line.startswith("shots/00002.h5: is lost: the impacts claim more samples") for line in found.losses)
     assert folder_room(0) == LEAST_ROOM
 
 
 def test_samples_that_pack_to_almost_nothing_are_written_such_that_they_can_be_read(tmp_path: Path) -> None:
     session = small_session(impacts=1, samples=3_000_000)
-    shot = session.shots[0]
-    flat = np.zeros_like(shot.acceleration)
-    shots = (Shot(**{n: getattr(shot, n) for n in Shot.__slots__} | {"acceleration": flat, "strain_mv": flat[0]}),)
+    impact = session.impacts[0]
+    flat = np.zeros_like(impact.acceleration)
+    impacts = (
+        Impact(**{n: getattr(impact, n) for n in Impact.__slots__} | {"acceleration": flat, "strain_mv": flat[0]}),
+    )
     path = tmp_path / "s.h5"
-    write_session(path, type(session)(**{n: getattr(session, n) for n in type(session).__slots__} | {"shots": shots}))
-    assert read_session(path).shots[0].acceleration.shape == flat.shape
+    write_session(
+        path, type(session)(**{n: getattr(session, n) for n in type(session).__slots__} | {"impacts": impacts})
+    )
+    assert read_session(path).impacts[0].acceleration.shape == flat.shape
 
 
 def test_a_session_of_which_the_configuration_is_lost_is_not_complete(sound: Path, tmp_path: Path) -> None:
@@ -134,7 +140,7 @@ def test_half_a_character_in_the_configuration_is_escaped(folder: Path, tmp_path
     assert read_session(tmp_path / "s.h5").config.startswith(r"# \ud800")
 
 
-def test_a_linked_folder_of_shots_is_not_followed(folder: Path, sound: Path) -> None:
+def test_a_linked_folder_of_impacts_is_not_followed(folder: Path, sound: Path) -> None:
     shutil.rmtree(folder / "shots")
     (folder / "shots").symlink_to(sound / "unfinished/shots")
     with pytest.raises(RecordingError, match="holds no intact impact"):

@@ -21,7 +21,7 @@ from tests.mesotap.benches import Watching, header_of, new_runner, runner_in, sm
 def analysed(config, folder):
     with SessionFolder.open(folder) as kept:
         progress = progress_of(kept.events())
-        session = assemble(kept.header, config, progress, kept.shots())
+        session = assemble(kept.header, config, progress, kept.impacts())
     results = analyse_session(session, config.analysis, config.calibration, config.rig.masses, config.rig.springs)
     return session, results, progress
 
@@ -50,7 +50,7 @@ def test_a_session_recovers_itself(tmp_path):
         assert load.zeta2.value == pytest.approx(truth["zeta2"], rel=0.05)
         assert load.contact_stiffness_n_per_m.value == pytest.approx(truth["contact_stiffness_n_per_m"], rel=3e-3)
         assert load.load_mn.value == pytest.approx(truth["load_mn"], abs=1.0)
-    rejected = [s for s in session.shots if not s.accepted]
+    rejected = [s for s in session.impacts if not s.accepted]
     assert rejected, "the simulated operator never taps badly"
     assert all(s.reject_reason for s in rejected)
 
@@ -62,7 +62,7 @@ def test_the_same_seed_is_the_same_session_and_another_is_not(tmp_path):
         folder, runner = new_runner(tmp_path / name, config, simulated_rig(config, seed=seed))
         with folder:
             runner.run()
-            records.append(np.concatenate([s.acceleration for s in folder.shots()], axis=1))
+            records.append(np.concatenate([s.acceleration for s in folder.impacts()], axis=1))
     assert np.array_equal(records[0], records[1])
     assert not np.array_equal(records[0], records[2])
 
@@ -108,14 +108,14 @@ def test_an_ended_session_is_safe_and_goes_on(tmp_path, state, nth):
             runner.run()
         assert any("surfaces are apart" in note for note in ended.value.__notes__)
         assert rig.true_load_mn() == 0.0
-        kept = {s.number: s.acceleration.tobytes() for s in folder.shots()}
+        kept = {s.number: s.acceleration.tobytes() for s in folder.impacts()}
         again = runner_in(folder, config, simulated_rig(config))
         again.run()
-        shots = folder.shots()
-    assert sum(s.accepted for s in shots) == 4
-    assert [s.number for s in shots] == list(range(len(shots)))
+        impacts = folder.impacts()
+    assert sum(s.accepted for s in impacts) == 4
+    assert [s.number for s in impacts] == list(range(len(impacts)))
     for number, record in kept.items():
-        assert shots[number].acceleration.tobytes() == record
+        assert impacts[number].acceleration.tobytes() == record
 
 
 def killed_while_tapping(tmp_path, config) -> SessionFolder:
@@ -148,7 +148,7 @@ def test_an_interrupt_while_connecting_again_is_safe_too(tmp_path):
         assert rig.true_load_mn() == 0.0
         assert folder.events()[-1]["event"] == "safe"
         runner_in(folder, config, simulated_rig(config)).run()
-        assert sum(s.accepted for s in folder.shots()) == 4
+        assert sum(s.accepted for s in folder.impacts()) == 4
 
 
 def test_a_stage_that_did_not_retract_is_told(tmp_path):
@@ -166,19 +166,19 @@ def test_a_stage_that_did_not_retract_is_told(tmp_path):
         assert progress_of(folder.events()).contact is not None
 
 
-def test_a_shot_recorded_just_before_the_end_does_not_undo_the_safe_state(tmp_path):
+def test_a_impact_recorded_just_before_the_end_does_not_undo_the_safe_state(tmp_path):
     config = small_config()
     with killed_while_tapping(tmp_path, config) as folder:
         entries = folder.events()
-        shot = max(i for i, e in enumerate(entries) if e["event"] == "shot")
-        checkpoint = entries[shot]["rig"]
+        impact = max(i for i, e in enumerate(entries) if e["event"] == "shot")
+        checkpoint = entries[impact]["rig"]
         journal = folder.path / "journal.jsonl"
     lines = journal.read_text().splitlines()
     safe = json.dumps({"event": "safe", "troubles": [], "rig": {**checkpoint, "stage": RETRACTED}})
-    journal.write_text("\n".join([*lines[:shot], safe]) + "\n")
+    journal.write_text("\n".join([*lines[:impact], safe]) + "\n")
     with SessionFolder.open(tmp_path / "s") as folder:
         runner_in(folder, config, simulated_rig(config)).run()
-        assert sum(s.accepted for s in folder.shots()) == 4
+        assert sum(s.accepted for s in folder.impacts()) == 4
 
 
 RETRACTED = {"knob_um": 50.0, "carriage_um": 50.0, "locked": False}
@@ -189,11 +189,11 @@ def test_a_plan_that_goes_down_and_up_again(tmp_path):
     folder, runner = new_runner(tmp_path / "s", config)
     with folder:
         runner.run()
-        loads = [s.load_before_mn for s in folder.shots() if s.accepted]
+        loads = [s.load_before_mn for s in folder.impacts() if s.accepted]
     assert loads == pytest.approx([900, 300, 600, 300], abs=10)
 
 
-def test_a_shot_file_that_is_gone_stops_everything(tmp_path):
+def test_a_impact_file_that_is_gone_stops_everything(tmp_path):
     config = small_config()
     folder, runner = new_runner(tmp_path / "s", config)
     with folder:
@@ -225,7 +225,7 @@ def test_a_session_is_ended_only_once(tmp_path):
         before = (tmp_path / "s" / "journal.jsonl").read_text()
         again = runner_in(folder, config, simulated_rig(config))
         assert again.run().state is State.DONE
-        assert len(folder.shots()) == 4
+        assert len(folder.impacts()) == 4
     after = (tmp_path / "s" / "journal.jsonl").read_text()
     assert after.startswith(before)
 
@@ -240,7 +240,7 @@ def test_bad_taps_are_asked_for_again_up_to_a_limit(tmp_path):
     with folder:
         with pytest.raises(RigError, match=r"load 300 mN: 3 taps gave \d good ones of 2"):
             runner.run()
-        assert any(not s.accepted and "tap more gently" in s.reject_reason for s in folder.shots())
+        assert any(not s.accepted and "tap more gently" in s.reject_reason for s in folder.impacts())
 
 
 def test_taps_too_weak_to_be_felt_end_in_a_question_not_in_silence(tmp_path):
@@ -294,7 +294,7 @@ def test_a_session_turned_by_hand(tmp_path):
     folder, runner = new_runner(tmp_path / "s", config, rig)
     with folder:
         runner.run()
-        assert sum(s.accepted for s in folder.shots()) == 4
+        assert sum(s.accepted for s in folder.impacts()) == 4
     assert rig.true_load_mn() == 0.0
     assert rig.peak_true_load_mn < config.rig.limits.load_mn
 

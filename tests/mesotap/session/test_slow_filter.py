@@ -102,9 +102,11 @@ def test_a_session_with_a_declared_filter_sets_its_loads(tmp_path, lag_s):
     rig.stage.lock = lambda: (true_mn.append(rig.true_load_mn()), lock())[1]
     with folder:
         runner.run()
-        shots = folder.shots()
+        impacts = folder.impacts()
     tolerance = config.mesotap.load_tolerance_mn
-    assert sum(shot.accepted for shot in shots) == config.mesotap.impacts_per_load * len(config.mesotap.load_plan_mn)
+    assert sum(impact.accepted for impact in impacts) == config.mesotap.impacts_per_load * len(
+        config.mesotap.load_plan_mn
+    )
     told_mn = [e["load_mn"] for e in folder.events() if e["event"] == "loaded"]
     assert len(told_mn) == len(true_mn) >= len(config.mesotap.load_plan_mn)
     assert told_mn == pytest.approx(true_mn, abs=2 * tolerance)

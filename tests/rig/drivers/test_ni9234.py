@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daq.settings import Trigger
-from daq.trigger import record_shot
+from daq.trigger import record_impact
 from rig import DeviceError, Impactor, RigError
 from rig.drivers.ni9234 import Ni9234, modules
 from rig.drivers.recorder_settings import Ni9234Settings
@@ -162,7 +162,7 @@ def test_the_actual_rate_reaches_the_record():
             pass
 
     trigger = Trigger(threshold_m_s2=1e-3, pretrigger_samples=256, record_samples=1024)
-    record = record_shot(driver, Nobody(), fake.clock, trigger, 500.0)
+    record = record_impact(driver, Nobody(), fake.clock, trigger, 500.0)
     assert record.sample_rate_hz == 25600.0
 
 

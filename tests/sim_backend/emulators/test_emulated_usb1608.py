@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.settings import Trigger
-from daq.trigger import NoTap, SamplesLost, record_shot
+from daq.trigger import NoTap, SamplesLost, record_impact
 from rig import Impactor, RigError
 from rig.drivers.recorder_settings import SolenoidSettings, Usb1608Settings
 from rig.drivers.solenoid import SolenoidImpactor
@@ -71,7 +71,7 @@ def recorded(emulated: bool, wiring: Wiring, errors: SimulatedRecorder, seed: in
         recorder.connect()
     records = []
     for _ in range(4):
-        records.append(record_shot(recorder, rig.impactor, rig.clock, Trigger(), 500.0))
+        records.append(record_impact(recorder, rig.impactor, rig.clock, Trigger(), 500.0))
         rig.load_cell.read()
     return records, recorder.full_scale_m_s2, rig.checkpoint()
 
@@ -280,7 +280,7 @@ def test_a_record_is_unbroken_or_there_is_none(at_s, fault):
     stream.device.inject(fault, at_s)
     trigger = Trigger(threshold_m_s2=20.0, pretrigger_samples=300, record_samples=4000, timeout_s=5.0)
     try:
-        record = record_shot(stream.driver, Tapping(), stream.clock, trigger, 500.0)
+        record = record_impact(stream.driver, Tapping(), stream.clock, trigger, 500.0)
     except SamplesLost:
         return
     step = 5 / 32768 * 9.80665
@@ -294,8 +294,8 @@ def test_a_gap_in_the_record_costs_the_tap_and_the_next_one_is_recorded():
     trigger = Trigger(threshold_m_s2=20.0, pretrigger_samples=300, record_samples=4000, timeout_s=5.0)
     stream.device.inject("overrun", 60000 / 25000 - 0.1 + 0.11)
     with pytest.raises(NoTap, match="tap again"):
-        record_shot(stream.driver, Tapping(), stream.clock, trigger, 500.0)
-    assert record_shot(stream.driver, Tapping(), stream.clock, trigger, 500.0).acceleration.shape == (2, 4000)
+        record_impact(stream.driver, Tapping(), stream.clock, trigger, 500.0)
+    assert record_impact(stream.driver, Tapping(), stream.clock, trigger, 500.0).acceleration.shape == (2, 4000)
 
 
 # --- the device itself

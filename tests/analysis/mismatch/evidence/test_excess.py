@@ -27,11 +27,11 @@ def humming(session: Session) -> Session:
     """A tone in channel A alone, at the middle load, from 20 ms after the tap on."""
     t = np.arange(SAMPLES) / RATE_HZ
     tone = np.where(t > 0.03, TONE * np.sin(2 * np.pi * TONE_HZ * t), 0.0)
-    shots = [
+    impacts = [
         replace(s, acceleration=s.acceleration + np.outer([1.0, 0.0], tone)) if s.load_set == 1 else s
-        for s in session.shots
+        for s in session.impacts
     ]
-    return replace(session, shots=tuple(shots))
+    return replace(session, impacts=tuple(impacts))
 
 
 @pytest.mark.parametrize("found", [map_by_frequency, map_by_time])

@@ -78,8 +78,8 @@ def test_when_a_second_impact_fell_is_looked_for_again_beside_what_came_later() 
         later[:, PRETRIGGER + late :] = share * y[:, PRETRIGGER:-late]
         return (y + later) * np.array([[1.0], [1 + gain]])
 
-    shots = tuple(replace(s, acceleration=hit_again(s.acceleration)) for s in session.shots)
-    problem = problem_of(replace(session, shots=shots)).only((0, 3, 5, 10))
+    impacts = tuple(replace(s, acceleration=hit_again(s.acceleration)) for s in session.impacts)
+    problem = problem_of(replace(session, impacts=impacts)).only((0, 3, 5, 10))
     terms = [
         at_work("double_hit", {"second_impulse_fraction": 0.02}),
         at_work("channel_gain", {"gain_error_of_b": 0.0}),

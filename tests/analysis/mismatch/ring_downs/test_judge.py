@@ -36,7 +36,7 @@ def flawed(session: Session, gain: float = 0.0, delay: float = 0.0) -> Session:
         late[1:] += delay * (y[1, :-1] - y[1, 1:])
         return np.stack([y[0], (1 + gain) * late])
 
-    return replace(session, shots=tuple(replace(s, acceleration=changed(s.acceleration)) for s in session.shots))
+    return replace(session, impacts=tuple(replace(s, acceleration=changed(s.acceleration)) for s in session.impacts))
 
 
 @dataclass(frozen=True, slots=True)

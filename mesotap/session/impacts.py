@@ -1,4 +1,4 @@
-"""From a record to a shot: the verdict, and what the journal says of it."""
+"""From a record to an impact: the verdict, and what the journal says of it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 from daq.impact_group import digest_of
 from daq.quality import judge
-from daq.records import Shot
+from daq.records import Impact
 from daq.trigger import Record
 from mesotap.configuration.config import Config
 from rig import Accelerometers
@@ -14,22 +14,22 @@ from rig import Accelerometers
 Load = tuple[float, float]  # load, mN, and the bridge voltage behind it, mV
 
 
-def judged_shot(
+def judged_impact(
     record: Record,
     before: Load,
     after: Load,
     place: tuple[int, int, float],
     config: Config,
     recorder: Accelerometers,
-) -> Shot:
-    """Judge a record and make a shot of it.
+) -> Impact:
+    """Judge a record and make an impact of it.
 
     Parameters
     ----------
     before, after
         Load just before and after the tap.
     place
-        Number of the shot, load set, target load in mN.
+        Number of the impact, load set, target load in mN.
     """
     verdict = judge(
         record.acceleration,
@@ -45,7 +45,7 @@ def judged_shot(
         quality=config.daq.quality,
     )
     number, load_set, target = place
-    return Shot(
+    return Impact(
         number=number,
         load_set=load_set,
         target_load_mn=target,
@@ -64,12 +64,12 @@ def judged_shot(
     )
 
 
-def shot_entry(shot: Shot) -> dict[str, Any]:
-    """What the journal says of a shot."""
+def impact_entry(impact: Impact) -> dict[str, Any]:
+    """What the journal says of an impact."""
     return {
-        "number": shot.number,
-        "load_set": shot.load_set,
-        "accepted": shot.accepted,
-        "reject_reason": shot.reject_reason,
-        "digest": digest_of(shot),
+        "number": impact.number,
+        "load_set": impact.load_set,
+        "accepted": impact.accepted,
+        "reject_reason": impact.reject_reason,
+        "digest": digest_of(impact),
     }

@@ -183,7 +183,7 @@ WORKER = """
 import sys
 import numpy as np
 from daq.journal import SessionFolder
-from daq.records import Shot
+from daq.records import Impact
 path = sys.argv[1]
 try:
     run = SessionFolder.open(path)
@@ -191,10 +191,10 @@ except ValueError:
     run = SessionFolder.create(path, {"seed": 1})
 print("ready", flush=True)
 while True:
-    n = len(run.shot_numbers())
+    n = len(run.impact_numbers())
     a = np.full((2, 3000), float(n))
     run.append({"event": "strike", "shot": n})
-    run.write_shot(Shot(n, 0, 1.0, 1.0, 1.0, "2026-01-01T00:00:00Z", 25000.0, 10, a, True), {"n": n})
+    run.write_impact(Impact(n, 0, 1.0, 1.0, 1.0, "2026-01-01T00:00:00Z", 25000.0, 10, a, True), {"n": n})
     run.append({"event": "shot", "shot": n})
     print(n, flush=True)
 """

@@ -11,6 +11,7 @@ import argparse
 import tempfile
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -23,6 +24,7 @@ from threadpoolctl import threadpool_limits
 from analysis.mismatch.limits import upper_limits
 from analysis.mismatch.ring_downs.judge import ImpactJudge
 from analysis.mismatch.ring_downs.sessions import ring_downs
+from analysis.session import AnalysisError
 from daq.session_file import read_session
 from mesotap.configuration.declared import header_uncertainty
 from mesotap.configuration.rig_files import tester_rig
@@ -69,11 +71,12 @@ def true_strength(truth: Mapping[str, Any], parameter: str) -> float | None:
     return true_parameters(truth, name).get(parameter)
 
 
-def tried(seed: int, scenario: Scenario) -> tuple[dict[str, Any], dict[str, tuple[str, float]]]:
-    """Make a session, and return its truth and limits."""
-    with tempfile.TemporaryDirectory() as folder:
+def tried(seed: int, scenario: Scenario) -> tuple[dict[str, Any], dict[str, tuple[str, float]]] | None:
+    """Make a session, and return its truth and limits; None where the session cannot carry a diagnosis."""
+    with tempfile.TemporaryDirectory() as folder, suppress(AnalysisError):
         truth = make(seed, scenario, Path(folder))
         return truth, limits_of(Path(folder) / f"{scenario.name}.h5")
+    return None
 
 
 def main() -> None:
@@ -84,7 +87,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     chosen = parser.parse_args()
     with ProcessPoolExecutor(chosen.jobs) as pool:
-        found = list(pool.map(partial(tried, chosen.seed), scenarios(chosen.sessions)))
+        found = [f for f in pool.map(partial(tried, chosen.seed), scenarios(chosen.sessions)) if f is not None]
     ratios: dict[str, list[float]] = {}
     for truth, limits in found:
         for name in truth["kinds"]:

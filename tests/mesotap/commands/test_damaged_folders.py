@@ -137,7 +137,7 @@ def recovered(folder: Path) -> tuple[Session, list[str]]:
 
 
 @pytest.mark.parametrize(
-    ("damage", "shots", "lost"),
+    ("damage", "impacts", "lost"),
     [
         ("journal: a line damaged in the middle", [0, 1, 2], "journal.jsonl, line 4: is not a journal entry"),
         ("journal: missing", [0, 1, 2], "journal.jsonl: is missing"),

@@ -29,7 +29,7 @@ from analysis.mismatch.remainder import remainder_statement
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.ring_downs.account import ImpactAccount
 from analysis.mismatch.ring_downs.candidates import screened_evidence
-from analysis.mismatch.ring_downs.fit import Start, Stop, fit
+from analysis.mismatch.ring_downs.fit import fit
 from analysis.mismatch.ring_downs.judge import ImpactJudge
 from analysis.mismatch.ring_downs.load_drift import with_load_drift
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
@@ -41,7 +41,6 @@ from daq.exchange import Recording
 from daq.records import Session
 from sim_backend.mechanisms.kinds import Mechanism
 
-SCATTER_STEPS = 2  # of the fit that tells whether constants scatter: scatter is small
 RIVALS = 4  # that are reported
 LIKELY = 0.01  # probability from which on a rival's held-out error is computed too
 
@@ -176,16 +175,16 @@ def _of_impacts(problem: RingDowns, known: Sequence[Mechanism], on_progress: OnP
     if free.screening.p_value >= policy.level:
         return select(other, free)
     plain = select(judge, baseline)
-    if plain.chosen is not None or (plain.best.terms and not _scatter_is_left(plain)):
+    if plain.chosen is not None:
         return plain
-    again = select(replace(other, selections=policy.both_budget), free)
+    again = select(other, free)
     return plain if again.chosen is None else again
 
 
 def scattered(baseline: RingDownFit) -> bool:
     """Whether the contact's constants differ from impact to impact of a load by more than noise, and by chance.
 
-    That is not missing physics: what differs must neither follow the strength of the tap nor be large.
+    That is not missing physics: what differs must not follow the strength of the tap.
     """
     policy, segments = baseline.problem.policy, baseline.problem.experiment.segments
     if baseline.constants.load.shape[1] == 0:
@@ -201,19 +200,7 @@ def scattered(baseline: RingDownFit) -> bool:
         at = [i for i, s in enumerate(segments) if s.group == group]
         stiffness[at] -= stiffness[at].mean()
         strength[at] -= strength[at].mean()
-    if float(stiffness.std()) > policy.most_scatter:
-        return False
     return float(pearsonr(stiffness, strength).pvalue) > policy.level
-
-
-def _scatter_is_left(plain: Selection[RingDownFit]) -> bool:
-    """Whether constants of its own for every impact would take up most of what the best explanation leaves."""
-    best = plain.best
-    start = Start(amplitudes=best.amplitudes if best.nonlinear else ())
-    begin = replace(best, constants=_own_constants(best))
-    stop = Stop(SCATTER_STEPS, competing=True)
-    free = fit(best.problem.per_impact_constants(), best.terms, begin, start, stop)
-    return best.objective - free.objective > best.problem.policy.scatter_share * plain.left.chi_squared
 
 
 def _own_constants(fitted: RingDownFit) -> Constants:
@@ -279,7 +266,7 @@ def _upper_limits(account: Account[Any], named: Sequence[Named]) -> tuple[UpperL
     selection = account.selection
     screening = selection.last_screening if named else selection.screening
     left = 0.0
-    if screening.p_value < (selection.problem.policy.left_level if named else selection.problem.policy.level):
+    if screening.p_value < (selection.problem.policy.level):
         left = max(screening.unexplained, *(s.gain - s.dof for s in screening.scores))
     found = upper_limits([s for s in screening.scores if s.term.mechanism.id not in present], left)
     return tuple(replace(u, unit=account.unit(u.unit)) for u in found)

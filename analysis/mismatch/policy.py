@@ -31,8 +31,7 @@ class SelectionPolicy:
     """
 
     # whether anything is missing
-    level: float = _chosen(0.01, "p-value below which something is missing", "1", "convention", 10)
-    left_level: float = _chosen(1e-3, "p-value below which what is left over counts", "1", SEALED, 40)
+    level: float = _chosen(0.01, "p-value below which something is missing, or left over", "1", "convention", 10)
     # candidates
     most_terms: int = _chosen(3, "mechanisms at work together", "mechanisms", "memory of the propagator", 10)
     finalists: int = _chosen(5, "candidates of a step that are fitted to impacts", "candidates", PRACTICE, 10)
@@ -41,58 +40,28 @@ class SelectionPolicy:
     held_against_sweeps: int = _chosen(4, "of them, compared with steady responses", "candidates", RECORDED, 50)
     close: float = _chosen(0.25, "share of the best score's evidence that earns a full fit", "1", PRACTICE, 10)
     serious: float = _chosen(0.5, "share of the best evidence that a fit must be able to reach", "1", PRACTICE, 54)
-    hopeful: float = _chosen(0.7, "share of the best evidence that earns further starts", "1", PRACTICE, 54)
-    hopeful_lost: float = _chosen(0.3, "likewise, where no candidate explains much", "1", PRACTICE, 54)
+    hopeful: float = _chosen(
+        0.7, "share of the best evidence for further starts, or the first place", "1", PRACTICE, 54
+    )
     other_start: float = _chosen(0.2, "share of the best screened evidence of a further start", "1", PRACTICE, 54)
     starts: int = _chosen(5, "starts of the fit of an added body", "starts", PRACTICE, 54)
-    explained: float = _chosen(1.01, "reduced chi-squared below which nothing much is left", "1", SEALED, 54)
-    standing_in: float = _chosen(
-        20.0,
-        "chi-squared of departures from declared constants that stand in for physics",
-        "chi-squared",
-        PRACTICE,
-        54,
-    )
-    nearly_as_good: float = _chosen(
-        0.7, "share of the best first evidence with which another first mechanism is tried", "1", SEALED, 56
-    )
-    phase_locked_most: float = _chosen(
-        1000.0,
-        "gain beyond which a body phase-locked to the tap is fitted freely too",
-        "chi-squared",
-        SEALED,
-        53,
-    )
     # acceptance
     parameter_cost: float = _chosen(2.0, "least penalty per parameter (Akaike's)", "chi-squared", "theory", 52)
     first_gain: float = _chosen(6.0, "evidence of the first mechanism", "chi-squared", SEALED, 10)
     least_gain: float = _chosen(16.0, "evidence of a further mechanism", "chi-squared", SEALED, 10)
     least_share: float = _chosen(0.03, "of what is explained already, for a further mechanism", "1", SEALED, 40)
     most_of_the_rest: float = _chosen(0.8, "of what is left, that will do where it is too much", "1", SEALED, 40)
-    held_out_evidence: float = _chosen(4.0, "of a further mechanism in held-out impacts", "chi-squared", SEALED, 10)
-    beyond_doubt: float = _chosen(
-        200.0, "evidence beyond which held-out impacts need only not lose", "chi-squared", SEALED, 10
-    )
-    contradicted: float = _chosen(
-        25.0, "chi-squared of k_c(P) against a force law beyond which it is out", "chi-squared", SEALED, 10
-    )
     chance: float = _chosen(0.05, "p-value of the choosing blocks' getting better", "1", RECORDED, 50)
     # what may be left over
-    left_over: tuple[float, ...] = _chosen(
-        (0.02, 0.005, 0.0), "share of all that was missed that one, two, three mechanisms may leave", "1", SEALED, 40
-    )
+    left_over: float = _chosen(0.02, "share of all that was missed that may be left over", "1", SEALED, 40)
     left_over_blocks: float = _chosen(
         0.05, "share of what the linear rig missed that a free force may still take away", "1", RECORDED, 50
     )
     unnamed: float = _chosen(
         8.0, "evidence by which something without a name must lead to be likelier", "chi-squared", SEALED, 56
     )
-    far_off: float = _chosen(0.1, "share of all that was missed, beyond which a fit is not converged", "1", SEALED, 57)
-    far_off_least: float = _chosen(100.0, "the same in chi-squared, at least", "chi-squared", SEALED, 57)
     # scatter between impacts
     scatter_evidence: float = _chosen(30.0, "that per-impact constants must have", "chi-squared", SEALED, 57)
-    scatter_share: float = _chosen(0.5, "of what is left, that they must take up to be looked at", "1", SEALED, 57)
-    most_scatter: float = _chosen(0.01, "relative deviation of k_c between impacts that is scatter", "1", SEALED, 57)
     # probabilities
     temperature: float = _chosen(
         2.0, "by which differences of chi-squared are divided: laws are never exactly right", "1", SEALED, 40
@@ -135,7 +104,6 @@ class SelectionPolicy:
     # compute budget
     budget: float = _chosen(700.0, "work of a selection", "substeps a sample", PRACTICE, 58)
     usual_samples: int = _chosen(120_000, "samples whose budget a smaller session is given", "samples", PRACTICE, 58)
-    both_budget: float = _chosen(1.4, "budget of two selections together over one", "1", SEALED, 58)
     # a competing fit ends early
     little: float = _chosen(5.0, "gain of a step below which a competing fit ends", "chi-squared", PRACTICE, 54)
     little_share: float = _chosen(3e-3, "the same, of its difference to the fit before", "1", PRACTICE, 54)
@@ -146,18 +114,6 @@ class SelectionPolicy:
     as_expected: float = _chosen(0.5, "share of its expected gain that lets slopes be used again", "1", PRACTICE, 54)
     # strong effects
     strong: float = _chosen(3.0, "reduced chi-squared beyond which a fit is lost", "1", PRACTICE, 42)
-    nearly_linear: float = _chosen(1.3, "reduced chi-squared up to which the linear rig is a start", "1", PRACTICE, 42)
-    worse: float = _chosen(
-        1.05, "reduced chi-squared of held-out impacts over the others' from which on another start is tried", "1",
-        SEALED, 42,
-    )  # fmt: skip
-
-    def may_be_left(self, terms: int) -> float:
-        """Return the share of all that the linear rig missed that an explanation with so many mechanisms may leave.
-
-        One law is never exactly right; several that still leave something are patches on what is not listed.
-        """
-        return self.left_over[min(max(terms, 1), len(self.left_over)) - 1]
 
     def race(self) -> Race:
         """Return when a competing fit ends."""

@@ -213,7 +213,6 @@ class Problem(ABC, Generic[FitOf]):
             found += [Term(mechanism, values, place) for values in mechanism.trials(scales[at])]
         return found
 
-    def exhausted(self, selections: float = 1.0) -> bool:
-        """Whether the budget that so many selections of these recordings are worth is spent."""
-        p = self.policy
-        return self.budget.spent > selections * p.budget * max(self.samples, p.usual_samples)
+    def exhausted(self) -> bool:
+        """Whether the compute budget of a selection of these recordings is spent."""
+        return self.budget.spent > self.policy.budget * max(self.samples, self.policy.usual_samples)

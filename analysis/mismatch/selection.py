@@ -157,7 +157,6 @@ class Judge(ABC, Generic[FitOf]):
     training: Problem[FitOf]
     known: Sequence[Mechanism]
     on_progress: OnProgress
-    selections: float
 
     @abstractmethod
     def baseline(self) -> FitOf:
@@ -187,7 +186,7 @@ class Judge(ABC, Generic[FitOf]):
 
     def exhausted(self) -> bool:
         """Whether the compute budget is spent."""
-        return self.training.exhausted(self.selections)
+        return self.training.exhausted()
 
     def screen(self, fitted: FitOf, known: Sequence[Mechanism] | None = None) -> Screening:
         """Score all mechanisms against what a fit leaves."""

@@ -53,7 +53,6 @@ class BlockJudge(Judge[SimulatedFit]):
     on_progress: OnProgress = silent
     sweeps: tuple[Sweep, ...] = ()
     steady: SteadyFit | None = None
-    selections: float = 1.0
 
     @classmethod
     def of(

@@ -74,14 +74,14 @@ class ImpactAccount(Account[RingDownFit]):
 
         The weaker an effect, the more there is that looks like it: of a small chi-squared nearly anything does.
         """
-        policy, selection, left = self.judge.problem.policy, self.selection, self.selection.left
+        policy, left = self.judge.problem.policy, self.selection.left
         if step.accepted is None or step.accepted.fit is None:
             return 1.0
         gain = step.before.objective - step.accepted.fit.objective
         weak = policy.unlisted * min(1.0, policy.likeness / max(gain, 1.0))
         odds = policy.strong_likeness + weak + math.exp((left.unnamed - policy.unnamed) / 2)
-        if left.p_value < policy.left_level and left.chi_squared > 0:
-            share = left.share / max(policy.may_be_left(len(selection.best.terms)), 1e-300)
+        if left.p_value < policy.level and left.chi_squared > 0:
+            share = left.share / max(policy.left_over, 1e-300)
             odds = min(odds, 1.0) ** (1 - min(share, 1.0))
         return float(odds)
 

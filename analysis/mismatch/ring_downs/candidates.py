@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
@@ -21,8 +20,6 @@ from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism, SecondI
 
 Begin = tuple[Term, RingDownFit | None]
 """Values of a term, and the fit whose rig it starts from; None for the rig as declared."""
-
-Finish = Callable[[RingDownFit], RingDownFit]
 
 
 def started(score: Score) -> Term:
@@ -76,29 +73,16 @@ def fitted_candidate(
     to_beat
         Objective from which on a fit is given up.
     """
-    policy, mechanism = current.problem.policy, score.term.mechanism
+    policy = current.problem.policy
     fitted = _best(current.problem, current.terms, starts, score.delays, to_beat)
-    if fitted is None or not rings(fitted) or stiffness_evidence(mechanism, fitted) < -policy.contradicted:
+    if fitted is None or not rings(fitted):
         return Candidate(score, None, 0.0)
     if fitted.only_laws and not explained and fitted.reduced_chi_squared > policy.strong:
         fitted = continued(current.problem, fitted.terms, current) or fitted
-    found = _judged(current, fitted, score, score.own_numbers)
-    if score.term.phase_locked and current.objective - fitted.objective > policy.phase_locked_most:
-        found = max(found, _freed(current, fitted, score), key=lambda c: c.evidence)
-    return found
-
-
-def _judged(current: RingDownFit, fitted: RingDownFit, score: Score, own: int) -> Candidate[RingDownFit]:
-    gain = current.objective - fitted.objective - score.choice
-    parameters, cost = len(score.term.mechanism.parameters), current.problem.policy.parameter_cost
-    return Candidate(score, fitted, evidence(gain, own, parameters, cost), own)
-
-
-def _freed(current: RingDownFit, locked: RingDownFit, score: Score) -> Candidate[RingDownFit]:
-    """Fit an added body that rings in every segment as it will: phase-locked to the tap it is only nearly."""
-    term = replace(locked.terms[-1], freed=True)
-    fitted = competing(current.problem, (*locked.terms[:-1], term), current, score.delays)
-    return _judged(current, fitted, score, 2 * len(current.segments))
+    gain, own = current.objective - fitted.objective - score.choice, score.own_numbers
+    return Candidate(
+        score, fitted, evidence(gain, own, len(score.term.mechanism.parameters), policy.parameter_cost), own
+    )
 
 
 def _best(
@@ -154,15 +138,12 @@ def converged(fitted: RingDownFit) -> RingDownFit:
 def elsewhere(current: RingDownFit, scores: Sequence[Score]) -> list[Begin]:
     """Return where else the fit of an added body, which has more than one minimum, is started.
 
-    At its next best screened values, and from the rig as declared where that went far to stand in for it. Beside laws,
-    at the best of the fits that leave what these add to the segments as it is.
+    At its next best screened values. Beside laws, at the best of the fits that leave what these add to the segments as
+    it is.
     """
     policy = current.problem.policy
     least = policy.other_start * screened_evidence(scores[0])
-    rigs = (current, None) if current.penalty > policy.standing_in else (current,)
-    starts: list[Begin] = [
-        (started(s), rig) for s in scores[: policy.starts] if screened_evidence(s) > least for rig in rigs
-    ]
+    starts: list[Begin] = [(started(s), current) for s in scores[: policy.starts] if screened_evidence(s) > least]
     if not current.nonlinear:
         return starts[1:]
     linear = tuple(t for t in current.terms if not t.nonlinear)
@@ -170,7 +151,7 @@ def elsewhere(current: RingDownFit, scores: Sequence[Score]) -> list[Begin]:
     return [] if best is None else [(best.terms[-1], best)]
 
 
-def looked_for_again(current: RingDownFit, finish: Finish) -> RingDownFit:
+def looked_for_again(current: RingDownFit) -> RingDownFit:
     """Restart each earlier mechanism beside the later ones: alone, it may have drifted far to stand in for them."""
     fitted = current
     for i, term in enumerate(current.terms[:-1]):
@@ -184,7 +165,7 @@ def looked_for_again(current: RingDownFit, finish: Finish) -> RingDownFit:
             terms = (*others[:i], started(score), *others[i:])
             found = competing(fitted.problem, terms, without, score.delays)
             if found.objective < fitted.objective - fitted.problem.policy.least_gain and rings(found):
-                fitted = min(finish(found), fitted, key=lambda f: f.objective)
+                fitted = min(converged(found), fitted, key=lambda f: f.objective)
     return fitted
 
 

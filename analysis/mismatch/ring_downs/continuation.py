@@ -57,7 +57,7 @@ def continued(
         skipped = round(since * rate)
         later = problem.cropped(skipped)
         late = _late(later, begin) if linear is None else fit(later, start=Start(held=linear))
-        if late.reduced_chi_squared < policy.nearly_linear:
+        if late.reduced_chi_squared < policy.strong:
             break
     if late is None:
         return None

@@ -37,7 +37,7 @@ def held_out_fit(kept: RingDowns, fitted: RingDownFit) -> RingDownFit:
     policy, good = kept.policy, fitted.reduced_chi_squared
     again = any(isinstance(t.mechanism, SecondImpact) for t in fitted.terms)
     found = fit(kept, start=Start(held=fitted, delays=second_impact_delays(kept, fitted) if again else ()))
-    if found.only_laws and good < policy.strong and found.reduced_chi_squared > policy.worse * good:
+    if found.only_laws and good < policy.strong and found.reduced_chi_squared > policy.strong:
         other = continued(kept, fitted.terms, fitted, held=fitted)
         found = other if other is not None and other.chi_squared < found.chi_squared else found
     return found

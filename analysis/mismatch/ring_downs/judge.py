@@ -49,8 +49,6 @@ class ImpactJudge(Judge[RingDownFit]):
     ----------
     held_out
         Numbers of the segments that take no part in fitting.
-    selections
-        How many selections' compute budget may be spent on these recordings.
     """
 
     problem: RingDowns
@@ -58,7 +56,6 @@ class ImpactJudge(Judge[RingDownFit]):
     held_out: tuple[int, ...]
     known: Sequence[Mechanism]
     on_progress: OnProgress = silent
-    selections: float = 1.0
 
     @classmethod
     def of(cls, problem: RingDowns, known: Sequence[Mechanism], on_progress: OnProgress = silent) -> ImpactJudge:
@@ -92,7 +89,7 @@ class ImpactJudge(Judge[RingDownFit]):
             explained = explained or (one.fit is not None and one.fit.reduced_chi_squared < policy.strong)
             found.append(one)
         found = self._from_elsewhere(current, found, {k: v for k, v in by_id.items() if k in tried}, explained)
-        found.sort(key=lambda c: (c.fit is None, -(c.evidence + stiffness_evidence(c.mechanism, c.fit))))
+        found.sort(key=lambda c: (c.fit is None, -_with_stiffness(c)))
         return tuple(found)
 
     def _from_elsewhere(
@@ -104,10 +101,7 @@ class ImpactJudge(Judge[RingDownFit]):
     ) -> list[Candidate[RingDownFit]]:
         """Fit added bodies from further starts, where that could matter."""
         policy = self.problem.policy
-        fitted = [c for c in candidates if c.fit is not None]
-        first = max((c.evidence for c in fitted), default=0.0)
-        lost = all(c.fit.reduced_chi_squared > policy.explained for c in fitted if c.fit is not None)
-        least = (policy.hopeful_lost if lost else policy.hopeful) * first
+        least = policy.hopeful * max((c.evidence for c in candidates if c.fit is not None), default=0.0)
         out = []
         for c in candidates:
             body = isinstance(c.mechanism, AddedBody) and c.mechanism.body is not None
@@ -128,8 +122,8 @@ class ImpactJudge(Judge[RingDownFit]):
         if best is None or best.fit is None:
             return None, {}
         if state.first:
-            return (best if best.evidence > self.problem.policy.first_gain else None), {}
-        enough = best.evidence > self._least_gain(state) and self._better_held_out(state.current, best)
+            return (best if _with_stiffness(best) > self.problem.policy.first_gain else None), {}
+        enough = _with_stiffness(best) > self._least_gain(state) and self._better_held_out(state.current, best)
         return (best if enough else None), {}
 
     def _least_gain(self, state: State[RingDownFit]) -> float:
@@ -141,55 +135,35 @@ class ImpactJudge(Judge[RingDownFit]):
         policy, left = self.problem.policy, state.screening.unexplained
         explained = state.steps[0].before.objective - state.current.objective
         share = policy.least_share * explained
-        if left > policy.may_be_left(len(state.current.terms)) * (explained + left):
+        if left > policy.left_over * (explained + left):
             share = min(share, policy.most_of_the_rest * left)
         return max(policy.least_gain, share)
 
     def _better_held_out(self, before: RingDownFit, added: Candidate[RingDownFit]) -> bool:
-        """Whether held-out impacts gain more than the added mechanism's own numbers in them would by chance.
-
-        Where it is beyond doubt in the others it need only not be contradicted: few and weak taps may show nothing.
-        """
+        """Whether held-out impacts are predicted better."""
         if added.fit is None or not self.held_out:
             return False
-        policy = self.problem.policy
-        gain = self.held_out_fit(before).chi_squared - self.held_out_fit(added.fit).chi_squared
-        own = added.own * len(self.held_out) // len(before.segments)
-        enough = evidence(gain, own) > policy.held_out_evidence or added.evidence > policy.beyond_doubt
-        return gain > 0 and enough
+        return self.held_out_fit(added.fit).chi_squared < self.held_out_fit(before).chi_squared
 
     def after(self, state: State[RingDownFit], accepted: Candidate[RingDownFit]) -> tuple[State[RingDownFit], bool]:
         """Go on with the accepted fit and look at what it leaves."""
         policy, before = self.problem.policy, state.current
         if accepted.fit is None:
             return state, False
-        first = state.steps[0]
-        current = self._finished(accepted.fit, first)
+        self.on_progress("fitting to the end")
+        current = converged(accepted.fit)
         gained = before.objective - current.objective
         self.on_progress("looking at what is left")
         screening = self.screen(current)
-        if screening.p_value < policy.left_level and len(current.terms) > 1:
+        if screening.p_value < policy.level and len(current.terms) > 1:
             self.on_progress("looking for the earlier ones again")
-            again = looked_for_again(current, lambda f: self._finished(f, first))
+            again = looked_for_again(current)
             if again is not current:
                 current, screening = again, self.screen(again)
         # one more is looked for unless nothing is left, or too much even if every further one gained as much
         room = (policy.most_terms - len(current.terms)) * gained
-        more = screening.p_value <= policy.left_level and screening.unexplained <= room
+        more = screening.p_value <= policy.level and screening.unexplained <= room
         return State(current, screening, state.steps), more
-
-    def _finished(self, fitted: RingDownFit, first: SelectionStep[RingDownFit]) -> RingDownFit:
-        """Go on with a fit to its end, unless going on would not be enough."""
-        if self._far_off(fitted, first):
-            return fitted
-        self.on_progress("fitting to the end")
-        return converged(fitted)
-
-    def _far_off(self, fitted: RingDownFit, first: SelectionStep[RingDownFit]) -> bool:
-        """Whether so much is left of what forces of any shape would explain that another step would not be enough."""
-        policy, all_of_it = self.problem.policy, first.screening.unexplained
-        left = all_of_it - (first.before.objective - fitted.objective)
-        return left > max(policy.far_off * all_of_it, policy.far_off_least)
 
     def outcome(self, baseline: State[RingDownFit], state: State[RingDownFit]) -> Selection[RingDownFit]:
         """Return the selection; earlier mechanisms that gain little beside the later ones are left out."""
@@ -197,16 +171,12 @@ class ImpactJudge(Judge[RingDownFit]):
             return self._ended(baseline, state)
         kept = state
         policy, first = self.problem.policy, state.steps[0]
-        twice = 2 * policy.may_be_left(1) * first.screening.unexplained
-        if state.screening.p_value > policy.left_level or state.screening.unexplained < twice:
+        twice = 2 * policy.left_over * first.screening.unexplained
+        if state.screening.p_value > policy.level or state.screening.unexplained < twice:
             lean, steps = _without_idle_ones(state.current, state.steps)
             if lean is not state.current:
                 return self._ended(baseline, State(lean, self.screen(lean), steps))
-        found = self._ended(baseline, kept)
-        if found.chosen is not None and self._far_off(found.chosen, first):
-            current = converged(found.chosen)
-            found = self._ended(baseline, State(current, self.screen(current), state.steps))
-        return found
+        return self._ended(baseline, kept)
 
     def _ended(self, baseline: State[RingDownFit], state: State[RingDownFit]) -> Selection[RingDownFit]:
         """Return a selection that ends here: explained, or patched together."""
@@ -214,7 +184,7 @@ class ImpactJudge(Judge[RingDownFit]):
         left = screening.unexplained if baseline.screening.p_value < policy.level else 0.0
         explained = baseline.current.objective - best.objective
         share = left / max(explained + left, 1e-300)
-        patched = screening.p_value < policy.left_level and share > policy.may_be_left(len(best.terms))
+        patched = screening.p_value < policy.level and share > policy.left_over
         unnamed = self._lead_of_the_unnamed(baseline, state)
         chosen = best if best.terms and not patched and unnamed < policy.unnamed else None
         over = LeftOver(left, screening.p_value, share, unnamed)
@@ -232,7 +202,7 @@ class ImpactJudge(Judge[RingDownFit]):
     def another_first(self, candidates: Sequence[Candidate[RingDownFit]]) -> bool:
         """Whether the second candidate is nearly as good as the first."""
         first, second = candidates[:2]
-        return second.fit is not None and second.evidence > self.problem.policy.nearly_as_good * first.evidence
+        return second.fit is not None and second.evidence > self.problem.policy.hopeful * first.evidence
 
     def held_out_fit(self, fitted: RingDownFit) -> RingDownFit:
         """Return the fit to held-out impacts: only what belongs to each impact is fitted on them."""
@@ -245,6 +215,11 @@ class ImpactJudge(Judge[RingDownFit]):
             return math.nan, 0
         mean = np.average(found.rms() ** 2, weights=[r.size for r in found.residuals])
         return math.sqrt(mean), len(found.residuals)
+
+
+def _with_stiffness(candidate: Candidate[RingDownFit]) -> float:
+    """Return the evidence of the impacts and of how k_c grows with the load."""
+    return candidate.evidence + stiffness_evidence(candidate.mechanism, candidate.fit)
 
 
 def _key(score: Score) -> tuple[str, tuple[int, ...]]:

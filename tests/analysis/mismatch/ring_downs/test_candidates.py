@@ -31,13 +31,12 @@ def test_sliders_one_and_many_are_both_begun_where_both_are_near() -> None:
     assert variants([scores[0], score(1, 0.1, 500.0)], POLICY.hopeful) == [scores[0]]
 
 
-@pytest.mark.parametrize(("exponent", "out"), [(1 / 3, False), (0.42, False), (0.6, True), (1.0, True)])
-def test_a_force_law_that_the_growth_of_the_stiffness_contradicts_is_out(exponent: float, out: bool) -> None:
+@pytest.mark.parametrize("exponent", [1 / 3, 0.42, 0.6, 1.0])
+def test_the_growth_of_the_stiffness_speaks_against_a_force_law(exponent: float) -> None:
     constants = linear().constants
     loads = np.array(linear().problem.experiment.loads_n)
     fitted = replace(linear(), constants=replace(constants, load=np.c_[2e6 * loads**exponent, np.ones(loads.size)]))
     against = -stiffness_evidence(listed("hertz_stiffness"), fitted)
-    assert (against > POLICY.contradicted) == out
     assert against == pytest.approx(((exponent - 1 / 3) / 0.03) ** 2, abs=1e-6)
     assert stiffness_evidence(listed("micro_slip"), fitted) == 0.0
 
@@ -86,7 +85,7 @@ def test_when_a_second_impact_fell_is_looked_for_again_beside_what_came_later() 
     ]
     with np.errstate(all="ignore"):  # of a trial step
         wrong = fit(problem, terms, fit(problem), Start(delays=[400.0] * 4))
-        found = looked_for_again(wrong, lambda fitted: fitted)
+        found = looked_for_again(wrong)
     assert found.objective < 0.5 * wrong.objective
     assert [t.mechanism.id for t in found.terms] == ["double_hit", "channel_gain"]
     assert found.terms[0].values["second_impulse_fraction"] == pytest.approx(share, rel=0.02)

@@ -87,16 +87,15 @@ def test_where_the_best_first_mechanism_leads_nowhere_one_nearly_as_good_is_trie
 def test_a_session_is_worth_a_budget_in_proportion_to_its_samples_and_a_small_one_no_less_than_a_usual_one() -> None:
     policy, samples = small().policy, small().samples
 
-    def exhausted(usual_samples: int, spent: float, selections: float) -> bool:
+    def exhausted(usual_samples: int, spent: float) -> bool:
         chosen = replace(policy, usual_samples=usual_samples)
-        return replace(small(), policy=chosen, budget=ComputeBudget(spent)).exhausted(selections)
+        return replace(small(), policy=chosen, budget=ComputeBudget(spent)).exhausted()
 
     large, usual = 100 * samples, policy.budget * 100 * samples
-    assert exhausted(large, 1.01 * usual, 1)
-    assert not exhausted(large, 0.99 * usual, 1)
-    assert not exhausted(large, 1.99 * usual, 2)
-    assert not exhausted(samples // 3, 0.99 * policy.budget * samples, 1)
-    assert exhausted(samples // 3, 1.01 * policy.budget * samples, 1)
+    assert exhausted(large, 1.01 * usual)
+    assert not exhausted(large, 0.99 * usual)
+    assert not exhausted(samples // 3, 0.99 * policy.budget * samples)
+    assert exhausted(samples // 3, 1.01 * policy.budget * samples)
 
 
 def test_every_fourth_impact_is_held_out_but_never_all_of_a_load_nor_the_strongest() -> None:
@@ -164,15 +163,10 @@ def test_no_further_mechanism_is_looked_for_where_too_much_is_left(left: float, 
     assert judge.outcome(State(before, seen), moved).chosen is None
 
 
-@pytest.mark.parametrize(
-    ("gain", "found", "better"),
-    [(9.0, 50.0, True), (3.0, 50.0, False), (3.0, 500.0, True), (-1.0, 500.0, False), (-1.0, 50.0, False)],
-)
-def test_held_out_impacts_must_gain_or_not_lose_by_what_is_beyond_doubt(
-    gain: float, found: float, better: bool
-) -> None:
+@pytest.mark.parametrize(("gain", "better"), [(9.0, True), (-1.0, False), (0.0, False)])
+def test_held_out_impacts_must_be_predicted_better(gain: float, better: bool) -> None:
     before, after = with_objective(100.0), with_objective(100.0 - gain, "channel_gain")
-    added = Candidate(scored("channel_gain", found), after, found)
+    added = Candidate(scored("channel_gain", 50.0), after, 50.0)
     assert scripted(held_out=(3,))._better_held_out(before, added) == better
 
 
@@ -181,20 +175,16 @@ def test_what_is_named_is_fitted_to_its_end() -> None:
     with np.errstate(all="ignore"):  # of a trial step
         baseline = fit(problem)
         begun = fit(problem, [at_work("hertz_stiffness")], baseline, stop=Stop(6, competing=True))
-        # before, forces of any shape seemed to explain much more than the mechanism; then nothing is left over
         gained = baseline.objective - begun.objective
         before, after = screening(20 * abs(gained)), screening(p_value=0.9)
         judge = Scripted(problem, problem, (), (), seen=after)
         step = accepted("hertz_stiffness", baseline, begun, gained - 5, before)
         assert step.accepted is not None
         state, more = judge.after(State(baseline, before, (step,)), step.accepted)
-        found = judge.outcome(State(baseline, before), state)
     assert gained > 0
     assert not more
-    assert state.current is begun
-    assert found.chosen is not None
-    assert (begun.substeps, found.chosen.substeps) == (SUBSTEPS // 2, SUBSTEPS)
-    assert found.chosen.objective < begun.objective
+    assert (begun.substeps, state.current.substeps) == (SUBSTEPS // 2, SUBSTEPS)
+    assert state.current.objective < begun.objective
 
 
 @pytest.mark.parametrize(("left", "least"), [(100.0, 300.0), (280.0, 224.0), (2000.0, 300.0), (201.0, 300.0)])

@@ -120,8 +120,6 @@ class Race:
 
     little: float
     little_share: float
-    hopeless: float
-    hopeless_after: int
     beaten: float
     beaten_after: int
     as_expected: float
@@ -185,11 +183,11 @@ def _tried(
 
 def _given_up(objective: float, gain: float, iteration: int, stopping: Stopping, race: Race) -> bool:
     """Whether a competing fit has no prospect."""
-    if stopping.reference is None:
-        return False
-    if iteration >= race.hopeless_after and objective > race.hopeless * stopping.reference:
-        return True
-    return iteration >= race.beaten_after and objective - race.beaten * gain > stopping.to_beat
+    return (
+        stopping.reference is not None
+        and iteration >= race.beaten_after
+        and objective - race.beaten * gain > stopping.to_beat
+    )
 
 
 def _enough(objective: float, stopping: Stopping, race: Race) -> float:

@@ -107,8 +107,6 @@ class SelectionPolicy:
     # a competing fit ends early
     little: float = _chosen(5.0, "gain of a step below which a competing fit ends", "chi-squared", PRACTICE, 54)
     little_share: float = _chosen(3e-3, "the same, of its difference to the fit before", "1", PRACTICE, 54)
-    hopeless: float = _chosen(1.3, "objective over that to be beaten at which a fit is given up", "1", PRACTICE, 54)
-    hopeless_after: int = _chosen(6, "steps before that", "steps", PRACTICE, 54)
     beaten: float = _chosen(4.0, "last steps' gains that may still come", "steps", PRACTICE, 54)
     beaten_after: int = _chosen(5, "steps before that", "steps", PRACTICE, 54)
     as_expected: float = _chosen(0.5, "share of its expected gain that lets slopes be used again", "1", PRACTICE, 54)
@@ -118,8 +116,7 @@ class SelectionPolicy:
     def race(self) -> Race:
         """Return when a competing fit ends."""
         return Race(
-            self.little, self.little_share, self.hopeless, self.hopeless_after, self.beaten, self.beaten_after,
-            self.as_expected,
+            self.little, self.little_share, self.beaten, self.beaten_after, self.as_expected,
         )  # fmt: skip
 
 

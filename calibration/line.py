@@ -110,6 +110,13 @@ def fit_line(points: CalibrationPoints, weight_uncertainty_mn: float, level: flo
     CalibrationError
         Fewer than two different weights, values that are not finite or beyond reason, shapes that do not fit, or a
         voltage that does not rise with the load.
+
+    Examples
+    --------
+    >>> load = np.array([0.0, 100.0, 200.0, 300.0])
+    >>> fitted = fit_line(CalibrationPoints(load, 1.5 + 0.042 * load, "2026-01-01T00:00:00Z"), 0.1)
+    >>> round(fitted.sensitivity_mv_per_mn.value, 6)
+    0.042
     """
     load, voltage = checked(points)
     largest = float(np.max(np.abs(load)))

@@ -56,6 +56,11 @@ def calibrate(
         The gauge is frozen or does not read a number.
     RigError
         What the parts raise.
+
+    Examples
+    --------
+    >>> points = calibrate(rig, settings, print)  # doctest: +SKIP
+    >>> fit_line(points, settings.weight_uncertainty_mn).sensitivity_mv_per_mn  # doctest: +SKIP
     """
     sequence = list(_sequence(settings))
     readings: list[LoadReading] = []

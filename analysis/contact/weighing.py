@@ -240,6 +240,14 @@ def weigh(
     -------
     list of Weighed
         Most probable first.
+
+    Examples
+    --------
+    >>> P = np.array([0.1, 0.2, 0.4, 0.8])
+    >>> root = Candidate("cube root", "k_c grows with the cube root of the load", (), lambda P: 1e6 * np.cbrt(P)[None])
+    >>> same = Candidate("constant", "k_c is the same at every load", (), lambda P: np.full((1, P.size), 6e5))
+    >>> [w.candidate.id for w in weigh(P, 1e6 * np.cbrt(P), np.full(4, 0.01), [same, root])]
+    ['cube root', 'constant']
     """
     P, y, error = (np.asarray(x, dtype=np.float64) for x in (load, measured, relative_error))
     if len(P) < 3 or not (y > 0).all() or not (P > 0).all():

@@ -107,6 +107,13 @@ def identify_impacts(
     -------
     list of ImpactModes
         One for each record, in order.
+
+    Examples
+    --------
+    >>> from analysis.modal.tester import identify_impacts  # doctest: +SKIP
+    >>> taps = [impact.acceleration.mean(axis=0) for impact in session.impacts]  # doctest: +SKIP
+    >>> starts = [impact.pretrigger for impact in session.impacts]  # doctest: +SKIP
+    >>> [m.contact for m in identify_impacts(taps, starts, 25e3, rig, noise)]  # doctest: +SKIP
     """
     known = filter_poles(rig, sample_rate_hz)
     white = [noise.whiten(np.asarray(r, np.float64)) for r in records]

@@ -105,6 +105,13 @@ def analyse_scan(scan: Scan, degree: int = 2) -> SurfaceAnswer:
     ------
     ScanError
         A degree that is none, or a scan that is form alone.
+
+    Examples
+    --------
+    >>> x = np.arange(4000) * 1e-6
+    >>> found = analyse_scan(Scan(1.4142e-6 * np.sin(2 * np.pi * x / 1e-4), (1e-6,)))
+    >>> round(1e6 * found.parameters.R_q.value, 2)
+    1.0
     """
     if not 0 <= degree <= LARGEST_DEGREE:
         raise ScanError(f"form is taken off with a polynomial of degree 0 to {LARGEST_DEGREE}, not {degree}")

@@ -73,7 +73,9 @@ class FreeParameter:
 
 @dataclass(frozen=True, slots=True)
 class Term(Acting):
-    """A mechanism of a fit."""
+    """A mechanism of a fit; ``freed`` lets an added body ring in every segment as it will, not only as the rig does."""
+
+    freed: bool = False
 
     @property
     def key(self) -> tuple[str, Place]:
@@ -87,8 +89,8 @@ class Term(Acting):
 
     @property
     def phase_locked(self) -> bool:
-        """Whether it adds a body whose ringing is that of the rig's modes."""
-        return isinstance(self.mechanism, AddedBody) and self.mechanism.phase_locked
+        """Whether it adds a body whose ringing is that of the rig's modes, unless `freed` of it."""
+        return isinstance(self.mechanism, AddedBody) and self.mechanism.phase_locked and not self.freed
 
     @property
     def fixed(self) -> dict[str, float]:

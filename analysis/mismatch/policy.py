@@ -45,6 +45,13 @@ class SelectionPolicy:
     )
     other_start: float = _chosen(0.2, "share of the best screened evidence of a further start", "1", PRACTICE, 54)
     starts: int = _chosen(5, "starts of the fit of an added body", "starts", PRACTICE, 54)
+    phase_locked_most: float = _chosen(
+        1000.0,
+        "gain beyond which a body phase-locked to the tap is fitted freely too",
+        "chi-squared",
+        SEALED,
+        53,
+    )
     # acceptance
     parameter_cost: float = _chosen(2.0, "least penalty per parameter (Akaike's)", "chi-squared", "theory", 52)
     first_gain: float = _chosen(6.0, "evidence of the first mechanism", "chi-squared", SEALED, 10)

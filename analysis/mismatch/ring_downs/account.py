@@ -33,6 +33,7 @@ from sim_backend.arrays import Real
 STRONGER_TAP = 1.5  # over the strongest so far, for the next experiment
 MOST_FORCE_RATIO = 0.9  # of the preload: beyond, the surfaces would part
 OF_A_GROUP = 0.1  # of the largest excess of a load, from which on a load counts as one that shows something
+CERTAIN = 700.0  # largest logarithm of odds: beyond, they are no number
 RIVALRY = 0.02  # of the accepted one's weight, from which on a candidate is a rival
 
 
@@ -79,7 +80,7 @@ class ImpactAccount(Account[RingDownFit]):
             return 1.0
         gain = step.before.objective - step.accepted.fit.objective
         weak = policy.unlisted * min(1.0, policy.likeness / max(gain, 1.0))
-        odds = policy.strong_likeness + weak + math.exp((left.unnamed - policy.unnamed) / 2)
+        odds = policy.strong_likeness + weak + math.exp(min((left.unnamed - policy.unnamed) / 2, CERTAIN))
         if left.p_value < policy.level and left.chi_squared > 0:
             share = left.share / max(policy.left_over, 1e-300)
             odds = min(odds, 1.0) ** (1 - min(share, 1.0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -79,10 +80,23 @@ def fitted_candidate(
         return Candidate(score, None, 0.0)
     if fitted.only_laws and not explained and fitted.reduced_chi_squared > policy.strong:
         fitted = continued(current.problem, fitted.terms, current) or fitted
-    gain, own = current.objective - fitted.objective - score.choice, score.own_numbers
-    return Candidate(
-        score, fitted, evidence(gain, own, len(score.term.mechanism.parameters), policy.parameter_cost), own
-    )
+    found = _judged(current, fitted, score, score.own_numbers)
+    if score.term.phase_locked and current.objective - fitted.objective > policy.phase_locked_most:
+        found = max(found, _freed(current, fitted, score), key=lambda c: c.evidence)
+    return found
+
+
+def _judged(current: RingDownFit, fitted: RingDownFit, score: Score, own: int) -> Candidate[RingDownFit]:
+    gain = current.objective - fitted.objective - score.choice
+    parameters, cost = len(score.term.mechanism.parameters), current.problem.policy.parameter_cost
+    return Candidate(score, fitted, evidence(gain, own, parameters, cost), own)
+
+
+def _freed(current: RingDownFit, locked: RingDownFit, score: Score) -> Candidate[RingDownFit]:
+    """Fit an added body that rings in every segment as it will: phase-locked to the tap it is only nearly."""
+    term = replace(locked.terms[-1], freed=True)
+    fitted = competing(current.problem, (*locked.terms[:-1], term), current, score.delays)
+    return _judged(current, fitted, score, 2 * len(current.segments))
 
 
 def _best(

@@ -31,15 +31,12 @@ def regressed(
     Free may be one stiffness and one damping at most, gains of inputs, and the strengths of force laws.
     """
     arrangement = simulation.rig.arrangement
-    laws = [(t, t.mechanism) for t in terms if isinstance(t.mechanism, ForceLaw)]
     free = {p.name for p in arrangement.parameters if p.uncertainty > 0}
     stiffness = [e.stiffness for e in arrangement.elements if e.stiffness in free]
     damping = [e.damping for e in arrangement.elements if e.damping in free]
-    if simulation.n != 1 or arrangement.masses[0] in free or len(stiffness) > 1 or len(damping) > 1:
-        return None
-    if len(laws) < len(terms) or any(m.strength is None or t.values[m.strength] == 0 for t, m in laws):
-        return None
-    if constants[simulation.rig.seen[0].gain] == 0:
+    one_body = simulation.n == 1 and arrangement.masses[0] not in free and constants[simulation.rig.seen[0].gain] != 0
+    laws = _with_strength(terms)
+    if not one_body or len(stiffness) > 1 or len(damping) > 1 or len(laws) < len(terms):
         return None
     motion = _motion(simulation, constants)
     columns, known = _linear_forces(simulation, constants, free, motion)
@@ -50,6 +47,12 @@ def regressed(
         return None
     solved |= {str(name): max(solved[str(name)], 0.0) for name in damping}
     return _placed(solved, constants, terms)
+
+
+def _with_strength(terms: tuple[Term, ...]) -> list[tuple[Term, ForceLaw]]:
+    """Return the terms that are force laws whose size is a parameter."""
+    laws = [(t, t.mechanism) for t in terms if isinstance(t.mechanism, ForceLaw)]
+    return [(t, m) for t, m in laws if m.strength is not None and t.values[m.strength] != 0]
 
 
 def _linear_forces(

@@ -82,7 +82,7 @@ def fitted_candidate(
         fitted = continued(current.problem, fitted.terms, current) or fitted
     found = _judged(current, fitted, score, score.own_numbers)
     if score.term.phase_locked and current.objective - fitted.objective > policy.phase_locked_most:
-        found = max(found, _freed(current, fitted, score), key=lambda c: c.evidence)
+        found = max(found, *_freed(current, fitted, score), key=lambda c: c.evidence)
     return found
 
 
@@ -92,11 +92,18 @@ def _judged(current: RingDownFit, fitted: RingDownFit, score: Score, own: int) -
     return Candidate(score, fitted, evidence(gain, own, parameters, cost), own)
 
 
-def _freed(current: RingDownFit, locked: RingDownFit, score: Score) -> Candidate[RingDownFit]:
-    """Fit an added body that rings in every segment as it will: phase-locked to the tap it is only nearly."""
-    term = replace(locked.terms[-1], freed=True)
-    fitted = competing(current.problem, (*locked.terms[:-1], term), current, score.delays)
-    return _judged(current, fitted, score, 2 * len(current.segments))
+def _freed(current: RingDownFit, locked: RingDownFit, score: Score) -> list[Candidate[RingDownFit]]:
+    """Fit an added body that rings in every segment as it will: phase-locked to the tap it is only nearly.
+
+    Locked again it may end in a deeper minimum: from where it came free, and from there with the declared rig.
+    """
+    problem, others, delays = current.problem, locked.terms[:-1], score.delays
+    free = competing(problem, (*others, replace(started(score), freed=True)), current, delays)
+    again = competing(problem, (*others, replace(free.terms[-1], freed=False)), free, delays)
+    declared = competing(problem, again.terms, None, delays)
+    own = score.own_numbers
+    judged = [_judged(current, fitted, score, own) for fitted in (again, declared) if rings(fitted)]
+    return [_judged(current, free, score, 2 * len(current.segments)), *judged]
 
 
 def _best(

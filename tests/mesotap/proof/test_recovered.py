@@ -36,6 +36,15 @@ def test_what_the_tap_ties_is_found_without_bias(tmp_path: Path, effect: str, d:
         assert found[name].value == pytest.approx(true, rel=0.05), name
 
 
+def test_a_strong_frame_is_found_though_the_linear_rig_goes_far_to_stand_in_for_it(tmp_path: Path) -> None:
+    scenario = Scenario(47, "single", ("frame_compliance",), (300.0,))
+    truth = make(11, scenario, tmp_path)
+    found = diagnosed(read_session(tmp_path / f"{scenario.name}.h5"), [listed("frame_compliance")]).answer
+    assert found.remainder.p_value > 0.01
+    for name, true in true_parameters(truth, "frame_compliance").items():
+        assert found.mechanisms[0].parameters[name].value == pytest.approx(true, rel=0.05), name
+
+
 def test_a_part_of_unknown_mass_gets_an_interval_that_says_so(tmp_path: Path) -> None:
     truth, found = recovered(tmp_path, "attached_mass", 100.0, 5)
     for name, true in truth.items():

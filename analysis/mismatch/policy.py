@@ -60,7 +60,9 @@ class SelectionPolicy:
     most_of_the_rest: float = _chosen(0.8, "of what is left, that will do where it is too much", "1", SEALED, 40)
     chance: float = _chosen(0.05, "p-value of the choosing blocks' getting better", "1", RECORDED, 50)
     # what may be left over
-    left_over: float = _chosen(0.02, "share of all that was missed that may be left over", "1", SEALED, 40)
+    left_over: tuple[float, ...] = _chosen(
+        (0.02, 0.005, 0.0), "share of all that was missed that one, two, three mechanisms may leave", "1", SEALED, 40
+    )
     left_over_blocks: float = _chosen(
         0.05, "share of what the linear rig missed that a free force may still take away", "1", RECORDED, 50
     )
@@ -119,6 +121,13 @@ class SelectionPolicy:
     as_expected: float = _chosen(0.5, "share of its expected gain that lets slopes be used again", "1", PRACTICE, 54)
     # strong effects
     strong: float = _chosen(3.0, "reduced chi-squared beyond which a fit is lost", "1", PRACTICE, 42)
+
+    def may_be_left(self, terms: int) -> float:
+        """Return the share of all that the linear rig missed that an explanation with so many mechanisms may leave.
+
+        One law is never exactly right; several that still leave something are patches on what is not listed.
+        """
+        return self.left_over[min(max(terms, 1), len(self.left_over)) - 1]
 
     def race(self) -> Race:
         """Return when a competing fit ends."""

@@ -82,7 +82,7 @@ class ImpactAccount(Account[RingDownFit]):
         weak = policy.unlisted * min(1.0, policy.likeness / max(gain, 1.0))
         odds = policy.strong_likeness + weak + math.exp(min((left.unnamed - policy.unnamed) / 2, CERTAIN))
         if left.p_value < policy.level and left.chi_squared > 0:
-            share = left.share / max(policy.left_over, 1e-300)
+            share = left.share / max(policy.may_be_left(len(self.selection.best.terms)), 1e-300)
             odds = min(odds, 1.0) ** (1 - min(share, 1.0))
         return float(odds)
 

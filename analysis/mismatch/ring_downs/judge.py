@@ -135,7 +135,7 @@ class ImpactJudge(Judge[RingDownFit]):
         policy, left = self.problem.policy, state.screening.unexplained
         explained = state.steps[0].before.objective - state.current.objective
         share = policy.least_share * explained
-        if left > policy.left_over * (explained + left):
+        if left > policy.may_be_left(len(state.current.terms)) * (explained + left):
             share = min(share, policy.most_of_the_rest * left)
         return max(policy.least_gain, share)
 
@@ -171,7 +171,7 @@ class ImpactJudge(Judge[RingDownFit]):
             return self._ended(baseline, state)
         kept = state
         policy, first = self.problem.policy, state.steps[0]
-        twice = 2 * policy.left_over * first.screening.unexplained
+        twice = 2 * policy.may_be_left(1) * first.screening.unexplained
         if state.screening.p_value > policy.level or state.screening.unexplained < twice:
             lean, steps = _without_idle_ones(state.current, state.steps)
             if lean is not state.current:
@@ -184,7 +184,7 @@ class ImpactJudge(Judge[RingDownFit]):
         left = screening.unexplained if baseline.screening.p_value < policy.level else 0.0
         explained = baseline.current.objective - best.objective
         share = left / max(explained + left, 1e-300)
-        patched = screening.p_value < policy.level and share > policy.left_over
+        patched = screening.p_value < policy.level and share > policy.may_be_left(len(best.terms))
         unnamed = self._lead_of_the_unnamed(baseline, state)
         chosen = best if best.terms and not patched and unnamed < policy.unnamed else None
         over = LeftOver(left, screening.p_value, share, unnamed)

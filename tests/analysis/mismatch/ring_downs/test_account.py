@@ -29,5 +29,5 @@ def test_something_without_a_name_that_leads_by_enough_is_likelier_than_what_is_
 
 def test_the_more_is_left_the_likelier_something_that_is_not_listed() -> None:
     assert odds(1e4, left=10.0) > odds(1e4)
-    allowed = POLICY.left_over
+    allowed = POLICY.may_be_left(1)
     assert odds(1e4, left=1e4 * allowed / (1 - allowed)) == pytest.approx(1.0)

@@ -209,7 +209,7 @@ def _summed(problem: Problem[FitOf], fitted: FitOf, terms: Sequence[Term], ringi
 
     def part(columns: Iterable[Columns]) -> _Sums:
         width = size + len(terms) + 1
-        sums = _Sums(np.zeros((width, width)), _RingingTests(ringing, size))
+        sums = _Sums(np.zeros((width, width)), _RingingTests(ringing, size, problem.noise_known))
         for one in columns:
             sums.add(one, size)
         return sums
@@ -223,14 +223,18 @@ def _summed(problem: Problem[FitOf], fitted: FitOf, terms: Sequence[Term], ringi
 
 
 class _RingingTests:
-    """Tests of the vibrations that a term adds to every segment (bodies, tones), beside its effect on the modes."""
+    """Tests of the vibrations that a term adds to every segment (bodies, tones), beside its effect on the modes.
 
-    def __init__(self, terms: Sequence[Term], known: int):
+    Where the noise is known, how loud tones may be is bounded too.
+    """
+
+    def __init__(self, terms: Sequence[Term], known: int, noise_known: bool):
         self.terms, self.known = terms, known
         self.gain = np.zeros(len(terms))
         self.dof = np.zeros(len(terms), int)
         self.gram = np.zeros((len(terms), known + 2, known + 2))
-        self.lines = [np.zeros((3, len(_lines_of(t)))) for t in terms]  # power, information, freedom of each
+        lines = [len(_lines_of(t)) if noise_known else 0 for t in terms]
+        self.lines = [np.zeros((3, n)) for n in lines]  # power, information, freedom of each
 
     def add(self, columns: Columns, block: Real) -> None:
         """Take in a segment: ``block`` holds the constants' slopes and the residual, projected by its own columns."""
@@ -282,7 +286,7 @@ class _RingingTests:
             dof = int(self.dof[i]) + (0 if alone else 1)
             strength = 0.0 if alone else rest[0, 1] / rest[0, 0]
             error = math.nan if alone else noise.deviation / math.sqrt(rest[0, 0])
-            bounds = [amplitude_bound(*line) for line in self.lines[i].T if noise.known and line[1] > 0]
+            bounds = [amplitude_bound(*line) for line in self.lines[i].T if line[1] > 0]
             loudest = max(bounds, default=math.nan)
             p_value = float(chi2.sf(gain, max(dof, 1)))
             found.append(Score(t, gain, dof, float(strength), p_value, error, bound=loudest))

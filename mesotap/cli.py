@@ -435,6 +435,7 @@ def prove(
         Path | None,
         typer.Option("--practice", metavar="FOLDER", help="Sessions with a truth.json instead.", show_default=False),
     ] = None,
+    rigs: Annotated[bool, typer.Option("--rigs", help="Recordings of described rigs instead of sessions.")] = False,
     config: ConfigPath = None,
 ) -> None:
     """Validate the diagnosis blindly on sealed sessions that conceal an effect, and score its answers.
@@ -442,13 +443,14 @@ def prove(
     An interrupted proof resumes where it stopped.
     """
     from mesotap.commands.diagnose import own_folders
+    from mesotap.commands.prove import RIGS, TESTER, prove_practice
     from mesotap.commands.prove import prove as try_out
-    from mesotap.commands.prove import prove_practice
 
     if practice is not None:
         prove_practice(practice, sessions, output, jobs, own_folders(config), _console(None))
     else:
-        try_out(seed, sessions or 24, only, output, jobs, own_folders(config), _console(None))
+        subject = RIGS if rigs else TESTER
+        try_out(seed, sessions or 24, only, output, jobs, own_folders(config), _console(None), subject)
 
 
 @app.command()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,35 +17,64 @@ from mesotap.proof.errors import ProofError
 from mesotap.proof.generator.scenarios import KINDS
 from mesotap.proof.lookalikes import with_likeness
 from mesotap.proof.page import Proof
+from mesotap.proof.rigs import cases
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """What is tried: what makes it, and what the page calls it and its generator."""
+
+    maker: sealed.Maker
+    heading: str
+    generator: str
+
+
+TESTER = Subject(
+    sealed.TESTER,
+    "The diagnosis, tried on sealed sessions",
+    "sessions come from a generator (`mesotap/proof/generator`)",
+)
+RIGS = Subject(
+    sealed.Maker("mesotap prove --rigs", cases.draw_scenarios, cases.make),
+    "The diagnosis, tried on sealed recordings of described rigs",
+    "rigs and recordings come from a generator (`mesotap/proof/rigs`)",
+)
 
 
 def prove(
-    seed: int, sessions: int, only: str | None, output: Path, jobs: int, folders: Sequence[str], console: Console
+    seed: int,
+    sessions: int,
+    only: str | None,
+    output: Path,
+    jobs: int,
+    folders: Sequence[str],
+    console: Console,
+    subject: Subject = TESTER,
 ) -> None:
-    """Make sealed sessions, have them diagnosed, open the truths and score the answers."""
+    """Make what is to be tried, have it diagnosed, open the truths and score the answers."""
     if only is not None and only not in KINDS:
         raise ProofError(f"--only {only}: expected one of {', '.join(KINDS)}")
     with _progress(console) as shown:
-        hashes = sealed.seal(output, seed, sessions, only, jobs, _on_progress(shown, "sealing"))
+        hashes = sealed.seal(output, seed, sessions, only, jobs, _on_progress(shown, "sealing"), subject.maker)
     console.print(hashes, highlight=False, soft_wrap=True, end="")
-    files = {name: output / sealed.SESSIONS / f"{name}.h5" for name in sealed.names(output)}
+    files = {name: sealed.files_of(output, name) for name in sealed.names(output)}
     answers = output / sealed.ANSWERS
     with _progress(console) as shown:
         sealed.diagnose_all(files, sealed.excluded(output), answers, jobs, _on_progress(shown, "diagnosing"), folders)
     truths = sealed.unseal(output)
     entries, failures = _entries(truths, answers)
-    with _progress(console) as shown:
-        entries = with_likeness(
-            entries, seed, len(files), only, output / "likeness.json", _on_progress(shown, "look-alikes")
-        )
+    if subject is TESTER:
+        with _progress(console) as shown:
+            entries = with_likeness(
+                entries, seed, len(files), only, output / "likeness.json", _on_progress(shown, "look-alikes")
+            )
     command = hashes.splitlines()[0][2:]
     origin = (
         f"Made by `{command}`. Truths and session files were hashed before the first diagnosis "
-        "([hashes.txt](hashes.txt)); every diagnosis ran in a process of its own that was given one session file. The "
-        "sessions come from a generator (`mesotap/proof/generator`) that shares no code with the mechanisms, the "
-        "integrator or the fits of the diagnosis."
+        "([hashes.txt](hashes.txt)); every diagnosis ran in a process of its own that was given its files only. The "
+        f"{subject.generator} that shares no code with the mechanisms, the integrator or the fits of the diagnosis."
     )
-    _write(Proof("The diagnosis, tried on sealed sessions", origin, tuple(entries), failures), output, console)
+    _write(Proof(subject.heading, origin, tuple(entries), failures), output, console)
 
 
 def prove_practice(
@@ -56,7 +86,7 @@ def prove_practice(
     answers = output / sealed.ANSWERS
     with _progress(console) as shown:
         sealed.diagnose_all(
-            {n: files[n] for n in chosen}, {}, answers, jobs, _on_progress(shown, "diagnosing"), folders
+            {n: [files[n]] for n in chosen}, {}, answers, jobs, _on_progress(shown, "diagnosing"), folders
         )
     entries, failures = _entries({n: truths[n] for n in chosen}, answers)
     origin = f"{len(chosen)} of {len(files)} sessions that another program made, with its truths beside them."

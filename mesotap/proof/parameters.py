@@ -88,6 +88,8 @@ _DERIVED: dict[str, dict[str, Callable[[Truth], float | None]]] = {
 
 def true_parameters(truth: Truth, mechanism: str) -> dict[str, float]:
     """Return the true parameters of a mechanism that the truth states, by the names of `mesotap mechanisms`."""
+    if "parameters" in truth:
+        return dict(truth["parameters"].get(mechanism, {}))
     effect = truth.get("effect", {})
     found = {
         name: float(effect[name]) for name in _SAME.get(mechanism, ()) if isinstance(effect.get(name), int | float)

@@ -1,9 +1,10 @@
 """Blind validation: truths and sessions are hashed before anything is diagnosed, and checked when opened.
 
 ===================  ==================================================================
-`sessions/*.h5`      what the diagnosis sees, one at a time
+`sessions/*`         what the diagnosis sees, one at a time: a session file, or a folder with
+                     recordings and the description of their rig
 `truths.sealed`      compressed truths, opened into `truths.json` after the last diagnosis
-`hashes.txt`         seed and SHA-256 of `truths.json` and of every session (`sha256sum -c`)
+`hashes.txt`         seed and SHA-256 of `truths.json` and of every file (`sha256sum -c`)
 `answers/*.json`     what was answered, as it comes: an interrupted run resumes from there
 ===================  ==================================================================
 """
@@ -20,16 +21,17 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from daq.durable import write_whole
 from daq.errors import RecordingError
 from daq.regular import read_regular
 from mesotap.proof.errors import ProofError
-from mesotap.proof.generator.scenarios import Scenario, draw_scenarios, make
+from mesotap.proof.generator import scenarios as of_the_tester
 
 SESSIONS, ANSWERS, PARTS = "sessions", "answers", "parts"
 HASHES, SEALED, TRUTHS = "hashes.txt", "truths.sealed", "truths.json"
@@ -39,11 +41,50 @@ LARGEST_TRUTHS = 50_000_000  # bytes; those of 300 sessions have a million
 LONGEST_ERROR = 300  # characters kept of the error of a failed diagnosis
 PACKAGE_ROOT = Path(__file__).resolve().parents[2]
 
+RIG = "rig.yaml"
+
+
+class Scenario(Protocol):
+    """What is to be made; its name is that of its file or folder."""
+
+    @property
+    def name(self) -> str:
+        """Name, without an ending."""
+
+
+@dataclass(frozen=True, slots=True)
+class Maker:
+    """What makes the sessions of a proof.
+
+    Attributes
+    ----------
+    command
+        That asks for it, without seed and number.
+    draw
+        Return what is to be made from a seed, how many, and their only kind.
+    make
+        Make one of them from the seed into a folder, and return its truth.
+    """
+
+    command: str
+    draw: Callable[[int, int, str | None], Sequence[Scenario]]
+    make: Callable[[int, Any, Path], dict[str, Any]]
+
+
+TESTER = Maker("mesotap prove", of_the_tester.draw_scenarios, of_the_tester.make)
 OnProgress = Callable[[int, int], None]
 """Called with how many are done, and how many there are."""
 
 
-def seal(folder: Path, seed: int, sessions: int, only: str | None, jobs: int, on_progress: OnProgress) -> str:
+def seal(
+    folder: Path,
+    seed: int,
+    sessions: int,
+    only: str | None,
+    jobs: int,
+    on_progress: OnProgress,
+    maker: Maker = TESTER,
+) -> str:
     """Make the sessions of a proof and their hashes; what is there already stays. Return the text of `hashes.txt`.
 
     Raises
@@ -51,7 +92,7 @@ def seal(folder: Path, seed: int, sessions: int, only: str | None, jobs: int, on
     ProofError
         The folder holds another proof, or a session or the truths are not those that were hashed.
     """
-    heading = f"# mesotap prove --seed {seed} --sessions {sessions}" + (f" --only {only}" if only else "")
+    heading = f"# {maker.command} --seed {seed} --sessions {sessions}" + (f" --only {only}" if only else "")
     listed = folder / HASHES
     if listed.exists():
         text = listed.read_text(encoding="utf-8")
@@ -66,25 +107,27 @@ def seal(folder: Path, seed: int, sessions: int, only: str | None, jobs: int, on
     if started.exists() and started.read_text(encoding="utf-8") != heading:
         raise ProofError(f"{folder}: another proof was started here; name another folder")
     started.write_text(heading, encoding="utf-8")
-    scenarios = draw_scenarios(seed, sessions, only)
+    scenarios = maker.draw(seed, sessions, only)
     missing = [s for s in scenarios if not _part(folder, s.name).exists()]
     on_progress(len(scenarios) - len(missing), len(scenarios))
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        for done, made in enumerate(as_completed([pool.submit(_make, folder, seed, s) for s in missing]), start=1):
+        for done, made in enumerate(
+            as_completed([pool.submit(_make, maker.make, folder, seed, s) for s in missing]), start=1
+        ):
             made.result()
             on_progress(len(scenarios) - len(missing) + done, len(scenarios))
     truths = {s.name: json.loads(gzip.decompress(_part(folder, s.name).read_bytes())) for s in scenarios}
     content = (json.dumps(truths, indent=1, allow_nan=False) + "\n").encode()
     write_whole(folder / SEALED, gzip.compress(content, mtime=0))
     lines = [heading, f"{hashlib.sha256(content).hexdigest()}  {TRUTHS}"]
-    lines += [f"{_hash(_session(folder, s.name))}  {SESSIONS}/{s.name}.h5" for s in scenarios]
+    lines += [f"{_hash(f)}  {f.relative_to(folder)}" for s in scenarios for f in files_of(folder, s.name)]
     text = "\n".join(lines) + "\n"
     write_whole(listed, text.encode())
     shutil.rmtree(folder / PARTS)
     return text
 
 
-def _make(folder: Path, seed: int, scenario: Scenario) -> None:
+def _make(make: Callable[[int, Any, Path], dict[str, Any]], folder: Path, seed: int, scenario: Scenario) -> None:
     truth = make(seed, scenario, folder / SESSIONS)
     write_whole(_part(folder, scenario.name), gzip.compress(json.dumps(truth, allow_nan=False).encode(), mtime=0))
 
@@ -93,8 +136,10 @@ def _part(folder: Path, name: str) -> Path:
     return folder / PARTS / f"{name}.gz"
 
 
-def _session(folder: Path, name: str) -> Path:
-    return folder / SESSIONS / f"{name}.h5"
+def files_of(folder: Path, name: str) -> list[Path]:
+    """Return what the diagnosis of a session is given."""
+    path = folder / SESSIONS / name
+    return sorted(path.iterdir()) if path.is_dir() else [path.with_suffix(".h5")]
 
 
 def _hash(path: Path) -> str:
@@ -137,7 +182,7 @@ def _unsealed(folder: Path) -> bytes:
 
 def names(folder: Path) -> list[str]:
     """Names of the sealed sessions."""
-    return [Path(name).stem for name in _listed(folder) if name != TRUTHS]
+    return list(dict.fromkeys(Path(Path(name).parts[1]).stem for name in _listed(folder) if name != TRUTHS))
 
 
 def excluded(folder: Path) -> dict[str, str]:
@@ -156,16 +201,16 @@ def unseal(folder: Path) -> dict[str, dict[str, Any]]:
 
 
 def diagnose_all(
-    sessions: dict[str, Path],
+    sessions: Mapping[str, Sequence[Path]],
     without: dict[str, str],
     answers: Path,
     jobs: int,
     on_progress: OnProgress,
     folders: Sequence[str] = (),
 ) -> None:
-    """Have every session diagnosed by a process of its own that is given the session file only.
+    """Have every session diagnosed by a process of its own that is given its files only.
 
-    Each runs in an empty folder with a copy of the file. Answers that are there are kept; failures are tried again.
+    Each runs in an empty folder with copies of them. Answers that are there are kept; failures are tried again.
     ``folders`` hold a user's own mechanisms.
     """
     answers.mkdir(parents=True, exist_ok=True)
@@ -197,14 +242,17 @@ def answer_of(answers: Path, name: str) -> dict[str, Any]:
     return found if found.get("version") == CONTRACT or "failed" in found else {}
 
 
-def _diagnose(session: Path, without: str | None, answer: Path, folders: Sequence[str]) -> None:
+def _diagnose(session: Sequence[Path], without: str | None, answer: Path, folders: Sequence[str]) -> None:
     began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="mesotap-proof-") as place:
-        shutil.copyfile(session, Path(place, "session.h5"))
+        given = ["session.h5"] if len(session) == 1 else [f.name for f in session]
+        for file, name in zip(session, given, strict=True):
+            shutil.copyfile(file, Path(place, name))
         if folders:
             own = {"analysis": {"mechanisms": [str(Path(folder).absolute()) for folder in folders]}}
             Path(place, "config.yaml").write_text(json.dumps(own), encoding="utf-8")
-        command = [sys.executable, "-m", "mesotap", "diagnose", "session.h5"]
+        command = [sys.executable, "-m", "mesotap", "diagnose", *(f for f in given if f != RIG)]
+        command += ["--rig", RIG] if RIG in given else []
         command += ["--json", "answer.json", "--contract", str(CONTRACT)]
         command += ["--without", without] if without else []
         path = os.pathsep.join(filter(None, [str(PACKAGE_ROOT), os.environ.get("PYTHONPATH", "")]))

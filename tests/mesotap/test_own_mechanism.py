@@ -97,5 +97,5 @@ def test_it_is_named_in_a_described_rig(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_a_proof_knows_it(folder: Path, session: Path, tmp_path: Path) -> None:
-    diagnose_all({"own": session}, {}, tmp_path, 1, lambda done, total: None, [str(folder / "mine")])
+    diagnose_all({"own": [session]}, {}, tmp_path, 1, lambda done, total: None, [str(folder / "mine")])
     assert [m["id"] for m in answer_of(tmp_path, "own")["mechanisms"]] == [ID]

@@ -104,7 +104,7 @@ answer = dict({ANSWER!r}, arguments=sys.argv[1:], files=sorted(os.listdir('.')))
 json.dump(answer, open('answer.json', 'w'))
 """
     stand_in(tmp_path, monkeypatch, body)
-    files = {n: folder / "sessions" / f"{n}.h5" for n in sealed.names(folder)}
+    files = {n: sealed.files_of(folder, n) for n in sealed.names(folder)}
     seen: list[tuple[int, int]] = []
     sealed.diagnose_all(files, sealed.excluded(folder), folder / "answers", 2, lambda a, b: seen.append((a, b)))
     plain, excluded = (sealed.answer_of(folder / "answers", n) for n in files)
@@ -118,7 +118,7 @@ def test_answers_are_kept_and_failures_tried_again(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stand_in(tmp_path, monkeypatch, "import sys; sys.exit('it broke')")
-    files = {n: folder / "sessions" / f"{n}.h5" for n in sealed.names(folder)}
+    files = {n: sealed.files_of(folder, n) for n in sealed.names(folder)}
     answers = folder / "answers"
     answers.mkdir()
     (answers / "session-0000.json").write_text(json.dumps(ANSWER), encoding="utf-8")

@@ -1,0 +1,144 @@
+"""How much of something concealed survives a refit of the linear rig: the size d of its signal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesotap.proof.rigs.description import Key
+from mesotap.proof.rigs.drives import nothing
+from mesotap.proof.rigs.trial import Trial, simulated
+
+Array = NDArray[np.float64]
+STEP = 1e-5  # of a constant, for derivatives
+ROUNDS = 4  # new derivatives
+CHORDS = 3  # steps with the same derivatives
+SHARES = (1.0, 0.3, 0.05)  # of a step, until it improves
+SETTLED = 2e-3  # relative change of d at which a refit ends
+RANK = 1e-10  # of the largest singular value: a direction that the recordings do not determine
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """Free constants and beginnings of a fit."""
+
+    values: dict[Key, float]
+    starts: list[Array]
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """Where a refit ended: ``d``, and the whitened residual (all samples of all channels, then the constants')."""
+
+    d: float
+    residual: Array
+    point: Point
+
+
+class Refit:
+    """Refits of the linear rig to altered recordings of one trial, by Gauss and Newton from the truth."""
+
+    def __init__(self, trial: Trial) -> None:
+        self.trial = trial
+        constants = trial.rig.constants()
+        self.free = [key for key, constant in constants.items() if constant.free]
+        self.uncertainty = {key: constants[key].uncertainty for key in self.free if constants[key].uncertainty > 0}
+        self.true = Point(trial.rig.true_values(), [r.start for r in trial.records])
+        self.basis, self.first = self._derivatives(self.true)
+
+    def __call__(self, channels: Sequence[Array]) -> Fitted:
+        """Fit the linear rig to noise-free channels, one array (samples, sensors) for each recording."""
+        point, basis, solve = self.true, self.basis, self.first
+        residual = self._residual(channels, point)
+        d = float(np.linalg.norm(residual))
+        for round_ in range(ROUNDS):
+            if round_:
+                basis, solve = self._derivatives(point)
+            before = d
+            for _ in range(CHORDS):
+                step = solve @ (basis.T @ residual)
+                for share in SHARES:
+                    tried = self._moved(point, share * step)
+                    found = self._residual(channels, tried)
+                    if np.linalg.norm(found) < d:
+                        break
+                else:
+                    break
+                point, residual, d = tried, found, float(np.linalg.norm(found))
+            if abs(before - d) <= SETTLED * d:
+                break
+        return Fitted(d, residual, point)
+
+    def projected(self, signal: Array) -> Array:
+        """Return what of a small whitened signal the refit does not take up."""
+        return signal - self.basis @ (self.basis.T @ signal)
+
+    def _whitened(self, channels: Sequence[Array]) -> Array:
+        noises = self.trial.noises
+        return np.concatenate([noise.whitened(c[:, i]) for c in channels for i, noise in enumerate(noises)])
+
+    def _residual(self, channels: Sequence[Array], point: Point) -> Array:
+        modelled = simulated(self.trial, point.values, point.starts)
+        data = self._whitened([c - m for c, m in zip(channels, modelled, strict=True)])
+        prior = [(self.true.values[k] - point.values[k]) / u for k, u in self.uncertainty.items()]
+        return np.append(data, prior)
+
+    def _moved(self, point: Point, step: Array) -> Point:
+        values = dict(point.values)
+        for key, change in zip(self.free, step[: len(self.free)], strict=True):
+            values[key] += change
+            if key[0] in ("mass", "stiffness") and values[key] <= 0:
+                values[key] = point.values[key] / 2
+            if key[0] == "damping":
+                values[key] = max(values[key], 0.0)
+        states = step[len(self.free) :].reshape(len(point.starts), -1)
+        return Point(values, [start + change for start, change in zip(point.starts, states, strict=True)])
+
+    def _derivatives(self, point: Point) -> tuple[Array, Array]:
+        """Return an orthonormal basis of the derivatives, and what makes a step of a projection on it."""
+        columns = [self._of_constant(point, key) for key in self.free] + self._of_starts(point)
+        jacobian = np.stack(columns, axis=1)
+        size = np.linalg.norm(jacobian, axis=0)
+        size[size == 0] = 1.0
+        u, s, v = np.linalg.svd(jacobian / size, full_matrices=False)
+        kept = s > RANK * s[0]
+        return u[:, kept], (v[kept].T / s[kept]) / size[:, None]
+
+    def _of_constant(self, point: Point, key: Key) -> Array:
+        value = point.values[key]
+        step = STEP * max(abs(value), self._scale(key))
+        ends = [simulated(self.trial, {**point.values, key: value + h}, point.starts) for h in (step, -step)]
+        data = self._whitened([(a - b) / (2 * step) for a, b in zip(*ends, strict=True)])
+        return np.append(data, [(k == key) / u for k, u in self.uncertainty.items()])
+
+    def _scale(self, key: Key) -> float:
+        """Size of a constant that may be 0."""
+        rig = self.trial.rig
+        if key[0] == "damping":
+            stiffness = max(e.stiffness.true for e in rig.elements if e.stiffness)
+            return 1e-2 * stiffness / (2 * np.pi * float(rig.plant(self.true.values).modes_hz()[-1]))
+        return 1.0 if key[0] == "offset" else max(r.size for r in self.trial.records)
+
+    def _of_starts(self, point: Point) -> list[Array]:
+        """Return the responses to the unit beginnings of each recording."""
+        trial, states = self.trial, point.starts[0].size
+        lengths = [r.count for r in trial.records]
+        longest = max(lengths)
+        free = replace(trial, records=(replace(trial.records[0], drive=nothing(longest), size=0.0),))
+        values = {k: 0.0 if k[0] in ("offset", "input offset") else v for k, v in point.values.items()}
+        if trial.rig.input:
+            values["input offset", 0] = trial.rig.input.offset.true
+        sensors = len(trial.rig.sensors)
+        edges = np.cumsum([0, *(n * sensors for n in lengths)])
+        responses = [simulated(free, values, [unit])[0] for unit in np.eye(states)]
+        columns = []
+        for i, n in enumerate(lengths):
+            for response in responses:
+                column = np.zeros(edges[-1] + len(self.uncertainty))
+                parts = [noise.whitened(response[:n, k]) for k, noise in enumerate(trial.noises)]
+                column[edges[i] : edges[i + 1]] = np.concatenate(parts)
+                columns.append(column)
+        return columns

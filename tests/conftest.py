@@ -1,5 +1,13 @@
-"""Before numpy is imported anywhere: one BLAS thread, as the program itself runs."""
+"""What holds for every test: one BLAS thread, as the program itself runs, and the same drawn inputs each time."""
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported anywhere
+
+from hypothesis import HealthCheck, settings
+
+# HYPOTHESIS_PROFILE=searching draws other inputs at each run; neither depends on how quick the machine is
+untimed = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("same", untimed, derandomize=True)
+settings.register_profile("searching", untimed, derandomize=False)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))

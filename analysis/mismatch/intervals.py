@@ -20,6 +20,7 @@ UNSURE = 0.25  # standard error of a logarithm from which on the curvature misle
 FURTHEST = math.log(1e3)  # to which a profile is followed from the estimate, in the logarithm
 ENOUGH = 0.15  # accuracy of the root of chi-squared at an end of an interval
 MOST_TRIES = 10
+PULSE_S = 9e-5  # rms length of a tap's pulse (half a sine of 0.4 ms)
 STRIDE, LONGEST_STRIDE = math.log(1.6), math.log(4.0)  # of the first step along a profile, of any
 
 
@@ -32,6 +33,8 @@ def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
     term = fitted.terms[number]
     quantities = [q for q in term.mechanism.parameters if q.name in term.values]
     covariance = fitted.term_covariances[number]
+    if isinstance(fitted, RingDownFit) and term.phase_locked:
+        covariance = covariance + _unknown_pulse(fitted)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     found = {}
     for q, error in zip(quantities, errors, strict=True):
@@ -54,6 +57,17 @@ def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
         own = [_derived(more, place, quantities, covariance) for place in places]
         found[more.name] = replace(own[0], low=min(i.low for i in own), high=max(i.high for i in own))
     return found
+
+
+def _unknown_pulse(fitted: RingDownFit) -> float:
+    """Return the variance of the logarithm of a phase-locked body's mass, stiffness and damping due to the tap's pulse.
+
+    The ringing of such a body is computed from a tap that is over at once. A pulse of rms length ``T`` sets a mode at
+    ``omega`` going by ``(omega T)^2 / 2`` less, and all three grow together with what is missing.
+    """
+    at = fitted.modes[0]
+    own, reference = (float(np.abs(at.rig.poles[list(j)]).min()) for j in (at.phase_locked, [at.reference]))
+    return ((own**2 - reference**2) * PULSE_S**2 / 2) ** 2
 
 
 def _relieved(fitted: RingDownFit, number: int) -> tuple[RingDownFit, int]:

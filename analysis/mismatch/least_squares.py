@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from sim_backend.arrays import Real
 
 TIES = 1e-6  # rise of the objective that still counts as none
-LEAST_DAMPING, MOST_DAMPING, FORGOTTEN_DAMPING = 1e-3, 1e5, 1e-2
+LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e5
+DAMPED_MORE = 30.0  # factor from a step that failed to the next try, and back after one that did not
 SLOW_START = 4  # linearisations after which slopes are computed in full
 
 
@@ -98,7 +99,7 @@ class Stopping:
     damping
         Of the first step.
     tries
-        Of one step, each damped ten times more.
+        Of one step, each damped more.
     reference
         Objective of the fit that this one competes with: it ends where steps gain little beside their difference.
     to_beat
@@ -109,7 +110,7 @@ class Stopping:
     gain: float
     share: float = 0.0
     damping: float = 0.0
-    tries: int = 6
+    tries: int = 8
     reference: float | None = None
     to_beat: float = math.inf
 
@@ -154,7 +155,7 @@ def minimise(
             continue
         gain = at.objective - trial.objective
         as_expected = model.reuses and exact and damping == 0 and gain > race.as_expected * expected
-        at, damping = trial, 0.0 if damping < FORGOTTEN_DAMPING else damping / 10
+        at, damping = trial, damping / DAMPED_MORE if damping > LEAST_DAMPING else 0.0
         if gain >= _enough(at.objective, stopping, race):
             exact = exact or iteration > SLOW_START
         else:
@@ -175,7 +176,7 @@ def _tried(
         trial = model.moved(at, step, _own_steps(slopes, targets, step), iteration)
         if trial is not None and trial.objective <= at.objective + TIES:
             return trial, damping, float(gradient @ step) + sum(float(t @ t) for t in targets)
-        damping = max(10 * damping, LEAST_DAMPING)
+        damping = max(DAMPED_MORE * damping, LEAST_DAMPING)
         if damping > MOST_DAMPING:
             break
     return None, damping, 0.0

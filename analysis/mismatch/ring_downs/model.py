@@ -15,7 +15,7 @@ from analysis.mismatch.problem import Constants
 from analysis.mismatch.ring_downs.added_response import AddedResponse, Run, Variant
 from analysis.mismatch.ring_downs.experiment import Segment
 from analysis.mismatch.ring_downs.linear import linear_rigs
-from analysis.mismatch.ring_downs.modes import Nuisance, Overdamped, Sensitivity, slope_columns
+from analysis.mismatch.ring_downs.modes import Nuisance, Overdamped, Sensitivity, constant_steps, slope_columns
 from analysis.mismatch.ring_downs.response import Response, response
 from sim_backend.arrays import Complex, Real
 
@@ -31,7 +31,6 @@ WEAKER, MOST_WEAKENINGS = 0.3, 6  # factor, and beginnings
 SECOND_STEP = 0.05  # of differences, samples
 LOG_STEP = 1.0  # by which the logarithm of a law's parameter changes at most in a step
 MOST_SAMPLES = 0.5  # that a second impact may move in one step
-LOAD_STEP = 1e-5  # of differences, relative
 PARAMETER_STEP = 1e-4  # of differences, relative to the parameter (or its range where it is small)
 EVALUATED, LINEARISED = 1.0, 2.0  # work of a linear rig's residual and slopes, of a sample (1: a substep of a law)
 AMPLITUDE_STEP = 1e-3  # of differences, relative to the segment's largest amplitude
@@ -103,6 +102,7 @@ class RingDownModel:
         self.groups, self.each = problem.start.shape
         self.at_free = self.common + self.groups * self.each
         self.size = self.at_free + len(added.free)
+        self.moving = np.flatnonzero(~fixed[: self.common + self.each])  # of the constants, those of a load alike
         # a step need not know its slopes as well as the fit's end its value
         self.coarse = AddedResponse(problem, added.terms, COMPETING_SUBSTEPS) if added.propagated else added
 
@@ -191,9 +191,9 @@ class RingDownModel:
             changes = changed[i] if changed else np.zeros((*segment.y.shape, 0))
             if exact and changed:
                 own, slopes = own.copy(), slopes.copy()
-                modal = changes.shape[2] - free - self.each
+                modal = changes.shape[2] - free - self.moving.size
                 own[:, :, :modal] += changes[:, :, free : free + modal]
-                slopes[:, :, self.common :] += changes[:, :, free + modal :]
+                slopes[:, :, self.moving] += changes[:, :, free + modal :]
             slopes[:, :, : self.common] = slopes[:, :, : self.common] @ basis
             common = np.concatenate([slopes, changes[:, :, :free]], axis=2).reshape(segment.y.size, -1)
             if added.has_second_impact:
@@ -274,7 +274,7 @@ class RingDownModel:
     ) -> list[Real]:
         """Return for every segment (c, n, k) how what the terms add changes with the numbers they depend on.
 
-        With their parameters; where slopes are exact, with the modes' coefficients and the load's constants too.
+        With their parameters; where slopes are exact, with the modes' coefficients and the rig's constants too.
         """
         nearby = self._nearby(point) if exact and runs else []
         steps: list[list[_Step]] = []
@@ -282,7 +282,7 @@ class RingDownModel:
             own = self._parameter_steps(point.free, here)
             if exact:
                 own += _amplitude_steps(segment, c, point.modes[segment.group], here)
-                own += _load_steps(nearby[segment.group], segment, c, here)
+                own += _constant_steps(nearby[segment.group], segment, c, here)
             steps.append(own)
         moved = [(segment, v) for (segment, _), own in zip(runs, steps, strict=True) for _, v in own]
         predicted = iter(added.extra(moved))
@@ -293,21 +293,20 @@ class RingDownModel:
         ]  # fmt: skip
 
     def _nearby(self, point: Point) -> list[list[tuple[float, Sensitivity, Variant]]]:
-        """Return for every load, and every constant that it has of its own, a step and the rig with that step made."""
-        problem, arrangement = self.problem, self.added.arrangement
+        """Return for every load, and every constant that is free there, a step and the rig with that step made."""
+        problem, constants = self.problem, self.constants(point)
         noise, rate = problem.experiment.noise, problem.experiment.sample_rate_hz
         found: list[list[tuple[float, Sensitivity, Variant]]] = [[] for _ in point.modes]
-        for k in range(self.each):
-            load = point.load.copy()
-            steps = LOAD_STEP * np.maximum(np.abs(load[:, k]), LOAD_STEP)
-            load[:, k] += steps
-            constants = Constants(arrangement, point.rig, load)
-            rigs = linear_rigs(arrangement, constants.stacked(), problem.analog, noise, rate)
+        at, steps = constants.stacked(), constant_steps(constants)
+        for k in self.moving.tolist():
+            name = list(at)[k]
+            moved = at | {name: at[name] + steps[:, k]}
+            rigs = linear_rigs(constants.arrangement, moved, problem.analog, noise, rate)
             for g, (s, rig) in enumerate(zip(point.modes, rigs, strict=True)):
-                values = constants.at(g)
-                to = response(arrangement, values, rig, problem.analog)
+                values = {n: float(v[g]) for n, v in moved.items()}
+                to = response(constants.arrangement, values, rig, problem.analog)
                 variant = Variant((), np.zeros(0, np.complex128), values, to)
-                found[g].append((float(steps[g]), replace(s, rig=rig), variant))
+                found[g].append((float(steps[g, k]), replace(s, rig=rig), variant))
         return found
 
     def _parameter_steps(self, free: Real, here: Variant) -> list[_Step]:
@@ -334,10 +333,10 @@ def _amplitude_steps(segment: Segment, c: Real, s: Sensitivity, here: Variant) -
     return [(step, replace(here, amplitudes=Nuisance.amplitudes(s, row, segment))) for row in moved]
 
 
-def _load_steps(
+def _constant_steps(
     nearby: Sequence[tuple[float, Sensitivity, Variant]], segment: Segment, c: Real, here: Variant
 ) -> list[_Step]:
-    """Return steps of the load's constants."""
+    """Return steps of the rig's constants, the load's among them."""
     return [
         (step, replace(v, terms=here.terms, amplitudes=Nuisance.amplitudes(s, c, segment))) for step, s, v in nearby
     ]

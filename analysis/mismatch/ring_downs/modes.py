@@ -200,7 +200,7 @@ def sensitivities(constants: Constants, analog: StateSpace, experiment: Experime
     names = [name for scope in constants.names() for name in scope]
     groups, count = len(constants.load), len(names)
     at = np.stack(list(constants.stacked().values()), axis=1)
-    step = STEP * np.maximum(np.abs(at), [_natural(constants, name) for name in names])
+    step = constant_steps(constants)
     moves = np.concatenate([np.zeros((1, count)), np.eye(count), -np.eye(count)])
     values = at[:, None] + moves * step[:, None]  # (groups, 1 + 2 count, count)
     by_name = dict(zip(names, values.reshape(-1, count).T, strict=True))
@@ -224,10 +224,11 @@ def sensitivities(constants: Constants, analog: StateSpace, experiment: Experime
     return found
 
 
-def _natural(constants: Constants, name: str) -> float:
-    """Size of a constant that may be zero."""
-    declared = next(p for p in constants.arrangement.parameters if p.name == name)
-    return abs(declared.value) or 1.0
+def constant_steps(constants: Constants) -> Real:
+    """Return (groups, constants) the steps of differences with respect to each constant."""
+    declared = {p.name: abs(p.value) or 1.0 for p in constants.arrangement.parameters}  # size of what may be zero
+    sizes = [np.maximum(np.abs(at), declared[name]) for name, at in constants.stacked().items()]
+    return STEP * np.stack(sizes, axis=1)
 
 
 def slope_columns(s: Sensitivity, amplitudes: Complex, segment: Segment, sample_rate_hz: float) -> Real:

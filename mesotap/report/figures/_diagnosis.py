@@ -35,6 +35,7 @@ from mesotap.report.figures._style import (
 Real = NDArray[np.float64]
 
 MILLI, MICRO_PER_UNIT, KILO = 1e3, 1e6, 1e3
+SAME_LOAD = 1.02  # ratio to the next load below which rows share a label
 MOST_LOADS = 4  # drawn in the figures with a line a load
 SMALLEST_SPAN = 1.5  # of the colour scale, as a ratio
 LARGEST_SPAN = 1e3
@@ -61,6 +62,18 @@ class ForcePicture:
     frequency_hz: float
 
 
+def load_ticks(loads_n: Sequence[float]) -> tuple[list[float], list[str]]:
+    """Return where labels of ascending loads stand, and the labels in mN; rows of nearly the same load share one."""
+    rows: list[list[int]] = []
+    for i, load in enumerate(loads_n):
+        if i and load < SAME_LOAD * loads_n[i - 1]:
+            rows[-1].append(i)
+        else:
+            rows.append([i])
+    places = [(own[0] + own[-1] + 1) / 2 for own in rows]
+    return places, [f"{MILLI * np.mean([loads_n[i] for i in own]):.0f}" for own in rows]
+
+
 @styled
 def excess_figure(by_frequency: ExcessMap, by_time: ExcessMap) -> Figure:
     """Draw the residual's power over the noise's against load and (top) frequency, (bottom) time after the pulse."""
@@ -82,7 +95,7 @@ def excess_figure(by_frequency: ExcessMap, by_time: ExcessMap) -> Figure:
             axes.set_xscale("log")
             axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axes.set_xlabel(label)
-            axes.set_yticks(np.arange(len(found.loads_n)) + 0.5, [f"{MILLI * p:.0f}" for p in found.loads_n])
+            axes.set_yticks(*load_ticks(found.loads_n))
             axes.tick_params(axis="y", length=0)
             if c == 0:
                 axes.set_ylabel("Load [mN]")

@@ -38,6 +38,7 @@ from mesotap.answers.comparison import recovered_against
 from mesotap.answers.results_files import impacts_csv, json_text, loads_csv, modes_json
 from mesotap.answers.rounding import significant
 from mesotap.report import figures
+from mesotap.report.figures._diagnosis import load_ticks
 from mesotap.report.report import published_report, recording_report, results_json, with_uncertainty, write_report
 from rig.hardware_log import Repetition
 
@@ -819,3 +820,8 @@ def test_how_the_hardware_behaved(
     text = Page(report(tmp_path, replace(session, hardware=hardware), results)).text
     assert "How the hardware behaved" in text
     assert said in text
+
+
+def test_impacts_of_nearly_the_same_load_share_a_label_in_the_map_of_the_residual():
+    places, labels = load_ticks([0.2639, 0.2640, 0.2642, 0.345, 0.346, 0.926])
+    assert (places, labels) == ([1.5, 4.0, 5.5], ["264", "346", "926"])

@@ -20,6 +20,8 @@ app = typer.Typer(
 )
 config_app = typer.Typer(help="Check, show or start a config.yaml.", no_args_is_help=True)
 app.add_typer(config_app, name="config")
+rig_app = typer.Typer(help="Begin or check the description of a rig other than the tester.", no_args_is_help=True)
+app.add_typer(rig_app, name="rig")
 
 ConfigPath = Annotated[
     Path | None,
@@ -512,3 +514,41 @@ def config_init(
     except FileExistsError:
         raise ConfigError(f"{file}: exists already; it is left as it is") from None
     say(f"{file}: written; edit it, then 'mesotap config check {file}'")
+
+
+@rig_app.command("init")
+def rig_init(
+    files: Annotated[list[Path], typer.Argument(help="Recording; further ones of the same rig.", show_default=False)],
+    output: Annotated[Path, typer.Option("--output", "-o", help="File to write.")] = Path("rig.yaml"),
+    rate: Annotated[
+        float | None,
+        typer.Option("--rate", help="Sampling rate in Hz, where the file does not say.", show_default=False),
+    ] = None,
+    inputs: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--input",
+            metavar="CHANNEL",
+            help="Channel that drives the rig, if not recognised.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Look at a recording and write a commented first description of its rig; never overwrites one."""
+    from mesotap.commands.rigs import begin_rig
+
+    begin_rig(files, output, rate, inputs or (), _console(None))
+
+
+@rig_app.command("check")
+def rig_check(
+    file: Annotated[Path, typer.Argument(help="Description of the rig.", show_default=False)],
+    recordings: Annotated[
+        list[Path] | None, typer.Argument(help="Recordings it is to be held against.", show_default=False)
+    ] = None,
+    json: JsonPath = None,
+) -> None:
+    """Say what these sensors cannot tell, and what to declare or leave free, before anything is fitted."""
+    from mesotap.commands.rigs import check_rig
+
+    check_rig(file, recordings or (), json, _console(json))

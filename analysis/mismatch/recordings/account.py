@@ -17,6 +17,7 @@ from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge, held_out_rms, mean_of, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE, level
 from analysis.mismatch.recordings.signatures import innovation_rms
+from analysis.mismatch.recordings.start_check import better_unknown
 from analysis.mismatch.remainder import frequency_words
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.score_test import Screening
@@ -213,6 +214,9 @@ class BlockAccount(Account[SimulatedFit]):
             what = "nothing listed explains it"
             if self.far_off:
                 what = "is most of the motion: check the stiffness and mass described, their units, and the channels"
+                better = next(iter(better_unknown(self.judge.problem)), None)
+                if better is not None:
+                    what += f"; the linear rig begins much better where the {better} is unknown"
         why = f"The residual of the linear rig lies from {frequency[0]:.4g} to {frequency[1]:.4g} Hz, and {what}."
         return Location(component, element, channels or (seen[0],), time, frequency, (), why + self._along_the_decay())
 

@@ -31,6 +31,7 @@ ROUGH_STEPS, FINE_STEPS = 30, 100
 ROUGH, FINE = 1e-4, 1e-8  # relative fall at which a fit that only ranks rivals ends, and one that is used
 FIRST_DAMPING, MOST_TRIES = 1e-3, 8
 SHOWN = 0.4  # of the sampling rate, up to which a recording shows what there is
+FIRST_PERIODS, FEWEST_FIRST = 4, 40  # of the highest mode (at least one of the lowest), samples: they tell the state
 STAGES = (0.05, 0.15, 0.4)  # of a free decay: its phase is followed before all of it is fitted
 
 
@@ -268,7 +269,10 @@ def _first_state(rig: DescribedRig, recorded: Recorded, values: Mapping[str, flo
     n = len(rig.arrangement.bodies)
     if not recorded.free:
         return np.zeros(2 * n)
-    count = min(max(round(4 * recorded.rate_hz / highest_hz), 40), recorded.samples - 2 * recorded.edge)
+    mass, _, stiffness = rig.arrangement.matrices(values)
+    slow = float(np.sqrt(np.abs(np.linalg.eigvals(stiffness / mass[:, None])).min())) / (2 * math.pi)
+    periods = max(FIRST_PERIODS / highest_hz, 1 / max(slow, 1e-300))
+    count = min(max(round(periods * recorded.rate_hz), FEWEST_FIRST), recorded.samples - 2 * recorded.edge)
     window = slice(recorded.edge, recorded.edge + count)
     simulation = Simulation(rig, [recorded], values, highest_hz)
     scale = np.repeat([1.0, 2 * math.pi * highest_hz], n)

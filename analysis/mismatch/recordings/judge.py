@@ -17,9 +17,10 @@ from scipy.stats import t as student
 from analysis.mismatch.free_form import free_places, joint_term
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import OnProgress, silent
-from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit
+from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit, problem_of
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, level
 from analysis.mismatch.recordings.regression import regressed
+from analysis.mismatch.recordings.start_check import better_unknown, with_unknown
 from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
 from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of
@@ -27,6 +28,8 @@ from sim_backend.force_law import SLOTS
 from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
 
 STRONGEST_START, WEAKEST_START = 30.0, 0.1  # trial strengths that a fit begins with at most and at least
+CONSTANTS = 2  # that are tried with other values where the rig as described misses most
+AS_WELL = 4.0  # mean square over that of what is named, up to which another constant explains as well
 FREE_PLACES = 2  # elements in which forces of any shape are tried together
 
 Candidates = tuple[Candidate[SimulatedFit], ...]
@@ -192,6 +195,8 @@ class BlockJudge(Judge[SimulatedFit]):
         self.on_progress("fitting once more with all that is not held out")
         final = fit(self.problem, (), baseline.current, parts=(FIT, CHOOSE), fine=True)
         fitted = fit(self.problem, current.terms, current, parts=(FIT, CHOOSE), fine=True) if current.terms else final
+        if fitted.terms and self.constant_explains(baseline.current, current):
+            fitted, steps = final, ()
         last = self.screen(fitted)
         chosen = fitted if fitted.terms and share <= policy.left_over_blocks else None
         if not share and steps:  # so little that forces of any shape were not fitted: their score test tells
@@ -199,6 +204,21 @@ class BlockJudge(Judge[SimulatedFit]):
             share = best * taken / max(base - best * (1 - taken), 1e-300)
         over = LeftOver(last.unexplained, last.p_value, share)
         return Selection(self, final, baseline.screening, steps, chosen, fitted, last, over)
+
+    def constant_explains(self, linear: SimulatedFit, current: SimulatedFit) -> bool:
+        """Whether a declared constant is so wrong that the linear rig with another value does as well as what is named.
+
+        Only asked where the rig as described misses most of the motion.
+        """
+        if not linear.far_off():
+            return False
+        self.on_progress("trying the rig with other constants")
+        for name in list(better_unknown(self.problem))[:CONSTANTS]:
+            other = problem_of(with_unknown(self.problem.rig, name), self.problem.recordings)
+            losses = fit(replace(other, policy=self.problem.policy)).by_block(CHOOSE)
+            if mean_of(losses) < AS_WELL * mean_of(current.by_block(CHOOSE)):
+                return True
+        return False
 
     def rival_in_time(self, steps: Sequence[SelectionStep[SimulatedFit]]) -> Candidate[SimulatedFit] | None:
         """Return the best candidate that goes with time, where amplitude and time are confounded."""

@@ -23,6 +23,7 @@ PER_PERIOD = 10  # samples kept of the highest frequency
 FULL_BAND_ENERGY = 0.999  # of a recording, below its highest frequency
 FILTER_ORDER = 4
 EDGE_PERIODS = 3.0  # of the band's width that a filter's edge takes
+LOUD_START, NEAR_LARGEST = 0.3, 0.7  # of a decay's largest deflection: it was ringing when it began, it is near that
 FEWEST = 400  # samples that a recording must have
 
 
@@ -110,7 +111,7 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
                 f"{source}: the band of {rig.name} ends at {rig.band_hz[1]:g} Hz, too close to half the rate of "
                 f"{rate:g} Hz"
             )
-        factor = _decimation_factor(outputs[:, first:last], rate, rig.band_hz)
+        factor = min(_decimation_factor(outputs[:, first:last], rate, rig.band_hz), max((last - first) // FEWEST, 1))
         if factor > 1:
             sections = signal.butter(8, 0.8 / factor, output="sos")
             outputs = signal.sosfiltfilt(sections, outputs, axis=1)[:, ::factor]
@@ -162,9 +163,15 @@ def _decimation_factor(outputs: Real, rate: float, band: tuple[float, float] | N
 
 
 def _after_impact(outputs: Real, edge: int) -> int:
-    """Return the sample from which on a decay is free: after the largest deflection and the filter's edge."""
+    """Return the sample from which on a decay is free: after the largest deflection and the filter's edge.
+
+    Modes that beat may be largest long after a recording began in mid-decay: then it is free from where it first comes
+    near to that.
+    """
     level = np.abs(outputs / np.abs(outputs).max(axis=1, keepdims=True)).max(axis=0)
-    return int(np.argmax(level)) + edge + 1
+    near = level >= NEAR_LARGEST
+    begun = np.any(level[: max(level.size // 50, 1)] >= LOUD_START)
+    return int(np.argmax(near if begun else level)) + edge + 1
 
 
 def _divided(

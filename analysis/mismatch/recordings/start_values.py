@@ -1,29 +1,44 @@
-"""Starting values of a fit: unknown constants, from the spectra of the recordings."""
+"""Starting values of a fit: unknown constants of the linear rig, from spectra of pieces of the recordings.
+
+A piece of a recording, weighed by an exponential, has the spectrum of the rig at ``s = i omega + alpha``: of its
+response to the measured inputs, and to the state that it begins and ends with, which is found by linear least squares.
+So it makes no difference whether a recording is driven or free, or where a piece begins. A large ``alpha`` makes
+resonances broad, and they are found from far away; it is then taken back until whole recordings are looked at.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import signal
 from scipy.optimize import least_squares
 
 from analysis.mismatch.recordings.recorded import Recorded, level
-from analysis.mismatch.rig_description import DescribedRig
+from analysis.mismatch.rig_description import DescribedRig, Hold
 from analysis.session import AnalysisError
-from sim_backend.arrangement import DERIVATIVES, Parameter
+from sim_backend.arrangement import DERIVATIVES
 from sim_backend.arrays import Complex, Real
 
-DRAWS: Final = 48  # random starting points
-BINS: Final = 400  # lines of the spectra that are looked at
-TYPICAL_RATIO: Final = 0.01  # damping ratio where nothing tells of one
+DRAWS: Final = 64  # random starting points
+KEPT: Final = (8, 3, 2, 1)  # of them, after each stage
+STAGES: Final = (0.15, 0.03, 0.006, 0.0)  # weights alpha, of the spectra's mean angular frequency
+FADED: Final = 6.0  # time constants of the exponential that a piece is long
+PIECES: Final = 6  # that are looked at in a stage
+LINES, FEWEST_LINES = 400, 80  # of all pieces' spectra together, of each
+EVALUATIONS: Final = 60
 SEED: Final = 7
-WEAK_PRIOR: Final = 1e-3  # weight of staying near what is usual, beside a relative error of one
+TYPICAL_RATIO: Final = 0.02  # damping ratio about which starting points are drawn
+WEAK_PRIOR: Final = 1e-3  # relative noise beside which constants stay within a factor of e of what is usual
+RELATIVE_NOISE: Final = 0.02  # that declared constants are weighed against
+POLYNOMIAL: Final = 3  # terms, in the frequency, of what begins and ends at samples and not at once
+MOST_EXPONENT: Final = 40.0
+LOGARITHMIC: Final = ("kg", "N/m", "N s/m")
 
 
-def start_values(rig: DescribedRig, recordings: list[Recorded]) -> tuple[dict[str, float], float]:
+def start_values(rig: DescribedRig, recordings: Sequence[Recorded]) -> tuple[dict[str, float], float]:
     """Return a value for every constant of the rig, and the highest frequency of it, Hz.
 
     Raises
@@ -31,20 +46,31 @@ def start_values(rig: DescribedRig, recordings: list[Recorded]) -> tuple[dict[st
     AnalysisError
         The rig as described neither swings nor comes to rest.
     """
-    known = {p.name: p.value for p in rig.arrangement.parameters}
-    unknown = [p for p in rig.arrangement.parameters if not math.isfinite(p.value)]
-    if recordings[0].free:
-        values = _from_decay(rig, recordings[0], known, unknown)
-    else:
-        values = _from_input(rig, recordings[0], known, unknown)
+    values = _from_spectra(rig, recordings)
     mass, damping, stiffness = rig.arrangement.matrices(values)
-    poles = _poles(mass, damping, stiffness)
-    highest = float(np.abs(poles).max()) / (2 * math.pi)
+    highest = float(np.abs(_poles(mass, damping, stiffness)).max()) / (2 * math.pi)
     if not 0 < highest < math.inf:
         raise AnalysisError(
             f"{recordings[0].source}: {rig.name} as described neither swings nor comes to rest; check its constants"
         )
     return values, min(highest, 0.5 * recordings[0].rate_hz)
+
+
+def _from_spectra(rig: DescribedRig, recordings: Sequence[Recorded]) -> dict[str, float]:
+    """Return the constants with which the linear rig is nearest to the recordings' spectra."""
+    centre = _centre(recordings)
+    unknowns = _Unknowns(rig, centre)
+    points = unknowns.drawn(np.random.default_rng(SEED))
+    longest = max(r.samples / r.rate_hz for r in recordings)
+    for share, kept in zip(STAGES, KEPT, strict=True):
+        alpha = share * centre
+        if alpha and alpha * longest < FADED:
+            continue  # all of it is a shorter piece than that
+        model = SpectralModel(unknowns, pieces_of(recordings, alpha, rig.hold), centre)
+        if len(points) > KEPT[0]:
+            points = sorted((model.begun(x) for x in points), key=model.cost)[: KEPT[0]]
+        points = sorted((model.improved(x) for x in points), key=model.cost)[:kept]
+    return unknowns.constants(points[0])
 
 
 def _poles(mass: Real, damping: Real, stiffness: Real) -> Complex:
@@ -53,171 +79,242 @@ def _poles(mass: Real, damping: Real, stiffness: Real) -> Complex:
     return np.asarray(np.linalg.eigvals(a), np.complex128)
 
 
-def _peaks(recorded: Recorded, count: int) -> list[float]:
-    """Return the frequencies of the highest separate peaks in the outputs' spectra, rising, Hz."""
-    y = recorded.outputs / level(recorded)[:, None]
-    y = y - y.mean(axis=1, keepdims=True)
-    size = 4 * recorded.samples
-    power = np.sum(np.abs(np.fft.rfft(y * np.hanning(recorded.samples), size, axis=1)) ** 2, axis=0)
-    frequency = np.fft.rfftfreq(size, 1 / recorded.rate_hz)
-    apart = max(int(0.02 * np.argmax(power)), 16)
-    at, _ = signal.find_peaks(power, distance=apart)
-    best = at[np.argsort(power[at])[::-1][:count]]
-    return sorted(float(frequency[i]) for i in best)
-
-
-def _decay_rate(recorded: Recorded) -> float:
-    """Return how fast the outputs' envelope falls, 1/s."""
-    envelope = np.abs(signal.hilbert(recorded.outputs - recorded.outputs.mean(axis=1, keepdims=True), axis=1))
-    total = np.sqrt(np.sum((envelope / level(recorded)[:, None]) ** 2, axis=0))
-    kept = slice(max(recorded.edge, recorded.samples // 50), recorded.samples - max(recorded.edge, 1))
-    row = total[kept]
-    row = row[: max(int(np.searchsorted(-row, -0.05 * row[: len(row) // 10 + 1].max())), len(row) // 10 + 2)]
-    t = np.arange(row.size) / recorded.rate_hz
-    return max(-float(np.polyfit(t, np.log(np.maximum(row, 1e-300)), 1)[0]), 0.0)
-
-
-def _from_decay(
-    rig: DescribedRig, recorded: Recorded, known: dict[str, float], unknown: list[Parameter]
-) -> dict[str, float]:
-    """Return constants whose modes lie at the peaks of the spectra, and dampings of the envelope's decay."""
-    peaks = _peaks(recorded, len(rig.arrangement.bodies))
-    if not peaks:
-        raise AnalysisError(f"{recorded.source}: its spectrum has no peak: there is no ring-down to begin with")
-    omega = 2 * math.pi * np.array(peaks)
-    typical = _typical_mass(rig, known)
-    free = [p for p in unknown if p.unit in ("N/m", "kg")]
-    base = {**known, **{p.name: 0.0 for p in unknown if p.unit == "N s/m"}, **_plain(unknown)}
-    usual = {"N/m": typical * float(np.mean(omega)) ** 2, "kg": typical}
-    middle = np.array([math.log(usual[p.unit]) for p in free])
-
-    def values(q: Real) -> dict[str, float]:
-        return {**base, **{p.name: math.exp(v) for p, v in zip(free, q, strict=True)}}
-
-    def off(q: Real) -> Real:
-        mass, _, stiffness = rig.arrangement.matrices(values(q))
-        found = np.sqrt(np.abs(np.sort(np.linalg.eigvals(stiffness / mass[:, None]).real)))[-len(omega) :]
-        miss = np.log(np.maximum(found, 1e-9 * omega[-1]) / omega)
-        return np.concatenate([miss, WEAK_PRIOR * (q - middle)])
-
-    chosen = middle
-    if free:
-        random = np.random.default_rng(SEED)
-        starts = [middle + (random.normal(0, 1.0, len(free)) if i else 0.0) for i in range(DRAWS // 4)]
-        chosen = min((least_squares(off, x) for x in starts), key=lambda f: float(f.cost)).x
-    found = values(chosen)
-    rate = _decay_rate(recorded) or TYPICAL_RATIO * float(omega[0])
-    for p in unknown:
-        if p.unit == "N s/m":
-            elements = rig.arrangement.elements
-            beside = next((e.stiffness for e in elements if e.damping == p.name and e.stiffness), None)
-            found[p.name] = 2 * rate * (found[beside] / float(omega[0]) ** 2 if beside else typical)
-    return found
-
-
-def _typical_mass(rig: DescribedRig, known: dict[str, float]) -> float:
-    """Return the mean of the masses that are known; one where none is."""
-    masses = np.array([known[m] for m in rig.arrangement.masses])
-    return float(np.nanmean(masses)) if np.any(np.isfinite(masses)) else 1.0
-
-
-def _plain(unknown: list[Parameter]) -> dict[str, float]:
-    """Starting values of gains (one) and offsets (none)."""
-    return {p.name: 1.0 if p.name.startswith("gain") else 0.0 for p in unknown if p.unit not in ("N/m", "N s/m", "kg")}
-
-
 @dataclass(frozen=True, slots=True)
-class _Spectra:
-    """Strongest lines of the outputs' and inputs' spectra, over the channels' levels, (channels or inputs, lines)."""
+class Piece:
+    """Spectra of a piece of a recording at ``s`` (lines,): channels (c, lines) over their levels, inputs."""
 
+    s: Complex
     outputs: Complex
     inputs: Complex
-    omega: Real
-    centre: float
+    level: Real
 
     @classmethod
-    def of(cls, recorded: Recorded) -> _Spectra:
-        """Return those of what is fitted of a recording."""
-        kept = recorded.fitted
-        y, u = recorded.outputs[:, kept], recorded.inputs[:, kept]
-        window = np.hanning(y.shape[1])
-        outputs = np.fft.rfft((y - y.mean(axis=1, keepdims=True)) * window, axis=1) / level(recorded)[:, None]
-        inputs = np.fft.rfft((u - u.mean(axis=1, keepdims=True)) * window, axis=1)
-        frequency = np.fft.rfftfreq(y.shape[1], 1 / recorded.rate_hz)
+    def of(cls, recorded: Recorded, at: slice, alpha: float, hold: Hold, lines: int) -> Piece:
+        """Return the strongest lines of the samples ``at``, weighed by ``exp(-alpha t)``."""
+        levels, rate = level(recorded), recorded.rate_hz
+        y = recorded.outputs[:, at] - recorded.outputs.mean(axis=1, keepdims=True)
+        u = recorded.inputs[:, at]
+        n = y.shape[1]
+        weight = np.exp(-alpha * np.arange(n) / rate) / rate
+        outputs = np.fft.rfft(y * weight, axis=1) / levels[:, None]
+        inputs = np.fft.rfft((u - recorded.inputs.mean(axis=1, keepdims=True)) * weight, axis=1)
         power = np.sum(np.abs(outputs) ** 2, axis=0)
-        strongest = np.argsort(power[3:])[::-1][: 4 * BINS] + 3
-        used = np.sort(strongest[:: max(len(strongest) // BINS, 1)])
-        omega = np.asarray(2 * math.pi * frequency[used], np.float64)
-        centre = float(np.sum(omega * power[used]) / np.sum(power[used]))
-        return cls(outputs[:, used], inputs[:, used], omega, centre)
+        power[0] = 0.0
+        used = np.sort(np.argsort(power[: int(0.9 * power.size)])[::-1][:lines])
+        s = np.asarray(alpha + 2j * np.pi * np.fft.rfftfreq(n, 1 / rate)[used], np.complex128)
+        return cls(s, outputs[:, used], inputs[:, used] * held(s / rate, hold), levels)
 
 
-def _from_input(
-    rig: DescribedRig, recorded: Recorded, known: dict[str, float], unknown: list[Parameter]
-) -> dict[str, float]:
-    """Fit the linear rig's frequency response to the spectra of inputs and outputs, from many random starts."""
-    spectra = _Spectra.of(recorded)
-    total = float(np.sum(np.abs(spectra.outputs) ** 2))
-    typical = _typical_mass(rig, known)
-    size = {"N/m": typical * spectra.centre**2, "N s/m": 0.2 * typical * spectra.centre, "kg": typical}
-    free = [p for p in unknown if p.unit in size]
-    gains = [d.gain for d in rig.drives if not math.isfinite(known[d.gain])]
-    base = {**known, **_plain(unknown)}
-
-    def solved(q: Real) -> tuple[Real, dict[str, float]]:
-        bent = {p.name: size[p.unit] * math.exp(min(max(v, -40.0), 40.0)) for p, v in zip(free, q, strict=False)}
-        values = {**base, **bent}
-        made = _responses(rig, values, spectra, level(recorded), gains)
-        off, found = _gains_solved(rig, made, spectra.outputs, gains)
-        return np.concatenate([off.real, off.imag]) / math.sqrt(total), {**values, **found}
-
-    def objective(q: Real) -> Real:
-        with np.errstate(all="ignore"):
-            off = solved(q)[0]
-        return np.concatenate([np.where(np.isfinite(off), off, 10.0), WEAK_PRIOR * q])
-
-    random = np.random.default_rng(SEED)
-    lighter = np.array([-1.5 * (p.unit == "N s/m") for p in free])
-    tried = [random.normal(0.0, 1.0, len(free)) + lighter for _ in range(DRAWS)]
-    tried.sort(key=lambda q: float(np.sum(objective(q) ** 2)))
-    best, cost = np.zeros(len(free)), math.inf
-    for q in tried[: DRAWS // 8] if free else []:
-        found = least_squares(objective, q, max_nfev=60)
-        if float(found.cost) < cost:
-            best, cost = np.asarray(found.x, np.float64), float(found.cost)
-    return solved(best)[1]
+def held(sh: Complex, hold: Hold) -> Complex:
+    """Return what an input's spectrum is multiplied by for what it does between samples, at ``s`` times their time."""
+    if hold == "band-limited":
+        return np.ones(sh.size, np.complex128)
+    step = -np.expm1(-sh) / sh
+    return np.asarray(step if hold == "zero" else step**2 * np.exp(sh), np.complex128)
 
 
-def _responses(
-    rig: DescribedRig, values: dict[str, float], spectra: _Spectra, levels: Real, gains: list[str]
-) -> Complex:
-    """Return (inputs, channels, lines) what each input does to the channels; unknown gains count as one."""
-    mass, damping, stiffness = rig.arrangement.matrices(values)
-    s = 1j * spectra.omega
-    dynamic = stiffness + s[:, None, None] * damping + (s**2)[:, None, None] * np.diag(mass)
-    out = np.empty((len(rig.drives), len(rig.seen), s.size), np.complex128)
-    for i, drive in enumerate(rig.drives):
-        vector = rig.arrangement.vector(drive.row, values)
-        push = (-mass * vector if drive.base else vector)[:, None]
-        moved = np.linalg.solve(dynamic, np.broadcast_to(push, (s.size, len(mass), 1)))[:, :, 0]
-        gain = 1.0 if drive.gain in gains else values[drive.gain]
-        for c, seen in enumerate(rig.seen):
-            row = rig.arrangement.vector(seen.sensor.row, values)
-            order = s ** DERIVATIVES[seen.sensor.quantity]
-            out[i, c] = values[seen.gain] * gain * (moved @ row) * order * spectra.inputs[i] / levels[c]
-    return out
+def pieces_of(recordings: Sequence[Recorded], alpha: float, hold: Hold) -> list[Piece]:
+    """Return the pieces that are looked at with a weight: of all recordings, where most happens in them."""
+    found: list[tuple[float, Recorded, slice]] = []
+    for recorded in recordings:
+        first, last = recorded.fitted.start, recorded.fitted.stop
+        first, last = max(first, recorded.edge), min(last, recorded.samples - recorded.edge)
+        longest = last - first
+        size = longest if alpha == 0 else min(longest, math.ceil(FADED / alpha * recorded.rate_hz))
+        y = recorded.outputs[:, first:last] / level(recorded)[:, None]
+        for begin in np.unique(np.linspace(0, longest - size, 1 if size == longest else PIECES).astype(int)).tolist():
+            energy = float(np.sum(y[:, begin : begin + size] ** 2))
+            found.append((energy, recorded, slice(first + begin, first + begin + size)))
+    found = sorted(found, key=lambda piece: -piece[0])[:PIECES]
+    lines = max(LINES // len(found), FEWEST_LINES)
+    return [Piece.of(recorded, at, alpha, hold, lines) for _, recorded, at in found]
 
 
-def _gains_solved(
-    rig: DescribedRig, made: Complex, outputs: Complex, gains: list[str]
-) -> tuple[Complex, dict[str, float]]:
-    """Return what is left of the outputs (all lines in one row), and unknown gains by linear least squares."""
-    free = [i for i, d in enumerate(rig.drives) if d.gain in gains]
-    held = [i for i in range(len(rig.drives)) if i not in free]
-    off = (outputs - made[held].sum(axis=0)).ravel()
-    if not free:
-        return off, {}
-    a = made[free].reshape(len(free), -1).T
-    stacked = np.concatenate([a.real, a.imag])
-    found = np.linalg.lstsq(stacked, np.concatenate([off.real, off.imag]), rcond=1e-10)[0]
-    return off - a @ found, dict(zip([rig.drives[i].gain for i in free], found.tolist(), strict=True))
+def _centre(recordings: Sequence[Recorded]) -> float:
+    """Return the mean angular frequency of the channels' power, rad/s."""
+    total, moment = 0.0, 0.0
+    for recorded in recordings:
+        y = recorded.outputs[:, recorded.fitted] / level(recorded)[:, None]
+        power = np.sum(np.abs(np.fft.rfft(y - y.mean(axis=1, keepdims=True), axis=1)) ** 2, axis=0)
+        omega = 2 * math.pi * np.fft.rfftfreq(y.shape[1], 1 / recorded.rate_hz)
+        total, moment = total + float(power.sum()), moment + float(omega @ power)
+    return moment / max(total, 1e-300) or 1.0
+
+
+class _Unknowns:
+    """The constants that nobody knows as numbers (k,): logarithms over what is usual, then gains."""
+
+    def __init__(self, rig: DescribedRig, centre: float):
+        parameters = rig.arrangement.parameters
+        unknown = [p for p in parameters if not math.isfinite(p.value)]
+        uncertain = [p for p in parameters if p.value > 0 and 0 < p.uncertainty < math.inf]
+        self.rig = rig
+        self.bent = [p for p in (*unknown, *uncertain) if p.unit in LOGARITHMIC]
+        self.gains = [p for p in unknown if p.name in {*(d.gain for d in rig.drives), *(s.gain for s in rig.seen)}]
+        known = {p.name: p.value for p in parameters}
+        masses = np.array([known[m] for m in rig.arrangement.masses])
+        typical = float(np.nanmean(masses)) if np.any(np.isfinite(masses)) else 1.0
+        size = {"kg": typical, "N/m": typical * centre**2, "N s/m": 2 * TYPICAL_RATIO * typical * centre}
+        self.usual = np.array([math.log(p.value if p.value > 0 else size[p.unit]) for p in self.bent])
+        self.spread = np.array([p.uncertainty / p.value if p.value > 0 else 1.0 for p in self.bent])
+        self.weight = np.array([RELATIVE_NOISE if p.value > 0 else WEAK_PRIOR for p in self.bent]) / self.spread
+        self.base = {**known, **{p.name: 1.0 if p in self.gains else 0.0 for p in unknown}}
+
+    def drawn(self, random: np.random.Generator) -> list[Real]:
+        """Return starting points: the usual values, and others about them."""
+        count = DRAWS if self.bent else 1
+        each = [random.normal(0.0, 1.0, len(self.bent)) * self.spread * (i > 0) for i in range(count)]
+        return [np.concatenate([q, np.ones(len(self.gains))]) for q in each]
+
+    def constants(self, x: Real) -> dict[str, float]:
+        """Return the values of all constants."""
+        k = len(self.bent)
+        bent = self.usual + np.clip(x[:k], -MOST_EXPONENT, MOST_EXPONENT)
+        values = self.base | {p.name: math.exp(v) for p, v in zip(self.bent, bent.tolist(), strict=True)}
+        return values | {p.name: float(v) for p, v in zip(self.gains, x[k:], strict=True)}
+
+
+class SpectralModel:
+    """What the linear rig makes of some pieces' spectra, as a function of its unknown constants."""
+
+    def __init__(self, unknowns: _Unknowns, pieces: Sequence[Piece], centre: float):
+        self.unknowns, self.pieces, self.centre = unknowns, pieces, centre
+        self.total = math.sqrt(sum(float(np.sum(np.abs(p.outputs) ** 2)) for p in pieces))
+
+    def begun(self, x: Real) -> Real:
+        """Return a point with the gains that fit best beside its other constants."""
+        k, names = len(self.unknowns.bent), [p.name for p in self.unknowns.gains]
+        if not names:
+            return x
+        off, slopes = self.evaluated(np.concatenate([x[:k], np.ones(len(names))]))
+        # of either one input's gain or its sensor's, which multiply each other
+        inputs = [i for i, name in enumerate(names) if name in {d.gain for d in self.unknowns.rig.drives}]
+        solved = inputs or list(range(len(names)))
+        found = np.ones(len(names))
+        found[solved] -= np.linalg.lstsq(slopes[:, [k + i for i in solved]], off, rcond=1e-8)[0]
+        return np.concatenate([x[:k], np.where(found == 0, 1.0, found)])
+
+    def cost(self, x: Real) -> float:
+        """Return the sum of squares at a point."""
+        off, _ = self.evaluated(x)
+        return float(off @ off)
+
+    def improved(self, x: Real) -> Real:
+        """Return the point that least squares leads to."""
+        known: dict[bytes, tuple[Real, Real]] = {}
+
+        def both(at: Real) -> tuple[Real, Real]:
+            if at.tobytes() not in known:
+                known.clear()
+                left, changes = self.evaluated(at)
+                weight = self.unknowns.weight / math.sqrt(left.size)
+                stay = np.diag(np.concatenate([weight, np.zeros(len(self.unknowns.gains))]))
+                known[at.tobytes()] = np.concatenate([left, stay @ at]), np.vstack([changes, stay])
+            return known[at.tobytes()]
+
+        if not x.size:
+            return x
+
+        def off(at: Real) -> Real:
+            return both(at)[0]
+
+        def slopes(at: Real) -> Real:
+            return both(at)[1]
+
+        return np.asarray(least_squares(off, x, slopes, method="lm", max_nfev=EVALUATIONS).x, np.float64)
+
+    def evaluated(self, x: Real) -> tuple[Real, Real]:
+        """Return what is left of the spectra (m,), over all of them, and its slopes (m, k)."""
+        values = self.unknowns.constants(x)
+        parts = [self._of_piece(values, piece) for piece in self.pieces]
+        off = np.concatenate([o for o, _ in parts]) / self.total
+        slopes = np.concatenate([s for _, s in parts]) / self.total
+        if np.all(np.isfinite(off)) and np.all(np.isfinite(slopes)):
+            return off, slopes
+        return np.full(off.shape, 10.0 / math.sqrt(off.size)), np.zeros(slopes.shape)
+
+    def _of_piece(self, values: Mapping[str, float], piece: Piece) -> tuple[Real, Real]:
+        """Return what is left of a piece beside its own beginning and end, and the slopes of that."""
+        rig, s = self.unknowns.rig, piece.s
+        mass, damping, stiffness = rig.arrangement.matrices(values)
+        n, k = mass.size, len(self.unknowns.bent) + len(self.unknowns.gains)
+        inertia = np.diag(mass)
+        dynamic = (s**2)[:, None, None] * inertia + s[:, None, None] * damping + stiffness
+        rows = np.array([rig.arrangement.vector(seen.sensor.row, values) for seen in rig.seen])
+        order = np.array([DERIVATIVES[seen.sensor.quantity] for seen in rig.seen])
+        gains = np.array([values[seen.gain] for seen in rig.seen])
+        lines, channels = s.size, len(rows)
+        failed = np.full(2 * lines * channels, np.inf), np.zeros((2 * lines * channels, k))
+        try:
+            shown = (s[:, None] ** order * gains / piece.level)[:, :, None] * (rows @ np.linalg.inv(dynamic))
+        except np.linalg.LinAlgError:
+            return failed
+        pushed = np.zeros((lines, n), np.complex128)
+        driven = {}
+        for drive, u in zip(rig.drives, piece.inputs, strict=True):
+            vector = rig.arrangement.vector(drive.row, values)
+            one = u[:, None] * (-mass * vector if drive.base else vector)
+            driven[drive.gain], pushed = one, pushed + values[drive.gain] * one
+        begun = s[:, None, None] * inertia + damping
+        own = np.concatenate([shown @ begun, shown * mass, self._ends(s, channels)], axis=2)
+        if not np.all(np.isfinite(own)):
+            return failed
+        u, size, v = np.linalg.svd(_real(own), full_matrices=False)
+        kept = size > 1e-9 * size[0]
+        u, v = u[:, kept], v[kept] / size[kept][:, None]
+        target = _real((piece.outputs.T - np.einsum("lcn,ln->lc", shown, pushed))[:, :, None])[:, 0]
+        coefficients = v.T @ (u.T @ target)
+        force = pushed + begun @ coefficients[:n] + mass * coefficients[n : 2 * n]
+        moved = np.asarray(np.linalg.solve(dynamic, force[:, :, None])[:, :, 0], np.complex128)
+        changes = self._changes(values, piece, (shown, moved, coefficients), driven)
+        slopes = _real(np.stack(changes, axis=2)) if changes else np.zeros((target.size, 0))
+        return target - u @ (u.T @ target), -(slopes - u @ (u.T @ slopes))
+
+    def _changes(
+        self,
+        values: Mapping[str, float],
+        piece: Piece,
+        at: tuple[Complex, Complex, Real],
+        driven: Mapping[str, Complex],
+    ) -> list[Complex]:
+        """Return (lines, channels) how the model changes with each unknown: logarithms, then gains."""
+        rig, s = self.unknowns.rig, piece.s
+        shown, moved, coefficients = at
+        n = len(rig.arrangement.bodies)
+        position, speed = coefficients[:n], coefficients[n : 2 * n]
+        found: list[Complex] = []
+        for p in self.unknowns.bent:
+            change = np.zeros(shown.shape[:2], np.complex128)
+            for i, name in enumerate(rig.arrangement.masses):
+                if name == p.name:
+                    inertial = s**2 * moved[:, i] - s * position[i] - speed[i]
+                    for drive, u in zip(rig.drives, piece.inputs, strict=True):
+                        if drive.base:
+                            inertial = inertial + values[drive.gain] * u * rig.arrangement.vector(drive.row, values)[i]
+                    change = change - shown[:, :, i] * inertial[:, None]
+            for element in rig.arrangement.elements:
+                row = rig.arrangement.vector(element.row, values)
+                if element.stiffness == p.name:
+                    change = change - (shown @ row) * (moved @ row)[:, None]
+                if element.damping == p.name:
+                    change = change - (shown @ row) * (s * (moved @ row) - row @ position)[:, None]
+            found.append(values[p.name] * change)
+        for p in self.unknowns.gains:
+            if p.name in driven:
+                found.append(np.einsum("lcn,ln->lc", shown, driven[p.name]))
+                continue
+            pushed = sum((values[g] * one for g, one in driven.items()), np.zeros_like(moved))
+            of = np.array([seen.gain == p.name for seen in rig.seen])
+            found.append(np.einsum("lcn,ln->lc", shown, pushed) * of / values[p.name])
+        return found
+
+    def _ends(self, s: Complex, channels: int) -> Complex:
+        """Return (lines, channels, k) columns for what a piece's first and last sample, and an offset, add."""
+        terms = [(s / self.centre) ** i for i in range(POLYNOMIAL)] + [self.centre / s]
+        return np.concatenate([np.eye(channels)[None] * term[:, None, None] for term in terms], axis=2)
+
+
+def _real(columns: Complex) -> Real:
+    """Return (lines, channels, k) complex columns as real ones, (2 lines channels, k), of the same size."""
+    flat = columns.reshape(-1, columns.shape[2])
+    return np.concatenate([flat.real, flat.imag])

@@ -11,6 +11,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
+from scipy.ndimage import binary_dilation
 
 from analysis.mismatch.recordings.signatures import innovation_rms
 from daq.exchange import Recording
@@ -37,6 +38,7 @@ OVER_NOISE_DB: Final = 20.0  # of a peak above the floor of the spectrum
 MOST_MODES: Final = 4
 DEEPEST_DB: Final = 40.0  # below the highest peak of responses, where others no longer count
 EXCITED, COHERENT = 1e-4, 0.8  # power of an input's line over its largest, and coherence, from which on it is believed
+VOUCHED: Final = 3  # lines on either side of coherent ones that are believed too
 STIFF: Final = (0.05, 0.4)  # of the lowest mode, between which a spring holds the rig and mass does not count
 FEWEST_LINES, CLEAR = 4, 0.25  # of a slope there, and how far from a whole number it may be
 SAME: Final = 0.98  # correlation of an input with itself a period later
@@ -237,7 +239,9 @@ class _Responses:
         shown = signal.welch(y, rate_hz, nperseg=length)[1]
         coherence = np.abs(cross) ** 2 / np.maximum(own * shown, 1e-300)
         size = np.abs(cross) / np.maximum(own, 1e-300)
-        sure = (own > EXCITED * own.max()) & (coherence > COHERENT)
+        # in a sharp resonance a short piece of a recording has not come to rest: its neighbours vouch for it
+        coherent = binary_dilation(coherence > COHERENT, np.ones((1, 2 * VOUCHED + 1), np.bool_))
+        sure = (own > EXCITED * own.max()) & coherent
         return cls(frequency, 20 * np.log10(np.maximum(size, 1e-300)), sure)
 
     def modes(self) -> tuple[float, ...]:

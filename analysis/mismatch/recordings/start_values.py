@@ -22,8 +22,8 @@ from analysis.session import AnalysisError
 from sim_backend.arrangement import DERIVATIVES
 from sim_backend.arrays import Complex, Real
 
-DRAWS: Final = 64  # random starting points
-KEPT: Final = (8, 3, 2, 1)  # of them, after each stage
+DRAWS: Final = 200  # random starting points
+KEPT: Final = (10, 4, 2, 1)  # of them, after each stage
 STAGES: Final = (0.15, 0.03, 0.006, 0.0)  # weights alpha, of the spectra's mean angular frequency
 FADED: Final = 6.0  # time constants of the exponential that a piece is long
 PIECES: Final = 6  # that are looked at in a stage

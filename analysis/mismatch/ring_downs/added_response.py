@@ -73,7 +73,8 @@ class AddedResponse:
         self.declared = np.array([p.value for p in self.rig_parameters])
         self.precision = np.array([1 / p.uncertainty**2 for p in self.rig_parameters])
         names = [p.name for p in self.rig_parameters]
-        self.coordinates = Coordinates(names, np.array([p.positive for p in self.rig_parameters], bool), terms)
+        positive = np.array([p.positive for p in self.rig_parameters], bool)
+        self.coordinates = Coordinates(names, positive, terms, arrangement)
         self.free = [
             FreeParameter.of(q, i, t.values[q.name])
             for i, t in enumerate(terms)

@@ -1,0 +1,93 @@
+import math
+
+import numpy as np
+import pytest
+
+from analysis.mismatch.recordings.determined import drawn, reduced, spectra, undetermined, unknown
+from mesotap.configuration.rig_files import parse_rig
+
+TWO = """
+bodies: {a: 1.0, b: unknown}
+joints: [{name: foot, between: [a, ground]}, {name: link, between: [a, b]}]
+"""
+
+
+def names(text: str) -> dict[str, tuple[str, ...]]:
+    return {u.name: u.with_it for u in undetermined(parse_rig(text))}
+
+
+@pytest.mark.parametrize(
+    ("mass", "gain", "expected"),
+    [
+        (1.0, 1.0, {}),
+        (1.0, "unknown", {"gain of input 1": ("gain of sensor 1",)}),
+    ],
+)
+def test_of_one_driven_body_three_ratios_are_seen(mass, gain, expected):
+    text = f"""
+bodies: {{body: {mass}}}
+joints: [{{between: [body, ground]}}]
+inputs: [{{channel: u, force_on: body, gain: unknown}}]
+sensors: [{{channel: x, of: body, shows: velocity, gain: {gain}}}]
+"""
+    assert names(text) == expected
+
+
+def test_two_bodies_that_ring_in_one_channel_show_four_numbers_of_five():
+    found = undetermined(parse_rig(TWO + "sensors: [{channel: x, of: a, shows: acceleration}]"))
+    assert [u.name for u in found] == ["mass of b"]
+    assert set(found[0].with_it) == {
+        "stiffness of foot", "stiffness of link", "damping of foot", "damping of link",
+    }  # fmt: skip
+    assert "best the mass of b" in found[0].statement
+
+
+def test_a_force_that_is_known_shows_all_of_them():
+    assert names(TWO + "inputs: [{channel: u, force_on: a}]\nsensors: [{channel: x, of: a, shows: acceleration}]") == {}
+
+
+def test_a_body_that_nothing_shows_is_told():
+    found = undetermined(
+        parse_rig("""
+bodies: {a: 1.0, b: unknown}
+joints: [{name: foot, between: [a, ground]}, {name: other, between: [b, ground]}]
+inputs: [{channel: u, force_on: a}]
+sensors: [{channel: x, of: a, shows: displacement}]
+""")
+    )
+    assert {u.name: u.with_it for u in found} == {"mass of b": (), "stiffness of other": (), "damping of other": ()}
+    assert all("no channel shows" in u.statement for u in found)
+
+
+def test_what_is_said_to_change_together_changes_no_spectrum():
+    rig = parse_rig(
+        TWO.replace("1.0", "{value: 1.0, uncertainty: 0.1}")
+        + "inputs: [{channel: u, force_on: b, gain: unknown}]\n"
+        + "sensors: [{channel: x, of: a, shows: acceleration, gain: unknown}]"
+    )
+    (found,) = undetermined(rig)
+    assert (found.name, found.with_it) == ("gain of input 1", ("gain of sensor 1",))
+    values = drawn(rig, np.random.default_rng(3))
+    moved = values | {found.name: 3 * values[found.name]}
+    moved |= {name: values[name] * 3**power for name, power in zip(found.with_it, found.powers, strict=True)}
+    omega = np.geomspace(1.0, 300.0, 50)
+    none = np.zeros(4)
+    np.testing.assert_allclose(spectra(rig, moved, omega, none), spectra(rig, values, omega, none), rtol=1e-6)
+
+
+def test_spectra_of_one_body_are_those_of_the_textbook():
+    rig = parse_rig("""
+bodies: {body: 2.0}
+joints: [{between: [body, ground], stiffness: 800.0, damping: 4.0}]
+sensors: [{channel: x, of: body, shows: displacement}]
+""")
+    assert unknown(rig) == []
+    omega = np.array([3.0, 20.0, 50.0])
+    s = 1j * omega
+    found = spectra(rig, rig.arrangement.declared(), omega, np.array([0.1, 0.5]))[0]
+    np.testing.assert_allclose(found, (2.0 * 0.5 + (2.0 * s + 4.0) * 0.1) / (2 * s**2 + 4 * s + 800.0), rtol=1e-12)
+
+
+def test_rows_are_reduced_to_one_leading_one_each():
+    rows = np.array([[1.0, 2.0, 0.0], [1.0, 2.0, 3.0]]) / math.sqrt(2)
+    np.testing.assert_allclose(reduced(rows), [[1.0, 2.0, 0.0], [0.0, 0.0, 1.0]], atol=1e-12)

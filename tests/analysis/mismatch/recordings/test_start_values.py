@@ -1,0 +1,119 @@
+"""Starts from spectra, on recordings by scipy's integrators."""
+
+import numpy as np
+import pytest
+
+from analysis.mismatch.recordings.recorded import prepare
+from analysis.mismatch.recordings.start_check import start_check
+from analysis.mismatch.recordings.start_values import Piece, SpectralModel, _centre, _Unknowns, held, start_values
+from daq.exchange import Recording
+from mesotap.configuration.rig_files import parse_rig
+from tests.analysis.mismatch.recordings.described_rigs import motion, noise_input
+
+RATE, COUNT = 400.0, 3000
+M = np.array([1.0, 0.6])
+C, K = np.array([[0.9, -0.4], [-0.4, 0.4]]), np.array([[7000.0, -3000.0], [-3000.0, 3000.0]])
+TWO = """
+bodies: {a: 1.0, b: MASS}
+joints: [{name: foot, between: [a, ground]}, {name: link, between: [b, a]}]
+INPUT
+sensors:
+  - {channel: 0, of: b, shows: displacement}
+  - {channel: 1, of: a, shows: acceleration}
+"""
+
+
+def two(push, start, u=None):
+    """Displacement of b and acceleration of a, with noise; ``push`` (2,) is what a unit of the input does to both."""
+    z = motion(lambda s, x, v: (s * push - C @ v - K @ x) / M, start, COUNT, RATE, u)
+    forced = np.outer(push, np.zeros(COUNT) if u is None else u)
+    shown = np.array([z[1], ((forced - C @ z[2:] - K @ z[:2]) / M[:, None])[0]])
+    random = np.random.default_rng(8)
+    return shown + 2e-3 * shown.std(axis=1, keepdims=True) * random.normal(size=shown.shape)
+
+
+@pytest.mark.parametrize("late", [0, 900])
+@pytest.mark.parametrize("kind", ["free", "force", "base"])
+def test_the_linear_rig_begins_close_whatever_it_was_excited_by_and_wherever_the_recording_begins(kind, late):
+    u = None if kind == "free" else noise_input(COUNT, RATE, 2, 60, seed=9)
+    push = {"free": np.zeros(2), "force": np.array([0.0, 2.5]), "base": -M}[kind]
+    shown = two(push, [0.01, -0.02, 1.0, 0.3] if kind == "free" else [0.0] * 4, u)[:, late:]
+    told = {
+        "free": "",
+        "force": "inputs: [{channel: 2, force_on: b, gain: unknown}]",
+        "base": "inputs: [{channel: 2, base_acceleration: true}]",
+    }[kind]
+    rig = parse_rig(TWO.replace("INPUT", told).replace("MASS", "0.6" if kind == "free" else "unknown"))
+    columns = shown if u is None else np.vstack([shown, u[late:]])
+    names = tuple(str(i) for i in range(len(columns)))
+    ready = prepare(Recording(columns, RATE, names, "", "made here"), rig)
+    values, _ = start_values(rig, [ready])
+    assert values["stiffness of foot"] == pytest.approx(4000, rel=0.02)
+    assert values["stiffness of link"] == pytest.approx(3000, rel=0.02)
+    assert values["damping of foot"] == pytest.approx(0.5, rel=0.3)
+    if kind != "free":
+        assert values["mass of b"] == pytest.approx(0.6, rel=0.02)
+    if kind == "force":
+        assert values["gain of input 1"] == pytest.approx(2.5, rel=0.02)
+    if late == 0:  # a driven rig is simulated from rest
+        assert max(start_check(rig, [ready]).missed.values()) < 0.15
+
+
+def test_slopes_are_those_of_differences_where_nothing_is_left():
+    rig = parse_rig("""
+bodies: {a: 1.0, b: unknown}
+joints: [{name: foot, between: [a, ground]}, {name: link, between: [b, a]}]
+inputs: [{channel: u, force_on: a, gain: unknown}, {channel: w, base_acceleration: true}]
+sensors: [{channel: x, of: b, shows: velocity, gain: unknown}]
+""")
+    random = np.random.default_rng(2)
+    s = 4.0 + 1j * np.linspace(5, 120, 60)
+    inputs = random.normal(size=(2, 60)) + 1j * random.normal(size=(2, 60))
+    unknowns = _Unknowns(rig, 60.0)
+    x = np.concatenate([0.3 * random.normal(size=len(unknowns.bent)), [1.4, 0.7]])
+    # what the model itself makes there is taken for the recording, so that nothing is left
+    empty = Piece(s, np.zeros((1, 60), complex), inputs, np.ones(1))
+    values = unknowns.constants(x)
+    m, k, c = (
+        np.diag([1.0, values["mass of b"]]),
+        *(
+            values[f"{kind} of foot"] * np.diag([1.0, 0.0])
+            + values[f"{kind} of link"] * np.array([[1.0, -1.0], [-1.0, 1.0]])
+            for kind in ("stiffness", "damping")
+        ),
+    )
+    pushed = values["gain of input 1"] * np.outer(inputs[0], [1.0, 0.0]) - np.outer(inputs[1], np.diag(m))
+    moved = np.linalg.solve(s[:, None, None] ** 2 * m + s[:, None, None] * c + k, pushed[:, :, None])[:, 1, 0]
+    full = Piece(s, (values["gain of sensor 1"] * s * moved)[None], inputs, empty.level)
+    model = SpectralModel(unknowns, [full], 60.0)
+    off, slopes = model.evaluated(x)
+    assert np.abs(off).max() < 1e-9
+    for i, step in enumerate(1e-6 * np.eye(x.size)):
+        by_difference = (model.evaluated(x + step)[0] - model.evaluated(x - step)[0]) / 2e-6
+        np.testing.assert_allclose(slopes[:, i], by_difference, atol=1e-6 * np.abs(slopes).max())
+
+
+def test_a_held_input_has_the_spectrum_of_its_steps():
+    sh = 1j * np.array([0.1, 1.0, 2.0])
+    np.testing.assert_allclose(held(sh, "zero"), np.sinc(sh.imag / 2 / np.pi) * np.exp(-sh / 2), rtol=1e-12)
+    np.testing.assert_allclose(held(sh, "first"), np.sinc(sh.imag / 2 / np.pi) ** 2, rtol=1e-12)
+
+
+def test_the_mean_frequency_of_a_sine_is_its_own():
+    t = np.arange(2000) / 500
+    rig = parse_rig(
+        "{bodies: {a: 1}, joints: [{between: [a, ground]}], sensors: [{channel: 0, of: a, shows: velocity}]}"
+    )
+    ready = prepare(Recording(np.sin(2 * np.pi * 25 * t)[None], 500.0, ("x",), "", "made here"), rig)
+    assert _centre([ready]) == pytest.approx(2 * np.pi * 25, rel=0.02)
+
+
+def test_a_wrong_constant_is_what_should_be_unknown():
+    u = noise_input(COUNT, RATE, 2, 60, seed=9)
+    shown = two(np.array([0.0, 2.5]), [0.0] * 4, u)
+    text = TWO.replace("INPUT", "inputs: [{channel: 2, force_on: b, gain: 0.05}]").replace("MASS", "0.6")
+    rig = parse_rig(text)
+    ready = prepare(Recording(np.vstack([shown, u]), RATE, ("p", "q", "u"), "", "made here"), rig)
+    found = start_check(rig, [ready])
+    assert found.poor
+    assert next(iter(found.freed)) == "gain of input 1"

@@ -1,0 +1,97 @@
+"""`mesotap rig init` and `mesotap rig check` at recordings by scipy's integrator."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from mesotap.cli import app
+from mesotap.configuration.rig_files import load_rig
+from tests.analysis.mismatch.recordings.described_rigs import OMEGA, RATE, SAMPLES, motion, noise_input
+
+runner = CliRunner()
+
+
+@pytest.fixture
+def driven(tmp_path):
+    u = noise_input(SAMPLES, RATE, 0.5, 40, seed=5)
+    z = motion(lambda s, x, v: 100 * s - OMEGA**2 * x - 0.08 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, u)
+    y = z[0] + 1e-3 * np.std(z[0]) * np.random.default_rng(1).normal(size=SAMPLES)
+    file = tmp_path / "driven.csv"
+    np.savetxt(
+        file, np.array([np.arange(SAMPLES) / RATE, u, y]).T, delimiter=",", header="time,drive,signal", comments=""
+    )
+    return file
+
+
+def run(*arguments):
+    return runner.invoke(app, list(map(str, arguments)), catch_exceptions=True)
+
+
+def test_a_first_rig_is_written_that_can_be_told_and_begins_well(driven, tmp_path):
+    file = tmp_path / "rig.yaml"
+    written = run("rig", "init", driven, "-o", file)
+    assert written.exit_code == 0
+    assert "driven" in written.stdout
+    rig = load_rig(file)
+    assert [d.channel for d in rig.drives] == ["drive"]
+    assert [(s.channel, s.sensor.quantity) for s in rig.seen] == [("signal", "displacement")]
+    assert len(rig.arrangement.bodies) == 1
+    checked = run("rig", "check", file, driven, "--json", "-")
+    assert checked.exit_code == 0
+    answer = json.loads(checked.stdout)
+    assert answer["undetermined"] == []
+    assert answer["missed"]["signal"] < 0.05
+    assert answer["better_unknown"] == {}
+
+
+def test_a_rig_file_is_never_overwritten(driven, tmp_path):
+    file = tmp_path / "rig.yaml"
+    file.write_text("mine")
+    refused = run("rig", "init", driven, "-o", file)
+    assert refused.exit_code != 0
+    assert file.read_text() == "mine"
+
+
+def test_what_these_sensors_cannot_tell_is_said_without_a_recording(tmp_path):
+    file = tmp_path / "rig.yaml"
+    file.write_text(
+        "bodies: {a: 1, b: unknown}\n"
+        "joints: [{between: [a, ground]}, {name: link, between: [a, b]}]\n"
+        "sensors: [{channel: x, of: a, shows: velocity}]\n"
+    )
+    found = run("rig", "check", file)
+    assert found.exit_code == 0
+    assert "best the mass of b" in " ".join(found.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("columns", "options", "sentence"),
+    [
+        ((0.0, 0.0), (), "no channel shows a motion"),
+        ((1.0, 1.0), ("--input", "nothing"), "has no channel nothing"),
+    ],
+)
+def test_recordings_that_tell_nothing_are_refused_in_a_sentence(tmp_path, columns, options, sentence):
+    file = tmp_path / "recording.csv"
+    t = np.arange(600) / 100.0
+    table = np.array([t, columns[0] * np.sin(40 * t), columns[1] * np.cos(40 * t)]).T
+    np.savetxt(file, table, delimiter=",", header="time,x,y", comments="")
+    refused = run("rig", "init", file, "-o", tmp_path / "rig.yaml", *options)
+    assert refused.exit_code != 0
+    assert sentence in str(refused.exception)
+    assert not (tmp_path / "rig.yaml").exists()
+
+
+def test_a_value_that_is_far_off_is_told_with_what_to_leave_free(driven, tmp_path):
+    file = tmp_path / "rig.yaml"
+    file.write_text(
+        "bodies: {mass: 1}\n"
+        "joints: [{between: [mass, ground]}]\n"
+        "inputs: [{channel: drive, force_on: mass, gain: 1}]\n"
+        "sensors: [{channel: signal, of: mass, shows: displacement}]\n"
+    )
+    found = run("rig", "check", file, driven)
+    assert found.exit_code == 0
+    assert "with an unknown gain of input 1" in " ".join(found.stdout.split())

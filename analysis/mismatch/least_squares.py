@@ -185,7 +185,7 @@ def _tried(
 def _given_up(objective: float, gain: float, iteration: int, stopping: Stopping, race: Race) -> bool:
     """Whether a competing fit has no prospect."""
     return (
-        stopping.reference is not None
+        math.isfinite(stopping.to_beat)
         and iteration >= race.beaten_after
         and objective - race.beaten * gain > stopping.to_beat
     )

@@ -58,6 +58,9 @@ class SelectionPolicy:
     least_gain: float = _chosen(16.0, "evidence of a further mechanism", "chi-squared", SEALED, 10)
     least_share: float = _chosen(0.03, "of what is explained already, for a further mechanism", "1", SEALED, 40)
     most_of_the_rest: float = _chosen(0.8, "of what is left, that will do where it is too much", "1", SEALED, 40)
+    certain_by_blocks: float = _chosen(
+        25.0, "evidence of the choosing blocks' getting better that is no chance", "chi-squared", RECORDED, 83
+    )
     chance: float = _chosen(0.05, "p-value of the choosing blocks' getting better", "1", RECORDED, 50)
     # what may be left over
     left_over: tuple[float, ...] = _chosen(

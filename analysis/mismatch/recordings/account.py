@@ -104,7 +104,7 @@ class BlockAccount(Account[SimulatedFit]):
         if step.accepted is None:
             return Weights({}, 1.0)
         evidence = self._evidence(step, number)
-        of = relative(evidence)
+        of = relative(evidence, self.judge.problem.policy.temperature)
         return Weights(of, sum(of.values()), self._alike(step, evidence, number), self._remark(step, number))
 
     def _evidence(self, step: SelectionStep[SimulatedFit], number: int) -> dict[str, float]:
@@ -148,12 +148,11 @@ class BlockAccount(Account[SimulatedFit]):
         if accepted is None:
             return ()
         policy = self.judge.problem.policy
-        least = policy.told_apart if step.steady else -math.inf
         own = mean_of(accepted.losses)
         found = {
             c.id for c in step.candidates
             if c.fit is not None and c.id != accepted.id and mean_of(c.losses) < policy.alike_losses * own
-            and evidence.get(c.id, -math.inf) > least
+            and evidence.get(c.id, -math.inf) > policy.temperature * policy.told_apart
         }  # fmt: skip
         if rival is not None and accepted.id != rival.id and number == 0:
             found.add(rival.id)

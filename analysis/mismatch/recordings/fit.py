@@ -194,6 +194,7 @@ def fit(
     parts: Sequence[int] = (FIT,),
     staged: bool = False,
     fine: bool = False,
+    to_beat: float = math.inf,
 ) -> SimulatedFit:
     """Fit a simulation to the samples of these parts.
 
@@ -208,6 +209,8 @@ def fit(
         yet known to within a cycle.
     fine
         Go on until it has converged, not only until rivals can be ranked.
+    to_beat
+        Objective that matters: a fit that comes nearer too slowly to reach it is given up.
     """
     simulation = Simulation(
         problem.rig, problem.recordings, problem.constants if begin is None else begin.values, problem.highest_hz, terms
@@ -218,9 +221,11 @@ def fit(
         own = [replace(o, tones=b.tones) for o, b in zip(own, begin.own, strict=True)]
     model = SimulationModel(simulation, own, parts, 1.0)
     point = Point(np.clip(simulation.begin(), model.low, model.high), tuple(own))
-    stopping = Stopping(FINE_STEPS if fine else ROUGH_STEPS, 0.0, FINE if fine else ROUGH, FIRST_DAMPING, MOST_TRIES)
-    for share in (*(STAGES if staged else ()), 1.0):
-        model = SimulationModel(simulation, point.own, parts, share)
+    most, share = (FINE_STEPS, FINE) if fine else (ROUGH_STEPS, ROUGH)
+    for part in (*(STAGES if staged else ()), 1.0):
+        beats = to_beat if part == 1.0 else math.inf
+        stopping = Stopping(most, 0.0, share, FIRST_DAMPING, MOST_TRIES, to_beat=beats)
+        model = SimulationModel(simulation, point.own, parts, part)
         first = model.evaluate(point)
         model.noise = first.objective / sum(r.size for r in first.residuals)
         found, _ = minimise(model, model.evaluate(point), stopping, problem.policy.race())

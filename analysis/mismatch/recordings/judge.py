@@ -20,6 +20,7 @@ from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit, problem_of
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, level
 from analysis.mismatch.recordings.regression import regressed
+from analysis.mismatch.recordings.signatures import correlation
 from analysis.mismatch.recordings.start_check import better_unknown, with_unknown
 from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
 from analysis.mismatch.score_test import Score
@@ -28,6 +29,9 @@ from sim_backend.force_law import SLOTS
 from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
 
 STRONGEST_START, WEAKEST_START = 30.0, 0.1  # trial strengths that a fit begins with at most and at least
+NEAR_LINEAR = 0.01  # mean square of what the linear rig misses, in levels of the channels, up to which it starts well
+VARIANTS = 3  # of a mechanism in a place, with other values of what is no parameter, that are fitted
+HOPELESS = 4.0  # times the best objective so far, from which a competing fit is given up
 CONSTANTS = 2  # that are tried with other values where the rig as described misses most
 AS_WELL = 4.0  # mean square over that of what is named, up to which another constant explains as well
 FREE_PLACES = 2  # elements in which forces of any shape are tried together
@@ -76,7 +80,10 @@ class BlockJudge(Judge[SimulatedFit]):
 
     def baseline(self) -> SimulatedFit:
         """Return the linear rig fitted to the fitting blocks."""
-        return fit(self.problem, staged=any(r.free for r in self.problem.recordings), fine=True)
+        begun = fit(self.problem, fine=True)
+        if begun.scatter < NEAR_LINEAR or not any(r.free for r in self.problem.recordings):
+            return begun
+        return min(begun, fit(self.problem, staged=True, fine=True), key=lambda f: f.objective)
 
     def exhausted(self) -> bool:
         """A recording is simulated as long as it takes."""
@@ -85,44 +92,67 @@ class BlockJudge(Judge[SimulatedFit]):
     def candidates(self, state: State[SimulatedFit]) -> Candidates:
         """Fit the best screened mechanisms in full; those that rank first until they have converged."""
         policy = self.problem.policy
-        first: dict[tuple[str, tuple[int, ...]], Score] = {}
-        for score in state.screening.scores:
-            first.setdefault(score.term.key, score)
-        ranked = list(first.values())
+        alike: dict[tuple[str, tuple[int, ...]], dict[frozenset[tuple[str, float]], Score]] = {}
+        for score in state.screening.scores:  # best first; what is no parameter has to be tried
+            variants = alike.setdefault(score.term.key, {})
+            variants.setdefault(frozenset(score.term.fixed.items()), score)
+        ranked = [list(variants.values())[:VARIANTS] for variants in alike.values()]
         # far from the truth a score test says little of size and sign: what is small in it may be large in full
-        found = []
-        for score in ranked[: policy.finalists_by_blocks]:
-            self.on_progress(f"fitting {name_of(score.term.mechanism)}")
-            found.append(self._judged(state, score, self._joined(state.current, score)))
-        found.sort(key=lambda c: -c.evidence)
-        for place, c in enumerate(found[: policy.polished]):
-            if c.fit is not None:
-                polished = fit(self.problem, c.fit.terms, c.fit, fine=True)
-                found[place] = self._judged(state, c.score, polished)
-        found.sort(key=lambda c: -c.evidence)
-        rest: Candidates = tuple(Candidate(s, None, -math.inf) for s in ranked[policy.finalists_by_blocks :])
-        return (*found, *rest)
+        fits: list[tuple[Score, SimulatedFit]] = []
+        for scores in ranked[: policy.finalists_by_blocks]:
+            self.on_progress(f"fitting {name_of(scores[0].term.mechanism)}")
+            best = min((f.objective for _, f in fits), default=math.inf)
+            joined = [(score, self._joined(state.current, score, HOPELESS * best)) for score in scores]
+            fits.append(min(joined, key=lambda pair: pair[1].scatter))
+        found = self._judged(state, fits)
+        polished = [
+            (c.score, fit(self.problem, c.fit.terms, c.fit, fine=True)) for c in found[: policy.polished] if c.fit
+        ]
+        rest = [(c.score, c.fit) for c in found[policy.polished :] if c.fit]
+        unfitted: Candidates = tuple(
+            Candidate(scores[0], None, -math.inf) for scores in ranked[policy.finalists_by_blocks :]
+        )
+        return (*self._judged(state, polished + rest), *unfitted)
 
-    def _judged(self, state: State[SimulatedFit], score: Score, fitted: SimulatedFit) -> Candidate[SimulatedFit]:
-        """Return a candidate whose evidence is blocks times the logarithm of how much better they are predicted."""
-        losses, before = fitted.by_block(CHOOSE), state.current.by_block(CHOOSE)
+    def _judged(
+        self, state: State[SimulatedFit], fits: Sequence[tuple[Score, SimulatedFit]]
+    ) -> list[Candidate[SimulatedFit]]:
+        """Return candidates, the best first, by the likelihood ratio of the choosing blocks.
+
+        That is the number of independent samples in what the best one leaves, times the logarithm of how much smaller
+        the mean square becomes.
+        """
+        if not fits:
+            return []
+        losses = [f.by_block(CHOOSE) for _, f in fits]
         # worse where it takes a parameter at the end of what is admissible
-        mean = mean_of(losses) * (self.problem.policy.in_time if fitted.pinned() else 1.0)
-        evidence = len(losses) * math.log(mean_of(before) / max(mean, 1e-300))
-        return Candidate(score, fitted, evidence, losses=losses)
+        pinned = [self.problem.policy.in_time if f.pinned() else 1.0 for _, f in fits]
+        means = [max(factor * mean_of(loss), 1e-300) for factor, loss in zip(pinned, losses, strict=True)]
+        samples = independent_samples(fits[int(np.argmin(means))][1])
+        before = mean_of(state.current.by_block(CHOOSE))
+        found = [
+            Candidate(score, fitted, samples * math.log(before / mean), losses=loss)
+            for (score, fitted), loss, mean in zip(fits, losses, means, strict=True)
+        ]
+        return sorted(found, key=lambda c: -c.evidence)
 
-    def _joined(self, current: SimulatedFit, score: Score) -> SimulatedFit:
-        """Fit a mechanism together with what stands already, from several starts."""
+    def _joined(self, current: SimulatedFit, score: Score, to_beat: float) -> SimulatedFit:
+        """Fit a mechanism together with what stands already, from several starts.
+
+        A fit that comes too slowly nearer to an objective ``to_beat`` is given up.
+        """
         term = started(score)
         terms = (*current.terms, term)
-        tried = [fit(self.problem, terms, current)]
+        tried = [fit(self.problem, terms, current, to_beat=to_beat)]
+        if current.scatter < NEAR_LINEAR:
+            return tried[0]
         if not current.terms and any(r.free for r in self.problem.recordings):
             # the linear rig has lost the phase somewhere along the decay
-            tried.append(fit(self.problem, terms, current, staged=True))
+            tried.append(fit(self.problem, terms, current, staged=True, to_beat=to_beat))
         start = regressed(current.simulation, current.values, terms)
         if start is not None:
             states = tuple(current.state(i) for i in range(len(current.own)))
-            tried.append(fit(replace(self.problem, constants=start[0], states=states), start[1]))
+            tried.append(fit(replace(self.problem, constants=start[0], states=states), start[1], to_beat=to_beat))
         return min(tried, key=lambda f: f.scatter)
 
     def accepts(
@@ -141,7 +171,7 @@ class BlockJudge(Judge[SimulatedFit]):
             steady = {candidates.index(c): self.against_sweeps(c.fit) for c in best_few}
             allowed = [candidates[max(steady, key=lambda i: candidates[i].evidence + steady[i])]]
         best = allowed[0] if allowed else None
-        if best is None or not self._better(state, best.losses):
+        if best is None or best.fit is None or not self._better(state, best):
             return None, steady
         return best, steady
 
@@ -158,16 +188,25 @@ class BlockJudge(Judge[SimulatedFit]):
             return self.steady
         return fit_sweeps(self.problem.rig, self.sweeps, acting)
 
-    def _better(self, state: State[SimulatedFit], after: Sequence[float]) -> bool:
-        """Whether choosing blocks got better by more than chance, and by enough of what the linear rig missed."""
-        policy, before = self.problem.policy, state.current.by_block(CHOOSE)
+    def _better(self, state: State[SimulatedFit], candidate: Candidate[SimulatedFit]) -> bool:
+        """Whether choosing blocks got better by more than chance, and by enough of what the linear rig missed.
+
+        Little of what it missed is enough where nothing but noise is left then.
+        """
+        policy, before, after = self.problem.policy, state.current.by_block(CHOOSE), candidate.losses
         base = state.steps[0].before.by_block(CHOOSE) if state.steps else before
         gained, missed = mean_of(before) - mean_of(after), mean_of(base) - mean_of(after)
-        if gained <= 0 or gained < policy.least_share * missed:
+        if gained <= 0:
+            return False
+        certain = candidate.evidence > policy.certain_by_blocks
+        if certain and candidate.fit is not None and self.screen(candidate.fit).p_value >= policy.level:
+            return True
+        if gained < policy.least_share * missed:
             return False
         change = np.log(np.array(before) / np.array(after))
         spread = float(np.std(change, ddof=1)) / math.sqrt(change.size)
-        return float(student.sf(float(np.mean(change)) / max(spread, 1e-300), change.size - 1)) < policy.chance
+        by_chance = float(student.sf(float(np.mean(change)) / max(spread, 1e-300), change.size - 1))
+        return certain or by_chance < policy.chance
 
     def after(self, state: State[SimulatedFit], accepted: Candidate[SimulatedFit]) -> tuple[State[SimulatedFit], bool]:
         """Look at what an accepted mechanism leaves; nothing further once no share that counts is left."""
@@ -188,7 +227,7 @@ class BlockJudge(Judge[SimulatedFit]):
             current, steps = rival.fit, (replace(steps[0], accepted=rival),)
         share = 0.0
         base, best = mean_of(baseline.current.by_block(CHOOSE)), mean_of(current.by_block(CHOOSE))
-        if steps and best > policy.left_over_blocks * base:
+        if steps and best > policy.left_over_blocks * base and self.screen(current).p_value < policy.level:
             self.on_progress("trying forces of any shape")
             free = self._free_loss(current)
             share = max(best - free, 0.0) / max(base - free, 1e-300)
@@ -254,6 +293,16 @@ def started(score: Score) -> Term:
     factor = math.copysign(min(max(abs(score.strength), WEAKEST_START), STRONGEST_START), score.strength)
     q = next(q for q in m.parameters if q.name == m.strength)
     return term.moved({q.name: min(max(term.values[q.name] * factor, q.low), q.high)})
+
+
+def independent_samples(fitted: SimulatedFit) -> float:
+    """Return how many independent samples of a fit's residual the choosing blocks hold; a block is one at least."""
+    total = 0.0
+    for number, recorded in enumerate(fitted.problem.recordings):
+        off, at = fitted.off(number)
+        kept = int(np.sum(recorded.part[at] == CHOOSE))
+        total += sum(kept / correlation(row[np.isin(recorded.part[at], (FIT, CHOOSE))]) for row in off)
+    return max(total, float(len(fitted.by_block(CHOOSE))))
 
 
 def mean_of(losses: Sequence[float]) -> float:

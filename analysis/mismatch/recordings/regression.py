@@ -112,7 +112,8 @@ def _force(
     """Return (n,) the force on the body of a law of unit strength."""
     arrangement, h = simulation.rig.arrangement, 1 / simulation.recordings[0].rate_hz
     way = float(arrangement.vector(arrangement.elements[term.place[0]].row, constants)[0])
-    p = mechanism.packed(term.values, AtRest(), h)
+    rest = AtRest.of(arrangement.elements[term.place[0]], constants, simulation.rig.preload_n)
+    p = mechanism.packed(term.values, rest, h)
     force = along(mechanism.law, p, way * motion.displacement, way * motion.velocity, 0.0, h, np.zeros(MEMORY))
     return np.asarray(way * force / term.values[str(mechanism.strength)], np.float64)
 

@@ -95,7 +95,9 @@ def entry_of(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> 
         return None
     effects = tuple(truth["kinds"])
     d = float(truth["d"])
-    components = tuple(truth.get("components") or (LISTED[e].component for e in effects if e in LISTED))
+    components = tuple(
+        truth.get("classes") or truth.get("components") or (LISTED[e].component for e in effects if e in LISTED)
+    )
     named = tuple(_named(m) for m in answer["mechanisms"])
     location = answer["location"] or {}
     fit = answer["fit"]

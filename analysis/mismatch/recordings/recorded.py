@@ -20,7 +20,9 @@ FIT, CHOOSE, HELD, UNUSED = 0, 1, 2, -1
 BLOCKS: Final = 24
 LONGEST_STRETCH = 20_000  # samples that are simulated in fitting; all of a recording is in the end
 PER_PERIOD = 10  # samples kept of the highest frequency
-FULL_BAND_ENERGY = 0.999  # of a recording, below its highest frequency
+FULL_BAND_ENERGY = 0.999999  # of what stands out of a recording's noise, below its highest frequency
+RINGING = 12  # samples, after thinning out, that the filter before it spoils at either end
+NOISE_LINES = 6.0  # times the noise's power, that a line of noise hardly reaches
 FILTER_ORDER = 4
 EDGE_PERIODS = 3.0  # of the band's width that a filter's edge takes
 LOUD_START, NEAR_LARGEST = 0.3, 0.7  # of a decay's largest deflection: it was ringing when it began, it is near that
@@ -115,13 +117,14 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
         if factor > 1:
             sections = signal.butter(8, 0.8 / factor, output="sos")
             outputs = signal.sosfiltfilt(sections, outputs, axis=1)[:, ::factor]
-            rate, first, last = rate / factor, first // factor, last // factor
+            # what begins or ends at once makes the filter ring
+            rate, first, last = rate / factor, first // factor + RINGING, last // factor - RINGING
         if rig.band_hz is not None:
             band = signal.butter(FILTER_ORDER, rig.band_hz, "bandpass", fs=rate, output="sos")
             outputs = signal.sosfiltfilt(band, outputs, axis=1)
             edge = round(EDGE_PERIODS * rate / (rig.band_hz[1] - rig.band_hz[0]))
         if rig.from_s is None:
-            first = _after_impact(outputs[:, :last], edge)
+            first = max(_after_impact(outputs[:, :last], edge), first)
         outputs = outputs[:, first:last]
         inputs = inputs[:, : outputs.shape[1]]
         if outputs.shape[1] < FEWEST // 2 + 2 * edge:
@@ -156,8 +159,10 @@ def _decimation_factor(outputs: Real, rate: float, band: tuple[float, float] | N
         highest = band[1]
     else:
         power = np.abs(np.fft.rfft((outputs - outputs.mean(axis=1, keepdims=True)) * np.hanning(outputs.shape[1]))) ** 2
-        grown = np.cumsum(power / power.sum(axis=1, keepdims=True), axis=1)
-        place = max(int(np.searchsorted(row, FULL_BAND_ENERGY)) for row in grown)
+        # what is left in the upper half is noise, mean over median of a chi-squared of two degrees of freedom
+        floor = np.median(power[:, power.shape[1] // 2 :], axis=1, keepdims=True) / math.log(2)
+        grown = np.cumsum(np.maximum(power - NOISE_LINES * floor, 0.0), axis=1)
+        place = max(int(np.searchsorted(row, FULL_BAND_ENERGY * row[-1])) for row in grown)
         highest = max(place, 1) * rate / outputs.shape[1]
     return max(int(rate / (PER_PERIOD * highest)), 1)
 

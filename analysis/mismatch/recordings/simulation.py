@@ -50,12 +50,11 @@ class Own:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """States (samples, 2n), extra forces (samples, elements), inputs' forces on the bodies, and whether they hold."""
+    """At the samples: states (n, 2 bodies), extra forces (n, elements), inputs' forces on the bodies (n, bodies)."""
 
     states: Real
     extra: Real
     force: Real
-    held: bool
 
 
 class Simulation:
@@ -184,7 +183,7 @@ class Simulation:
         moved = self.motion(x, own, number, slice(first, last), whole)
         if moved is None:
             return np.full((len(self.rig.seen), last - first), np.nan), slice(first, last)
-        shown = self._shown(constants, moved, self.substeps[number])
+        shown = self._shown(constants, moved)
         for term in terms:
             m = term.mechanism
             if isinstance(m, ChannelDistortion) and m.of == "sensor":
@@ -224,6 +223,9 @@ class Simulation:
             return None
         h = 1 / recorded.rate_hz / sub
         force, held = self._force(constants, mass, terms, number, at)
+        pushed = force if held else force[::sub]
+        if self.rig.hold == "band-limited" and not recorded.free:  # what is in between is raised against straight lines
+            pushed, _ = self._force(constants, mass, terms, number, at, at_samples=True)
         start = own.state
         if whole and recorded.fitted.start > 0:
             start = self._at_rest(constants, mass, stiffness, number)
@@ -233,7 +235,7 @@ class Simulation:
         begin, end = (inputs, inputs) if held else (inputs[..., :-1], inputs[..., 1:])
         given = Given(begin, end, np.zeros(begin.shape), sub if held else 1)
         found = propagate(rigs, self._laws(terms, constants, h), start[None], clock, given)
-        return Motion(found.states[0], found.forces[0, :, ::sub].T, force, held)
+        return Motion(found.states[0], found.forces[0, :, ::sub].T, pushed)
 
     def _at_rest(self, constants: Values, mass: Real, stiffness: Real, number: int) -> Real:
         recorded = self.recordings[number]
@@ -260,14 +262,23 @@ class Simulation:
             return np.array([np.interp(at / sub, np.arange(samples), u) for u in recorded.inputs])
         return np.array([_band_limited(u, sub)[: at.size] for u in recorded.inputs])
 
-    def _force(self, constants: Values, mass: Real, terms: Sequence[Term], number: int, at: slice) -> tuple[Real, bool]:
-        """Return the forces on the bodies between two samples, and whether they are held."""
+    def _force(
+        self,
+        constants: Values,
+        mass: Real,
+        terms: Sequence[Term],
+        number: int,
+        at: slice,
+        at_samples: bool = False,
+    ) -> tuple[Real, bool]:
+        """Return the forces on the bodies between two samples, at substeps or ``at_samples``, and whether they hold."""
         recorded, sub = self.recordings[number], self.substeps[number]
-        held = self.rig.hold == "zero" and not recorded.free
+        held = at_samples or (self.rig.hold == "zero" and not recorded.free)
         size = at.stop - at.start if held else (at.stop - 1 - at.start) * sub + 1
         force = np.zeros((size, self.n))
         for i, drive in enumerate(self.rig.drives):
-            u = self._inputs[number][i][at] if held else self._inputs[number][i][at.start * sub :][:size]
+            between = recorded.inputs[i] if at_samples else self._inputs[number][i]
+            u = between[at] if held else between[at.start * sub :][:size]
             u = u + constants[drive.offset]
             for term in terms:
                 m = term.mechanism
@@ -283,7 +294,7 @@ class Simulation:
         rows = [m.packed(terms[i].values, rest[e], h) for i, m, e in acting]
         return laws_of([(m.law, e) for _, m, e in acting], [rows])
 
-    def _shown(self, constants: Values, moved: Motion, sub: int) -> Real:
+    def _shown(self, constants: Values, moved: Motion) -> Real:
         n, arrangement = self.n, self.arrangement
         x, v = moved.states[:, :n], moved.states[:, n:]
         shown = np.empty((len(self.rig.seen), len(moved.states)))
@@ -292,18 +303,17 @@ class Simulation:
             for c, (seen, sensor) in enumerate(zip(self.rig.seen, sensors, strict=True)):
                 row = arrangement.vector(sensor.row, constants)
                 if sensor.quantity == "acceleration":
-                    own = self._acceleration(constants, moved, sub) @ row
+                    own = self._acceleration(constants, moved) @ row
                 else:
                     own = (x if sensor.quantity == "displacement" else v) @ row
                 shown[c] = constants[seen.gain] * own + constants[seen.offset]
         return shown
 
-    def _acceleration(self, constants: Values, moved: Motion, sub: int) -> Real:
+    def _acceleration(self, constants: Values, moved: Motion) -> Real:
         """Return (samples, n) the bodies' accelerations, from their equations."""
         mass, damping, stiffness = self.arrangement.matrices(constants)
         x, v = moved.states[:, : self.n], moved.states[:, self.n :]
-        force = moved.force if moved.held else moved.force[::sub]
-        found: Real = (force - x @ stiffness.T - v @ damping.T - moved.extra @ self._rows(constants)) / mass
+        found: Real = (moved.force - x @ stiffness.T - v @ damping.T - moved.extra @ self._rows(constants)) / mass
         return found
 
 

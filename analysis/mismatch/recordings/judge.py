@@ -225,6 +225,7 @@ class BlockJudge(Judge[SimulatedFit]):
         rival = self.rival_in_time(steps)
         if rival is not None and rival.fit is not None and self._time_wins(current, rival):
             current, steps = rival.fit, (replace(steps[0], accepted=rival),)
+        current, steps = self._without_idle_ones(current, steps)
         share = 0.0
         base, best = mean_of(baseline.current.by_block(CHOOSE)), mean_of(current.by_block(CHOOSE))
         if steps and best > policy.left_over_blocks * base and self.screen(current).p_value < policy.level:
@@ -243,6 +244,20 @@ class BlockJudge(Judge[SimulatedFit]):
             share = best * taken / max(base - best * (1 - taken), 1e-300)
         over = LeftOver(last.unexplained, last.p_value, share)
         return Selection(self, final, baseline.screening, steps, chosen, fitted, last, over)
+
+    def _without_idle_ones(
+        self, current: SimulatedFit, steps: tuple[SelectionStep[SimulatedFit], ...]
+    ) -> tuple[SimulatedFit, tuple[SelectionStep[SimulatedFit], ...]]:
+        """Leave out mechanisms that stood in for later ones: without them the choosing blocks are predicted as well."""
+        taken = [k for k, step in enumerate(steps) if step.accepted is not None]
+        for i in range(len(current.terms) - 1):
+            lean = fit(self.problem, current.terms[:i] + current.terms[i + 1 :], current, fine=True)
+            worse = math.log(mean_of(lean.by_block(CHOOSE)) / mean_of(current.by_block(CHOOSE)))
+            if independent_samples(current) * worse < self.problem.policy.certain_by_blocks:
+                kept = [step for k, step in enumerate(steps) if k != taken[i]]
+                kept[0] = replace(kept[0], before=steps[0].before)
+                return self._without_idle_ones(lean, tuple(kept))
+        return current, steps
 
     def constant_explains(self, linear: SimulatedFit, current: SimulatedFit) -> bool:
         """Whether a declared constant is so wrong that the linear rig with another value does as well as what is named.

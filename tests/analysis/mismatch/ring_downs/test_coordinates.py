@@ -1,14 +1,16 @@
-"""In which numbers added bodies are fitted: slopes and steps belong together, and a heavier body rings as before."""
+"""Which added bodies are admissible, and in which numbers they are fitted."""
 
 import numpy as np
 import pytest
 
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.ring_downs.coordinates import Coordinates
+from analysis.mismatch.ring_downs.coordinates import MOST_RATIO, Coordinates, admissible
 from sim_backend import arrangement as rigs
 from sim_backend.acting import extended
 from sim_backend.arrangement import LOAD
 from sim_backend.mechanisms.catalogue import catalogue, placed, variants
+from sim_backend.mechanisms.kinds import AddedBody
+from tests.analysis.terms import at_work, listed
 
 RIG = rigs.tester(0.107, 0.108, 4e5, 4.1e5, 2e6, 20.0, mass_uncertainty=5e-4, spring_uncertainty=1e-2)
 FRAME = {"frame_mass_kg": 1.2, "frame_stiffness_n_per_m": 7e5, "frame_damping_n_s_per_m": 30.0}
@@ -59,3 +61,18 @@ def test_a_heavier_part_rings_at_the_same_frequency_against_the_mass_it_is_mount
     assert new["attached_mass_kg"] == pytest.approx(0.03)
     after = new["mount_stiffness_n_per_m"] * (1 / 0.03 + 1 / host)
     assert after == pytest.approx(6e4 * (1 / 0.02 + 1 / host))
+
+
+@pytest.mark.parametrize("name", ["attached_mass", "frame_compliance", "rocking"])
+def test_a_body_that_hardly_rings_is_not_admissible(name: str) -> None:
+    mechanism = listed(name)
+    assert isinstance(mechanism, AddedBody)
+    assert mechanism.body is not None
+    mass, stiffness, damping = mechanism.body
+    values = {mass: 4.0, stiffness: 9.0, damping: 2 * MOST_RATIO * 6.0}
+    assert not admissible(Term(mechanism, {}, (2,)), values)
+    assert admissible(Term(mechanism, {}, (2,)), values | {damping: 0.9 * values[damping]})
+
+
+def test_what_adds_no_body_is_admissible() -> None:
+    assert admissible(at_work("micro_slip"), {})

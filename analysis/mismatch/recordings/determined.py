@@ -8,24 +8,25 @@ however little noise it has.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
+from analysis.mismatch.recordings.spectral_model import POLYNOMIAL, Piece, SpectralModel, Unknowns
 from analysis.mismatch.rig_description import DescribedRig
-from sim_backend.arrangement import DERIVATIVES, LOAD, Parameter
-from sim_backend.arrays import Complex, Real
+from sim_backend.arrangement import LOAD, Parameter
+from sim_backend.arrays import Real
 
 DRAWS: Final = 3  # of unknown constants: a direction that is flat by chance in one is not in another
 SEED: Final = 11
+TYPICAL: Final = 60.0  # rad/s, of a rig of which nothing is declared
+VARIED: Final = 0.4  # standard deviation of the logarithms about what is usual
 LINES: Final = 160  # frequencies
-STEP: Final = 1e-4  # of the differences, in the logarithm
-FLAT: Final = 1e-6  # relative singular value below which a direction changes nothing; differences are good to 1e-8
+LOWEST, HIGHEST = 0.2, 3.0  # of them, over the lowest and the highest mode
+FLAT: Final = 1e-9  # relative singular value below which a direction changes nothing
 TAKES_PART: Final = 1e-3  # share of a combination from which on a constant belongs to it
-QUIETEST: Final = 1e-3  # of a channel's largest line, below which lines count less
-TYPICAL_HZ, TYPICAL_RATIO = 10.0, 0.02  # of a rig of which nothing is declared
 PREFERRED: Final = ("mass", "gain of input", "gain of sensor", "stiffness", "damping")  # to be declared
 
 
@@ -54,12 +55,10 @@ class Undetermined:
             return f"no channel shows the {self.name}: give its value, or leave out what it belongs to"
         together = all(abs(p - 1) < TAKES_PART for p in self.powers)
         how = "by the same factor" if together else "against each other"
-        others = (
-            f"{', the '.join(self.with_it[:-1])} and the {self.with_it[-1]}" if self.with_it[1:] else self.with_it[0]
-        )
+        names = [f"the {name}" for name in (self.name, *self.with_it)]
         return (
-            f"the {self.name} and the {others} can change {how} and all channels show the same: give one of them, "
-            f"best the {self.name}"
+            f"{', '.join(names[:-1])} and {names[-1]} can change {how} and all channels show the same: give one of "
+            f"them, best {names[0]}"
         )
 
 
@@ -83,17 +82,16 @@ def undetermined(rig: DescribedRig) -> tuple[Undetermined, ...]:
     >>> [(u.name, u.with_it) for u in undetermined(rig)]
     [('gain of input 1', ('gain of sensor 1',))]
     """
-    free = sorted(unknown(rig), key=_preference)
-    if not free:
+    names = sorted((p.name for p in unknown(rig)), key=_preference)
+    if not names:
         return ()
     random = np.random.default_rng(SEED)
-    found = [flat_directions(rig, free, drawn(rig, random), random) for _ in range(DRAWS)]
-    flat = min(found, key=len)
-    return tuple(_told([p.name for p in free], row) for row in reduced(flat))
+    flat = min((flat_directions(rig, names, random) for _ in range(DRAWS)), key=len)
+    return tuple(_told(names, row) for row in reduced(flat))
 
 
-def _preference(p: Parameter) -> int:
-    return next((i for i, kind in enumerate(PREFERRED) if p.name.startswith(kind)), len(PREFERRED))
+def _preference(name: str) -> int:
+    return next((i for i, kind in enumerate(PREFERRED) if name.startswith(kind)), len(PREFERRED))
 
 
 def _told(names: Sequence[str], row: Real) -> Undetermined:
@@ -102,98 +100,35 @@ def _told(names: Sequence[str], row: Real) -> Undetermined:
     return Undetermined(names[first], tuple(names[i] for i in others), tuple(float(row[i]) for i in others))
 
 
-def drawn(rig: DescribedRig, random: np.random.Generator) -> dict[str, float]:
-    """Return values of all constants: those declared, and for the others some that such a rig might have."""
-    known = {p.name: p.value for p in rig.arrangement.parameters}
-    masses = [known[m] for m in rig.arrangement.masses if math.isfinite(known[m])]
-    mass = float(np.exp(np.mean(np.log(masses)))) if masses else 1.0
-    stiff = [known[e.stiffness] for e in rig.arrangement.elements if e.stiffness and math.isfinite(known[e.stiffness])]
-    k = float(np.exp(np.mean(np.log(stiff)))) if stiff else mass * (2 * math.pi * TYPICAL_HZ) ** 2
-    usual = {"kg": mass, "N/m": k, "N s/m": TYPICAL_RATIO * 2 * math.sqrt(k * mass)}
-    return {
-        p.name: p.value
-        if math.isfinite(p.value) and p.uncertainty < math.inf and p.scope != LOAD
-        else usual.get(p.unit, 1.0 if p.unit else 0.0) * math.exp(0.4 * random.standard_normal())
-        for p in rig.arrangement.parameters
-    }
-
-
-def flat_directions(
-    rig: DescribedRig, free: Sequence[Parameter], values: Mapping[str, float], random: np.random.Generator
-) -> Real:
-    """Return (r, k) orthonormal directions of the free constants' logarithms in which no channel changes."""
-    n = len(rig.arrangement.bodies)
-    mass, _, stiffness = rig.arrangement.matrices(values)
+def flat_directions(rig: DescribedRig, names: Sequence[str], random: np.random.Generator) -> Real:
+    """Return (r, k) orthonormal directions of constants' logarithms in which no channel of a rig at random changes."""
+    unknowns = Unknowns(rig, _declared_frequency(rig))
+    x = np.concatenate([VARIED * random.standard_normal(len(unknowns.bent)), np.ones(len(unknowns.gains))])
+    mass, _, stiffness = rig.arrangement.matrices(unknowns.constants(x))
     modes = np.sqrt(np.abs(np.linalg.eigvals(stiffness / mass[:, None])))
     modes = modes[modes > FLAT * modes.max()] if np.any(modes > 0) else np.ones(1)
-    omega = np.geomspace(0.2 * modes.min(), 3 * modes.max(), LINES)
-    start = random.standard_normal(2 * n) * np.repeat([1.0, float(np.mean(modes))], n)
-    middle = spectra(rig, values, omega, start)
-    weight = 1 / np.maximum(np.abs(middle), QUIETEST * np.abs(middle).max(axis=-1, keepdims=True))
-
-    def stacked(lines: Complex) -> Real:
-        row = (lines * weight).ravel()
-        return np.concatenate([row.real, row.imag])
-
-    columns = []
-    for p in free:
-        ends = [
-            stacked(spectra(rig, {**values, p.name: values[p.name] * math.exp(s)}, omega, start)) for s in (STEP, -STEP)
-        ]
-        columns.append((ends[0] - ends[1]) / (2 * STEP))
-    slopes = np.stack(columns, axis=1)
+    omega = np.geomspace(LOWEST * modes.min(), HIGHEST * modes.max(), LINES)
+    inputs = random.standard_normal((2, len(rig.drives), LINES))
+    nothing = np.zeros((len(rig.seen), LINES), np.complex128)
+    piece = Piece(1j * omega, nothing, inputs[0] + 1j * inputs[1], np.ones(len(rig.seen)))
+    begun = np.zeros(2 * mass.size + (POLYNOMIAL + 1) * len(rig.seen))
     if not rig.drives:  # what rings freely began somehow
-        unit = np.stack([stacked(spectra(rig, values, omega, e)) for e in np.eye(2 * n)], axis=1)
-        q, _ = np.linalg.qr(unit / np.maximum(np.linalg.norm(unit, axis=0), 1e-300))
-        slopes -= q @ (q.T @ slopes)
+        begun[: 2 * mass.size] = random.standard_normal(2 * mass.size)
+    centre = float(np.mean(modes))
+    outputs = SpectralModel(unknowns, [piece], centre).made(x, 0, begun)
+    _, slopes = SpectralModel(unknowns, [replace(piece, outputs=outputs)], centre).evaluated(x)
+    slopes = slopes[:, [unknowns.names.index(name) for name in names]]
     _, s, v = np.linalg.svd(slopes, full_matrices=True)
-    s = np.concatenate([s, np.zeros(len(free) - s.size)])
-    return np.asarray(v[s <= FLAT * max(s[0], 1.0)], np.float64)
+    s = np.concatenate([s, np.zeros(len(names) - s.size)])
+    return np.asarray(v[s <= FLAT * max(s[0], 1e-300)], np.float64)
 
 
-def spectra(rig: DescribedRig, values: Mapping[str, float], omega: Real, start: Real) -> Complex:
-    """Return what the channels show at angular frequencies, (channels, inputs, lines), or of a decay (channels, lines).
-
-    Parameters
-    ----------
-    start
-        (2n,) state that a free decay begins with.
-    """
-    arrangement = rig.arrangement
-    mass, damping, stiffness = arrangement.matrices(values)
-    s = 1j * omega[:, None, None]
-    inertia = np.diag(mass)
-    dynamic = s**2 * inertia + s * damping + stiffness
-    n = mass.size
-    if rig.drives:
-        pushed = np.stack(
-            [values[d.gain] * (-mass if d.base else 1.0) * arrangement.vector(d.row, values) for d in rig.drives],
-            axis=1,
-        )
-        pushes = np.broadcast_to(pushed.astype(np.complex128), (omega.size, *pushed.shape))
-    else:
-        x, v = start[:n], start[n:]
-        pushes = np.asarray((s * inertia + damping) @ x + mass * v, np.complex128)[..., None]
-    moved = np.linalg.solve(dynamic, pushes)
-    out: list[Complex] = []
-    for seen in rig.seen:
-        row = arrangement.vector(seen.sensor.row, values)
-        order = DERIVATIVES[seen.sensor.quantity]
-        turned = np.asarray((row @ moved) * (1j * omega[:, None]) ** order, np.complex128)  # (lines, inputs)
-        if not rig.drives and order:
-            turned = turned - _begun(order, omega, row, (mass, damping, stiffness), start)[:, None]
-        out.append(values[seen.gain] * turned.T)
-    found = np.stack(out)
-    return np.asarray(found if rig.drives else found[:, 0], np.complex128)
-
-
-def _begun(order: int, omega: Real, row: Real, matrices: tuple[Real, Real, Real], start: Real) -> Complex:
-    """Return what the transform of a derivative lacks for the values at the beginning."""
-    n = len(row)
-    x, v = start[:n], start[n:]
-    if order == 1:
-        return np.full(omega.size, row @ x, np.complex128)
-    return np.asarray(1j * omega * (row @ x) + row @ v, np.complex128)
+def _declared_frequency(rig: DescribedRig) -> float:
+    """Return the angular frequency, rad/s, that goes with the stiffnesses and masses that are declared."""
+    known = {p.name: p.value for p in rig.arrangement.parameters if p.scope != LOAD and p.value > 0}
+    stiff = [known[e.stiffness] for e in rig.arrangement.elements if e.stiffness in known]
+    masses = [known[m] for m in rig.arrangement.masses if m in known] or [1.0]
+    return math.exp((np.mean(np.log(stiff)) - np.mean(np.log(masses))) / 2) if stiff else TYPICAL
 
 
 def reduced(directions: Real) -> Real:

@@ -3,7 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from analysis.mismatch.recordings.determined import drawn, reduced, spectra, undetermined, unknown
+from analysis.mismatch.recordings.determined import reduced, undetermined, unknown
+from analysis.mismatch.recordings.spectral_model import Piece, SpectralModel, Unknowns
 from mesotap.configuration.rig_files import parse_rig
 
 TWO = """
@@ -67,12 +68,25 @@ def test_what_is_said_to_change_together_changes_no_spectrum():
     )
     (found,) = undetermined(rig)
     assert (found.name, found.with_it) == ("gain of input 1", ("gain of sensor 1",))
-    values = drawn(rig, np.random.default_rng(3))
+    unknowns = Unknowns(rig, 60.0)
+    x = 0.3 * np.random.default_rng(3).standard_normal(len(unknowns.names)) + 1.0
+    values = unknowns.constants(x)
     moved = values | {found.name: 3 * values[found.name]}
     moved |= {name: values[name] * 3**power for name, power in zip(found.with_it, found.powers, strict=True)}
-    omega = np.geomspace(1.0, 300.0, 50)
-    none = np.zeros(4)
-    np.testing.assert_allclose(spectra(rig, moved, omega, none), spectra(rig, values, omega, none), rtol=1e-6)
+    s = 1j * np.geomspace(1.0, 300.0, 50)
+    model = SpectralModel(unknowns, [Piece(s, np.zeros((1, 50), complex), np.ones((1, 50), complex), np.ones(1))], 60.0)
+    k = len(unknowns.bent)
+    other = np.concatenate([x[:k], [moved[p.name] for p in unknowns.gains]])
+    none = np.zeros(8)
+    np.testing.assert_allclose(model.made(other, 0, none), model.made(x, 0, none), rtol=1e-6)
+
+
+@pytest.mark.parametrize("stiffness", [1e-3, 1e3, 1e9])
+def test_declared_values_of_any_size_determine_the_rest(stiffness):
+    text = TWO.replace("name: foot,", f"name: foot, stiffness: {stiffness},")
+    assert (
+        names(text + "inputs: [{channel: u, force_on: a}]\nsensors: [{channel: x, of: b, shows: acceleration}]") == {}
+    )
 
 
 def test_spectra_of_one_body_are_those_of_the_textbook():
@@ -82,10 +96,11 @@ joints: [{between: [body, ground], stiffness: 800.0, damping: 4.0}]
 sensors: [{channel: x, of: body, shows: displacement}]
 """)
     assert unknown(rig) == []
-    omega = np.array([3.0, 20.0, 50.0])
-    s = 1j * omega
-    found = spectra(rig, rig.arrangement.declared(), omega, np.array([0.1, 0.5]))[0]
-    np.testing.assert_allclose(found, (2.0 * 0.5 + (2.0 * s + 4.0) * 0.1) / (2 * s**2 + 4 * s + 800.0), rtol=1e-12)
+    s = 1j * np.array([3.0, 20.0, 50.0])
+    piece = Piece(s, np.zeros((1, 3), complex), np.zeros((0, 3), complex), np.ones(1))
+    found = SpectralModel(Unknowns(rig, 20.0), [piece], 20.0).made(np.zeros(0), 0, np.array([0.1, 0.5, 0, 0, 0, 0]))
+    expected = (2.0 * 0.5 + (2.0 * s + 4.0) * 0.1) / (2 * s**2 + 4 * s + 800.0)
+    np.testing.assert_allclose(found[0], expected, rtol=1e-12)
 
 
 def test_rows_are_reduced_to_one_leading_one_each():

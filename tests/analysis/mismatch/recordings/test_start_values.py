@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from analysis.mismatch.recordings.recorded import prepare
+from analysis.mismatch.recordings.spectral_model import Piece, SpectralModel, Unknowns, held
 from analysis.mismatch.recordings.start_check import start_check
-from analysis.mismatch.recordings.start_values import Piece, SpectralModel, _centre, _Unknowns, held, start_values
+from analysis.mismatch.recordings.start_values import _centre, start_values
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
 from tests.analysis.mismatch.recordings.described_rigs import motion, noise_input
@@ -69,7 +70,7 @@ sensors: [{channel: x, of: b, shows: velocity, gain: unknown}]
     random = np.random.default_rng(2)
     s = 4.0 + 1j * np.linspace(5, 120, 60)
     inputs = random.normal(size=(2, 60)) + 1j * random.normal(size=(2, 60))
-    unknowns = _Unknowns(rig, 60.0)
+    unknowns = Unknowns(rig, 60.0)
     x = np.concatenate([0.3 * random.normal(size=len(unknowns.bent)), [1.4, 0.7]])
     # what the model itself makes there is taken for the recording, so that nothing is left
     empty = Piece(s, np.zeros((1, 60), complex), inputs, np.ones(1))
@@ -86,6 +87,31 @@ sensors: [{channel: x, of: b, shows: velocity, gain: unknown}]
     moved = np.linalg.solve(s[:, None, None] ** 2 * m + s[:, None, None] * c + k, pushed[:, :, None])[:, 1, 0]
     full = Piece(s, (values["gain of sensor 1"] * s * moved)[None], inputs, empty.level)
     model = SpectralModel(unknowns, [full], 60.0)
+    off, slopes = model.evaluated(x)
+    assert np.abs(off).max() < 1e-9
+    for i, step in enumerate(1e-6 * np.eye(x.size)):
+        by_difference = (model.evaluated(x + step)[0] - model.evaluated(x - step)[0]) / 2e-6
+        np.testing.assert_allclose(slopes[:, i], by_difference, atol=1e-6 * np.abs(slopes).max())
+
+
+@pytest.mark.parametrize("inputs", ["", "inputs: [{channel: u, force_on: a, gain: unknown}]"])
+def test_slopes_are_those_of_differences_with_a_beginning_too(inputs):
+    rig = parse_rig(f"""
+bodies: {{a: 1.0, b: unknown}}
+joints: [{{name: foot, between: [a, ground]}}, {{name: link, between: [b, a]}}]
+{inputs}
+sensors:
+  - {{channel: x, of: b, shows: velocity, gain: unknown}}
+  - {{channel: y, of: a, shows: acceleration}}
+""")
+    random = np.random.default_rng(5)
+    s = 4.0 + 1j * np.linspace(5, 120, 60)
+    u = random.normal(size=(len(rig.drives), 60)) + 1j * random.normal(size=(len(rig.drives), 60))
+    unknowns = Unknowns(rig, 60.0)
+    x = np.concatenate([0.3 * random.normal(size=len(unknowns.bent)), 0.7 + random.random(len(unknowns.gains))])
+    piece = Piece(s, np.zeros((2, 60), complex), u, np.array([1.0, 30.0]))
+    outputs = SpectralModel(unknowns, [piece], 60.0).made(x, 0, random.normal(size=4 + 2 * 4))
+    model = SpectralModel(unknowns, [Piece(s, outputs, u, piece.level)], 60.0)
     off, slopes = model.evaluated(x)
     assert np.abs(off).max() < 1e-9
     for i, step in enumerate(1e-6 * np.eye(x.size)):

@@ -1,0 +1,296 @@
+"""What the linear rig makes of the spectra of pieces of recordings, and how that changes with its constants.
+
+A piece of a recording, weighed by an exponential, has the spectrum of the rig at ``s = i omega + alpha``: of its
+response to the measured inputs, and to the state that it begins and ends with, which is found by linear least squares.
+So it makes no difference whether a recording is driven or free, or where a piece begins.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from analysis.mismatch.recordings.recorded import Recorded, level
+from analysis.mismatch.rig_description import DescribedRig, Hold
+from sim_backend.arrangement import DERIVATIVES, LOAD
+from sim_backend.arrays import Complex, Real
+
+EVALUATIONS: Final = 60
+TYPICAL_RATIO: Final = 0.02  # damping ratio that is usual
+WEAK_PRIOR: Final = 1e-3  # relative noise beside which constants stay within a factor of e of what is usual
+RELATIVE_NOISE: Final = 0.02  # that declared constants are weighed against
+POLYNOMIAL: Final = 3  # terms, in the frequency, of what begins and ends at samples and not at once
+MOST_EXPONENT: Final = 40.0
+LOGARITHMIC: Final = ("kg", "N/m", "N s/m")
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Spectra of a piece of a recording at ``s`` (lines,): channels (c, lines) over their levels, inputs."""
+
+    s: Complex
+    outputs: Complex
+    inputs: Complex
+    level: Real
+
+    @classmethod
+    def of(cls, recorded: Recorded, at: slice, alpha: float, hold: Hold, lines: int) -> Piece:
+        """Return the strongest lines of the samples ``at``, weighed by ``exp(-alpha t)``."""
+        levels, rate = level(recorded), recorded.rate_hz
+        y = recorded.outputs[:, at] - recorded.outputs.mean(axis=1, keepdims=True)
+        u = recorded.inputs[:, at]
+        n = y.shape[1]
+        weight = np.exp(-alpha * np.arange(n) / rate) / rate
+        outputs = np.fft.rfft(y * weight, axis=1) / levels[:, None]
+        inputs = np.fft.rfft((u - recorded.inputs.mean(axis=1, keepdims=True)) * weight, axis=1)
+        power = np.sum(np.abs(outputs) ** 2, axis=0)
+        power[0] = 0.0
+        used = np.sort(np.argsort(power[: int(0.9 * power.size)])[::-1][:lines])
+        s = np.asarray(alpha + 2j * np.pi * np.fft.rfftfreq(n, 1 / rate)[used], np.complex128)
+        return cls(s, outputs[:, used], inputs[:, used] * held(s / rate, hold), levels)
+
+
+def held(sh: Complex, hold: Hold) -> Complex:
+    """Return what an input's spectrum is multiplied by for what it does between samples, at ``s`` times their time."""
+    if hold == "band-limited":
+        return np.ones(sh.size, np.complex128)
+    step = -np.expm1(-sh) / sh
+    return np.asarray(step if hold == "zero" else step**2 * np.exp(sh), np.complex128)
+
+
+class Unknowns:
+    """The constants that nobody knows as numbers (k,): logarithms over what is usual, then gains.
+
+    Of those that are known to within an error the logarithms too; what is usual is then what is declared.
+
+    Parameters
+    ----------
+    centre
+        Angular frequency about which the rig moves, rad/s.
+    """
+
+    def __init__(self, rig: DescribedRig, centre: float):
+        parameters = rig.arrangement.parameters
+        unknown = [p for p in parameters if not math.isfinite(p.value) or p.scope == LOAD]
+        uncertain = [p for p in parameters if p.value > 0 and 0 < p.uncertainty < math.inf]
+        gains = {*(d.gain for d in rig.drives), *(s.gain for s in rig.seen)}
+        self.rig = rig
+        self.bent = [p for p in (*unknown, *uncertain) if p.unit in LOGARITHMIC]
+        self.gains = [p for p in unknown if p.name in gains]
+        size = usual_sizes(rig, centre)
+        told = [p in uncertain for p in self.bent]
+        self.usual = np.array([math.log(p.value if t else size[p.unit]) for p, t in zip(self.bent, told, strict=True)])
+        self.spread = np.array([p.uncertainty / p.value if t else 1.0 for p, t in zip(self.bent, told, strict=True)])
+        self.weight = np.where(told, RELATIVE_NOISE, WEAK_PRIOR) / self.spread
+        plain = {p.name: 1.0 if p in self.gains else 0.0 for p in unknown}
+        self.base = {**{p.name: p.value for p in parameters}, **plain}
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the constants, in the order of the numbers."""
+        return [p.name for p in (*self.bent, *self.gains)]
+
+    def drawn(self, random: np.random.Generator, count: int) -> list[Real]:
+        """Return starting points: the usual values, and others about them."""
+        each = [random.normal(0.0, 1.0, len(self.bent)) * self.spread * (i > 0) for i in range(count)]
+        return [np.concatenate([q, np.ones(len(self.gains))]) for q in each]
+
+    def constants(self, x: Real) -> dict[str, float]:
+        """Return the values of all constants."""
+        k = len(self.bent)
+        bent = self.usual + np.clip(x[:k], -MOST_EXPONENT, MOST_EXPONENT)
+        values = self.base | {p.name: math.exp(v) for p, v in zip(self.bent, bent.tolist(), strict=True)}
+        return values | {p.name: float(v) for p, v in zip(self.gains, x[k:], strict=True)}
+
+
+def usual_sizes(rig: DescribedRig, centre: float) -> dict[str, float]:
+    """Return the size, by unit, of constants of a rig that moves about an angular frequency, rad/s."""
+    known = {p.name: p.value for p in rig.arrangement.parameters}
+    masses = np.array([known[m] for m in rig.arrangement.masses])
+    typical = float(np.nanmean(masses)) if np.any(np.isfinite(masses)) else 1.0
+    return {"kg": typical, "N/m": typical * centre**2, "N s/m": 2 * TYPICAL_RATIO * typical * centre}
+
+
+@dataclass(frozen=True, slots=True)
+class _Linear:
+    """The linear rig at the lines of a piece.
+
+    Attributes
+    ----------
+    shown
+        (lines, channels, bodies) what the channels show of a force on each body.
+    begun, mass
+        (lines, bodies, bodies) and (bodies,) forces that a displacement and a speed at the beginning stand for.
+    driven, pushed
+        (lines, bodies) forces of each input for a gain of one, by the gain's name, and of all inputs.
+    own
+        (lines, channels, k) columns of a beginning, and of what the ends and an offset add.
+    """
+
+    shown: Complex
+    begun: Complex
+    mass: Real
+    driven: dict[str, Complex]
+    pushed: Complex
+    own: Complex
+
+    @classmethod
+    def of(cls, rig: DescribedRig, values: Mapping[str, float], piece: Piece, centre: float) -> _Linear | None:
+        """Return it for some constants; None where it has no response."""
+        s, arrangement = piece.s, rig.arrangement
+        mass, damping, stiffness = arrangement.matrices(values)
+        inertia = np.diag(mass)
+        dynamic = (s**2)[:, None, None] * inertia + s[:, None, None] * damping + stiffness
+        rows = np.array([arrangement.vector(seen.sensor.row, values) for seen in rig.seen])
+        order = np.array([DERIVATIVES[seen.sensor.quantity] for seen in rig.seen])
+        gains = np.array([values[seen.gain] for seen in rig.seen])
+        try:
+            shown = (s[:, None] ** order * gains / piece.level)[:, :, None] * (rows @ np.linalg.inv(dynamic))
+        except np.linalg.LinAlgError:
+            return None
+        driven = {}
+        for drive, u in zip(rig.drives, piece.inputs, strict=True):
+            vector = arrangement.vector(drive.row, values)
+            driven[drive.gain] = np.asarray(u[:, None] * (-mass * vector if drive.base else vector), np.complex128)
+        pushed = sum((values[gain] * one for gain, one in driven.items()), np.zeros((s.size, mass.size), np.complex128))
+        begun = np.asarray(s[:, None, None] * inertia + damping, np.complex128)
+        terms = [(s / centre) ** i for i in range(POLYNOMIAL)] + [centre / s]
+        ends = [np.eye(len(rows))[None] * term[:, None, None] for term in terms]
+        own = np.concatenate([shown @ begun, shown * mass, *ends], axis=2)
+        return cls(shown, begun, mass, driven, pushed, own) if np.all(np.isfinite(own)) else None
+
+    def force(self, coefficients: Real) -> Complex:
+        """Return (lines, bodies) all forces, those of a beginning (displacements, then speeds) among them."""
+        n = self.mass.size
+        return np.asarray(
+            self.pushed + self.begun @ coefficients[:n] + self.mass * coefficients[n : 2 * n], np.complex128
+        )
+
+
+class SpectralModel:
+    """What the linear rig makes of some pieces' spectra, as a function of its unknown constants."""
+
+    def __init__(self, unknowns: Unknowns, pieces: Sequence[Piece], centre: float):
+        self.unknowns, self.pieces, self.centre = unknowns, pieces, centre
+        self.total = math.sqrt(sum(float(np.sum(np.abs(p.outputs) ** 2)) for p in pieces))
+
+    def begun(self, x: Real) -> Real:
+        """Return a point with the gains that fit best beside its other constants."""
+        k, names = len(self.unknowns.bent), [p.name for p in self.unknowns.gains]
+        if not names:
+            return x
+        off, slopes = self.evaluated(np.concatenate([x[:k], np.ones(len(names))]))
+        # of either one input's gain or its sensor's, which multiply each other
+        inputs = [i for i, name in enumerate(names) if name in {d.gain for d in self.unknowns.rig.drives}]
+        solved = inputs or list(range(len(names)))
+        found = np.ones(len(names))
+        found[solved] -= np.linalg.lstsq(slopes[:, [k + i for i in solved]], off, rcond=1e-8)[0]
+        return np.concatenate([x[:k], np.where(found == 0, 1.0, found)])
+
+    def cost(self, x: Real) -> float:
+        """Return the sum of squares at a point."""
+        off, _ = self.evaluated(x)
+        return float(off @ off)
+
+    def improved(self, x: Real) -> Real:
+        """Return the point that least squares leads to."""
+        known: dict[bytes, tuple[Real, Real]] = {}
+
+        def both(at: Real) -> tuple[Real, Real]:
+            if at.tobytes() not in known:
+                known.clear()
+                left, changes = self.evaluated(at)
+                weight = self.unknowns.weight / math.sqrt(left.size)
+                stay = np.diag(np.concatenate([weight, np.zeros(len(self.unknowns.gains))]))
+                known[at.tobytes()] = np.concatenate([left, stay @ at]), np.vstack([changes, stay])
+            return known[at.tobytes()]
+
+        if not x.size:
+            return x
+
+        def off(at: Real) -> Real:
+            return both(at)[0]
+
+        def slopes(at: Real) -> Real:
+            return both(at)[1]
+
+        return np.asarray(least_squares(off, x, slopes, method="lm", max_nfev=EVALUATIONS).x, np.float64)
+
+    def evaluated(self, x: Real) -> tuple[Real, Real]:
+        """Return what is left of the spectra (m,), over all of them, and its slopes (m, k)."""
+        values = self.unknowns.constants(x)
+        parts = [self._of_piece(values, piece) for piece in self.pieces]
+        off = np.concatenate([o for o, _ in parts]) / self.total
+        slopes = np.concatenate([s for _, s in parts]) / self.total
+        if np.all(np.isfinite(off)) and np.all(np.isfinite(slopes)):
+            return off, slopes
+        return np.full(off.shape, 10.0 / math.sqrt(off.size)), np.zeros(slopes.shape)
+
+    def made(self, x: Real, number: int, coefficients: Real) -> Complex:
+        """Return (channels, lines) what a piece would hold with a beginning and ends of its own."""
+        linear = self._linear(self.unknowns.constants(x), self.pieces[number])
+        if linear is None:
+            raise ArithmeticError("the rig has no response")
+        forced = np.einsum("lcn,ln->lc", linear.shown, linear.pushed)
+        return np.asarray((forced + linear.own @ coefficients).T, np.complex128)
+
+    def _linear(self, values: Mapping[str, float], piece: Piece) -> _Linear | None:
+        return _Linear.of(self.unknowns.rig, values, piece, self.centre)
+
+    def _of_piece(self, values: Mapping[str, float], piece: Piece) -> tuple[Real, Real]:
+        """Return what is left of a piece beside its own beginning and end, and the slopes of that."""
+        linear = self._linear(values, piece)
+        if linear is None:
+            samples = 2 * piece.outputs.size
+            return np.full(samples, np.inf), np.zeros((samples, len(self.unknowns.names)))
+        u, size, v = np.linalg.svd(_real(linear.own), full_matrices=False)
+        kept = size > 1e-9 * size[0]
+        u, v = u[:, kept], v[kept] / size[kept][:, None]
+        forced = np.einsum("lcn,ln->lc", linear.shown, linear.pushed)
+        target = _real((piece.outputs.T - forced)[:, :, None])[:, 0]
+        changes = self._changes(values, piece, linear, v.T @ (u.T @ target))
+        slopes = _real(np.stack(changes, axis=2)) if changes else np.zeros((target.size, 0))
+        return target - u @ (u.T @ target), -(slopes - u @ (u.T @ slopes))
+
+    def _changes(self, values: Mapping[str, float], piece: Piece, linear: _Linear, coefficients: Real) -> list[Complex]:
+        """Return (lines, channels) how the model changes with each unknown: logarithms, then gains."""
+        rig, s, shown, n = self.unknowns.rig, piece.s, linear.shown, linear.mass.size
+        position, speed = coefficients[:n], coefficients[n : 2 * n]
+        mass, damping, stiffness = rig.arrangement.matrices(values)
+        force = linear.force(coefficients)
+        dynamic = (s**2)[:, None, None] * np.diag(mass) + s[:, None, None] * damping + stiffness
+        moved = np.linalg.solve(dynamic, force[:, :, None])[:, :, 0]
+        found: list[Complex] = []
+        for p in self.unknowns.bent:
+            change = np.zeros(shown.shape[:2], np.complex128)
+            for i in (i for i, name in enumerate(rig.arrangement.masses) if name == p.name):
+                inertial = s**2 * moved[:, i] - s * position[i] - speed[i]
+                for drive, u in zip(rig.drives, piece.inputs, strict=True):
+                    if drive.base:
+                        inertial = inertial + values[drive.gain] * u * rig.arrangement.vector(drive.row, values)[i]
+                change = change - shown[:, :, i] * inertial[:, None]
+            for element in rig.arrangement.elements:
+                row = rig.arrangement.vector(element.row, values)
+                if element.stiffness == p.name:
+                    change = change - (shown @ row) * (moved @ row)[:, None]
+                if element.damping == p.name:
+                    change = change - (shown @ row) * (s * (moved @ row) - row @ position)[:, None]
+            found.append(values[p.name] * change)
+        for p in self.unknowns.gains:
+            if p.name in linear.driven:
+                found.append(np.einsum("lcn,ln->lc", shown, linear.driven[p.name]))
+                continue
+            of = np.array([seen.gain == p.name for seen in rig.seen])
+            found.append(np.einsum("lcn,ln->lc", shown, force) * of / values[p.name])
+        return found
+
+
+def _real(columns: Complex) -> Real:
+    """Return (lines, channels, k) complex columns as real ones, (2 lines channels, k), of the same size."""
+    flat = columns.reshape(-1, columns.shape[2])
+    return np.concatenate([flat.real, flat.imag])

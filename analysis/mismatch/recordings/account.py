@@ -15,7 +15,7 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.decay import decay_of
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge, held_out_rms, mean_of, with_time
-from analysis.mismatch.recordings.recorded import CHOOSE, level
+from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.signatures import innovation_rms
 from analysis.mismatch.recordings.start_check import better_unknown
 from analysis.mismatch.remainder import frequency_words
@@ -51,7 +51,7 @@ class BlockAccount(Account[SimulatedFit]):
         """Return amplitude, standard error and unit of the loudest tone in any recording and channel."""
         loudest, error, unit = 0.0, 0.0, ""
         for recorded, own, residual in zip(fitted.problem.recordings, fitted.own, fitted.residuals, strict=True):
-            rms = np.sqrt(np.mean(residual**2, axis=1)) * level(recorded)
+            rms = np.sqrt(np.mean(residual**2, axis=1)) * recorded.unit
             amplitudes = np.hypot(own.tones[:, ::2], own.tones[:, 1::2]).max(axis=1)
             if amplitudes[at := int(np.argmax(amplitudes))] > loudest:
                 loudest, unit = float(amplitudes[at]), self.described.seen[at].unit
@@ -185,8 +185,7 @@ class BlockAccount(Account[SimulatedFit]):
         recordings, judge = self.judge.problem.recordings, self.judge
         before, by_name, pieces = held_out_rms(self.selection.baseline)
         after, after_by = (None, {}) if chosen is None else held_out_rms(chosen)[:2]
-        off, _ = self.selection.best.off(0)
-        noise = innovation_rms(off[0]) * float(level(recordings[0])[0])
+        noise = innovation_rms(self.selection.best.error(0)[0][0])
         segments = sum(np.unique(r.block).size for r in recordings)
         steady = None
         if judge.steady is not None:
@@ -205,7 +204,7 @@ class BlockAccount(Account[SimulatedFit]):
         channels = tuple(n for n, s in zip(seen, shares, strict=False) if s > SEEN * shares.max())
         if named:
             element, component = named[0].element, named[0].where
-            missed = mean_of(self.selection.steps[0].before.by_block(CHOOSE))
+            missed = mean_of(base.by_block(CHOOSE))
             left = mean_of(self.selection.best.by_block(CHOOSE))
             what = f"what is named explains {min(100 * (1 - left / missed), 99.99):.4g} % of it"
         else:

@@ -1,8 +1,9 @@
 """Recordings that are simulated from end to end: with measured inputs, or decays of which only a band is looked at.
 
-These are a few long segments. The noise is not known beforehand: residuals are in units of the channels' rms, and what
-is left of them says how large it is. Free are the rig's constants, each recording's state where fitting begins, the
-mechanisms' parameters; the recordings are cut into blocks that fit, that choose, and that are held out.
+These are a few long segments. The noise is not known beforehand: residuals are in units of the channels' rms, and then
+of what a first fit says of the noise; what is left of them says how large it is. Free are the rig's constants, each
+recording's state where fitting begins, the mechanisms' parameters; the recordings are cut into blocks that fit, that
+choose, and that are held out.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from analysis.mismatch.policy import POLICY, SelectionPolicy
 from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Problem
 from analysis.mismatch.recordings.model import Point, SimulationModel, residual
 from analysis.mismatch.recordings.recorded import FIT, HELD, UNUSED, Recorded, duration, level
-from analysis.mismatch.recordings.signatures import columns_of, correlation, innovation_rms
+from analysis.mismatch.recordings.signatures import columns_of, correlation, innovation_rms, noise_of
 from analysis.mismatch.recordings.simulation import Own, Simulation
 from analysis.mismatch.recordings.start_values import start_values
 from analysis.mismatch.rig_description import DescribedRig
@@ -84,6 +85,15 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
         """Whether amplitude and time go together in all there is: one free decay."""
         return len(self.recordings) == 1 and self.recordings[0].free
 
+    def weighed(self, by: SimulatedFit) -> SimulatedRecordings:
+        """Return the problem with residuals in units of the noise that a fit leaves, and its constants and states.
+
+        A loud recording has little noise beside what it shows and a faint one much, and so have channels.
+        """
+        recordings = tuple(replace(r, unit=noise_of(by, i)) for i, r in enumerate(self.recordings))
+        states = tuple(by.state(i) for i in range(len(by.own)))
+        return replace(self, recordings=recordings, constants=by.values, states=states)
+
     def allows(self, mechanism: Mechanism) -> bool:
         """Whether the recordings can show it: a band has no harmonics, which tell a bent scale from a bent spring."""
         if isinstance(mechanism, SecondImpact):
@@ -128,7 +138,7 @@ class SimulatedFit(Fit):
     x, own
         The parameters as they are fitted, and what is each recording's own.
     scatter
-        Mean square of the residuals fitted, in levels of the channels.
+        Mean square of the residuals fitted, in the recordings' units.
     """
 
     problem: SimulatedRecordings
@@ -147,12 +157,24 @@ class SimulatedFit(Fit):
         n, m, own = len(self.problem.arrangement.bodies), self.simulation.n, self.own[number].state
         return np.concatenate([own[:n], own[m : m + n]])
 
+    @property
+    def missed(self) -> float:
+        """Mean square of the residuals fitted, in levels of the channels."""
+        levels = [(r.unit / level(r))[:, None] for r in self.problem.recordings]
+        squares = [float(np.mean((rows * size) ** 2)) for rows, size in zip(self.residuals, levels, strict=True)]
+        return float(np.average(squares, weights=[r.size for r in self.residuals]))
+
     def off(self, number: int, whole: bool = False) -> tuple[Real, slice]:
-        """Return simulation minus recording over the channels' levels, (c, n), and of which samples."""
+        """Return simulation minus recording in the recording's units, (c, n), and of which samples."""
         return residual(self.simulation, self.x, self.own[number], number, whole)
 
+    def error(self, number: int, whole: bool = False) -> tuple[Real, slice]:
+        """Return simulation minus recording in the channels' own units, (c, n), and of which samples."""
+        off, at = self.off(number, whole)
+        return off * self.problem.recordings[number].unit[:, None], at
+
     def by_block(self, part: int) -> tuple[float, ...]:
-        """Return the mean square of the residual on each block of a part, in levels of the channels."""
+        """Return the mean square of the residual on each block of a part, in the recordings' units."""
         found = []
         for number, recorded in enumerate(self.problem.recordings):
             off, at = self.off(number)
@@ -164,15 +186,14 @@ class SimulatedFit(Fit):
         """Whether a channel's error is most of what it shows, and could have been predicted from the error itself."""
         policy = self.problem.policy
         for number, recorded in enumerate(self.problem.recordings):
-            off, at = self.off(number, whole=True)
+            off, at = self.error(number, whole=True)
             part = recorded.part[at]
-            moved = recorded.outputs[:, at] / level(recorded)[:, None]
-            for row, shown in zip(off, moved, strict=True):
+            for row, shown, size in zip(off, recorded.outputs[:, at], level(recorded), strict=True):
                 innovation = innovation_rms(row[recorded.fitted])
                 for kept in (k for k in (part != UNUSED, part == HELD) if np.any(k)):
                     error = math.sqrt(float(np.mean(row[kept] ** 2)))
                     # a decay has faded where it is held out: there it is held against the whole of the recording
-                    all_of_it = max(float(np.std(shown[kept])), 1.0)
+                    all_of_it = max(float(np.std(shown[kept])), float(size))
                     if error > max(policy.missed * all_of_it, policy.predictable * innovation):
                         return True
         return False

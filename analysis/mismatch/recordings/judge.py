@@ -18,7 +18,7 @@ from analysis.mismatch.free_form import free_places, joint_term
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit, problem_of
-from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, level
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD
 from analysis.mismatch.recordings.regression import regressed
 from analysis.mismatch.recordings.signatures import correlation
 from analysis.mismatch.recordings.start_check import better_unknown, with_unknown
@@ -69,9 +69,9 @@ class BlockJudge(Judge[SimulatedFit]):
         on_progress: OnProgress = silent,
         sweeps: Sequence[Sweep] = (),
     ) -> BlockJudge:
-        """Fit the linear rig to the sweeps, if there are any."""
+        """Fit the linear rig to the sweeps, if there are any, and to the recordings, to know their noise."""
         steady = fit_sweeps(problem.rig, sweeps) if sweeps else None
-        return cls(problem, known, on_progress, tuple(sweeps), steady)
+        return cls(problem.weighed(_linear(problem)), known, on_progress, tuple(sweeps), steady)
 
     @property
     def training(self) -> SimulatedRecordings:  # type: ignore[override]
@@ -80,10 +80,7 @@ class BlockJudge(Judge[SimulatedFit]):
 
     def baseline(self) -> SimulatedFit:
         """Return the linear rig fitted to the fitting blocks."""
-        begun = fit(self.problem, fine=True)
-        if begun.scatter < NEAR_LINEAR or not any(r.free for r in self.problem.recordings):
-            return begun
-        return min(begun, fit(self.problem, staged=True, fine=True), key=lambda f: f.objective)
+        return _linear(self.problem)
 
     def exhausted(self) -> bool:
         """A recording is simulated as long as it takes."""
@@ -144,7 +141,7 @@ class BlockJudge(Judge[SimulatedFit]):
         term = started(score)
         terms = (*current.terms, term)
         tried = [fit(self.problem, terms, current, to_beat=to_beat)]
-        if current.scatter < NEAR_LINEAR:
+        if current.missed < NEAR_LINEAR:
             return tried[0]
         if not current.terms and any(r.free for r in self.problem.recordings):
             # the linear rig has lost the phase somewhere along the decay
@@ -233,8 +230,9 @@ class BlockJudge(Judge[SimulatedFit]):
             free = self._free_loss(current)
             share = max(best - free, 0.0) / max(base - free, 1e-300)
         self.on_progress("fitting once more with all that is not held out")
-        final = fit(self.problem, (), baseline.current, parts=(FIT, CHOOSE), fine=True)
-        fitted = fit(self.problem, current.terms, current, parts=(FIT, CHOOSE), fine=True) if current.terms else final
+        weighed = self.problem.weighed(current)
+        final = fit(weighed, (), baseline.current, parts=(FIT, CHOOSE), fine=True)
+        fitted = fit(weighed, current.terms, current, parts=(FIT, CHOOSE), fine=True) if current.terms else final
         if fitted.terms and self.constant_explains(baseline.current, current):
             fitted, steps = final, ()
         last = self.screen(fitted)
@@ -300,6 +298,14 @@ class BlockJudge(Judge[SimulatedFit]):
         return min(mean_of(fit(self.problem, (*current.terms, *added), current).by_block(CHOOSE)), before)
 
 
+def _linear(problem: SimulatedRecordings) -> SimulatedFit:
+    """Return the linear rig fitted to the fitting blocks."""
+    begun = fit(problem, fine=True)
+    if begun.missed < NEAR_LINEAR or not any(r.free for r in problem.recordings):
+        return begun
+    return min(begun, fit(problem, staged=True, fine=True), key=lambda f: f.objective)
+
+
 def started(score: Score) -> Term:
     """Return the screened term with the strength that the score test found, within what it can tell."""
     term, m = score.term, score.term.mechanism
@@ -333,8 +339,7 @@ def held_out_rms(fitted: SimulatedFit) -> tuple[float, dict[str, float], int]:
     total, count, pieces = 0.0, 0, 0
     named: dict[str, list[float]] = {}
     for number, recorded in enumerate(fitted.problem.recordings):
-        off, at = fitted.off(number, whole=True)
-        off = off * level(recorded)[:, None]
+        off, at = fitted.error(number, whole=True)
         kept = recorded.part[at] == HELD
         total, count = total + float(np.sum(off[:, kept] ** 2)), count + int(kept.sum()) * len(off)
         pieces += len(recorded.stretches) or np.unique(recorded.block[at][kept]).size

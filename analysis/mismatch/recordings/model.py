@@ -24,12 +24,13 @@ LOST = 30.0  # residual, in levels of the channel, that stands for a simulation 
 def residual(
     simulation: Simulation, x: Real, own: Own, number: int, whole: bool = False, samples: int | None = None
 ) -> tuple[Real, slice]:
-    """Return simulation minus recording over the channels' levels, (c, n), and of which samples."""
+    """Return simulation minus recording in the recording's units, (c, n), and of which samples."""
     recorded = simulation.recordings[number]
     shown, at = simulation.run(x, own, number, whole, samples)
+    lost = (LOST * level(recorded) / recorded.unit)[:, None]
     with np.errstate(over="ignore", invalid="ignore"):
-        off = (shown - recorded.outputs[:, at]) / level(recorded)[:, None]
-    return np.asarray(np.clip(np.where(np.isfinite(off), off, LOST), -LOST, LOST), np.float64), at
+        off = (shown - recorded.outputs[:, at]) / recorded.unit[:, None]
+    return np.asarray(np.clip(np.where(np.isfinite(off), off, lost), -lost, lost), np.float64), at
 
 
 def slopes(changed: Callable[[Real, Own], Real], x: Real, own: Own, steps: Real, scale: Real) -> tuple[Real, Real]:

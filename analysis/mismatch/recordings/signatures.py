@@ -14,7 +14,7 @@ from scipy.linalg import solve_toeplitz
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import Columns
 from analysis.mismatch.recordings.model import STEP, residual, slopes
-from analysis.mismatch.recordings.recorded import CHOOSE, FIT
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, level
 from analysis.mismatch.recordings.simulation import Own
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import Tones
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 
 AUTOREGRESSION = 16  # order of the noise model
+LEAST_NOISE = 1e-5  # of a channel's rms, that a recording is believed to have
 MOST_CORRELATED = 0.05  # correlation of a residual that still counts when standard errors are widened
 
 
@@ -33,7 +34,7 @@ def columns_of(fitted: SimulatedFit, number: int, terms: Sequence[Term], ringing
     own = fitted.own[number]
     off, at = fitted.off(number)
     used = np.isin(recorded.part[at], (FIT, CHOOSE))
-    filters = [autoregression(np.where(used, row, 0.0)) for row in off]
+    filters = [_whitening(np.where(used, row, 0.0)) for row in off]
 
     def white(y: Real) -> Real:
         return np.concatenate([signal.lfilter(a, [1.0], row)[used] for a, row in zip(filters, y, strict=True)])
@@ -59,6 +60,20 @@ def columns_of(fitted: SimulatedFit, number: int, terms: Sequence[Term], ringing
     q, _ = np.linalg.qr(own_slopes)
     columns = np.array([made(t) for t in terms]).reshape(len(terms), len(own_slopes)).T
     return Columns(np.arange(fitted.x.size), common, columns, -white(off), q, rings)
+
+
+def noise_of(fitted: SimulatedFit, number: int) -> Real:
+    """Return (c,) the rms of what cannot be predicted of a recording's residual, in the channels' units."""
+    recorded = fitted.problem.recordings[number]
+    off, at = fitted.error(number)
+    used = np.isin(recorded.part[at], (FIT, CHOOSE))
+    found = np.array([innovation_rms(np.where(used, row, 0.0)) for row in off]) / math.sqrt(float(np.mean(used)))
+    return np.asarray(np.maximum(found, LEAST_NOISE * level(recorded)), np.float64)
+
+
+def _whitening(row: Real) -> Real:
+    """Return the filter that makes a residual white, and its variance one: channels and recordings differ in noise."""
+    return autoregression(row) / max(innovation_rms(row), 1e-300)
 
 
 def correlation(row: Real) -> float:

@@ -72,6 +72,11 @@ class Unknowns:
     ----------
     centre
         Angular frequency about which the rig moves, rad/s.
+
+    Attributes
+    ----------
+    acting
+        (masses, stiffnesses and dampings, k) one where a constant is that body's or element's.
     """
 
     def __init__(self, rig: DescribedRig, centre: float):
@@ -87,6 +92,9 @@ class Unknowns:
         self.usual = np.array([math.log(p.value if t else size[p.unit]) for p, t in zip(self.bent, told, strict=True)])
         self.spread = np.array([p.uncertainty / p.value if t else 1.0 for p, t in zip(self.bent, told, strict=True)])
         self.weight = np.where(told, RELATIVE_NOISE, WEAK_PRIOR) / self.spread
+        elements = rig.arrangement.elements
+        owners = (*rig.arrangement.masses, *(e.stiffness for e in elements), *(e.damping for e in elements))
+        self.acting = np.array([[owner == p.name for p in self.bent] for owner in owners], np.float64)
         plain = {p.name: 1.0 if p in self.gains else 0.0 for p in unknown}
         self.base = {**{p.name: p.value for p in parameters}, **plain}
 
@@ -117,6 +125,28 @@ def usual_sizes(rig: DescribedRig, centre: float) -> dict[str, float]:
 
 
 @dataclass(frozen=True, slots=True)
+class _Matrices:
+    """Matrices of the rig for some constants, and rows (.., bodies) of its elements, sensors and drives."""
+
+    mass: Real
+    damping: Real
+    stiffness: Real
+    elements: Real
+    sensors: Real
+    drives: Real
+
+    @classmethod
+    def of(cls, rig: DescribedRig, values: Mapping[str, float]) -> _Matrices:
+        """Return them."""
+        arrangement = rig.arrangement
+        rows = (
+            np.array([arrangement.vector(of.row, values) for of in found]).reshape(-1, len(arrangement.masses))
+            for found in (arrangement.elements, [seen.sensor for seen in rig.seen], rig.drives)
+        )
+        return cls(*arrangement.matrices(values), *rows)
+
+
+@dataclass(frozen=True, slots=True)
 class _Linear:
     """The linear rig at the lines of a piece.
 
@@ -124,6 +154,8 @@ class _Linear:
     ----------
     shown
         (lines, channels, bodies) what the channels show of a force on each body.
+    dynamic
+        (lines, bodies, bodies) dynamic stiffness.
     begun, mass
         (lines, bodies, bodies) and (bodies,) forces that a displacement and a speed at the beginning stand for.
     driven, pushed
@@ -133,6 +165,7 @@ class _Linear:
     """
 
     shown: Complex
+    dynamic: Complex
     begun: Complex
     mass: Real
     driven: dict[str, Complex]
@@ -140,13 +173,13 @@ class _Linear:
     own: Complex
 
     @classmethod
-    def of(cls, rig: DescribedRig, values: Mapping[str, float], piece: Piece, centre: float) -> _Linear | None:
+    def of(
+        cls, rig: DescribedRig, values: Mapping[str, float], at: _Matrices, piece: Piece, centre: float
+    ) -> _Linear | None:
         """Return it for some constants; None where it has no response."""
-        s, arrangement = piece.s, rig.arrangement
-        mass, damping, stiffness = arrangement.matrices(values)
-        inertia = np.diag(mass)
-        dynamic = (s**2)[:, None, None] * inertia + s[:, None, None] * damping + stiffness
-        rows = np.array([arrangement.vector(seen.sensor.row, values) for seen in rig.seen])
+        s, mass, rows = piece.s, at.mass, at.sensors
+        begun = np.asarray(s[:, None, None] * np.diag(mass) + at.damping, np.complex128)
+        dynamic = np.asarray(s[:, None, None] * begun + at.stiffness, np.complex128)
         order = np.array([DERIVATIVES[seen.sensor.quantity] for seen in rig.seen])
         gains = np.array([values[seen.gain] for seen in rig.seen])
         try:
@@ -154,15 +187,13 @@ class _Linear:
         except np.linalg.LinAlgError:
             return None
         driven = {}
-        for drive, u in zip(rig.drives, piece.inputs, strict=True):
-            vector = arrangement.vector(drive.row, values)
+        for drive, vector, u in zip(rig.drives, at.drives, piece.inputs, strict=True):
             driven[drive.gain] = np.asarray(u[:, None] * (-mass * vector if drive.base else vector), np.complex128)
         pushed = sum((values[gain] * one for gain, one in driven.items()), np.zeros((s.size, mass.size), np.complex128))
-        begun = np.asarray(s[:, None, None] * inertia + damping, np.complex128)
         terms = [(s / centre) ** i for i in range(POLYNOMIAL)] + [centre / s]
         ends = [np.eye(len(rows))[None] * term[:, None, None] for term in terms]
         own = np.concatenate([shown @ begun, shown * mass, *ends], axis=2)
-        return cls(shown, begun, mass, driven, pushed, own) if np.all(np.isfinite(own)) else None
+        return cls(shown, dynamic, begun, mass, driven, pushed, own) if np.all(np.isfinite(own)) else None
 
     def force(self, coefficients: Real) -> Complex:
         """Return (lines, bodies) all forces, those of a beginning (displacements, then speeds) among them."""
@@ -224,7 +255,8 @@ class SpectralModel:
     def evaluated(self, x: Real) -> tuple[Real, Real]:
         """Return what is left of the spectra (m,), over all of them, and its slopes (m, k)."""
         values = self.unknowns.constants(x)
-        parts = [self._of_piece(values, piece) for piece in self.pieces]
+        at = _Matrices.of(self.unknowns.rig, values)
+        parts = [self._of_piece(values, at, piece) for piece in self.pieces]
         off = np.concatenate([o for o, _ in parts]) / self.total
         slopes = np.concatenate([s for _, s in parts]) / self.total
         if np.all(np.isfinite(off)) and np.all(np.isfinite(slopes)):
@@ -233,18 +265,16 @@ class SpectralModel:
 
     def made(self, x: Real, number: int, coefficients: Real) -> Complex:
         """Return (channels, lines) what a piece would hold with a beginning and ends of its own."""
-        linear = self._linear(self.unknowns.constants(x), self.pieces[number])
+        values, rig = self.unknowns.constants(x), self.unknowns.rig
+        linear = _Linear.of(rig, values, _Matrices.of(rig, values), self.pieces[number], self.centre)
         if linear is None:
             raise ArithmeticError("the rig has no response")
         forced = np.einsum("lcn,ln->lc", linear.shown, linear.pushed)
         return np.asarray((forced + linear.own @ coefficients).T, np.complex128)
 
-    def _linear(self, values: Mapping[str, float], piece: Piece) -> _Linear | None:
-        return _Linear.of(self.unknowns.rig, values, piece, self.centre)
-
-    def _of_piece(self, values: Mapping[str, float], piece: Piece) -> tuple[Real, Real]:
+    def _of_piece(self, values: Mapping[str, float], at: _Matrices, piece: Piece) -> tuple[Real, Real]:
         """Return what is left of a piece beside its own beginning and end, and the slopes of that."""
-        linear = self._linear(values, piece)
+        linear = _Linear.of(self.unknowns.rig, values, at, piece, self.centre)
         if linear is None:
             samples = 2 * piece.outputs.size
             return np.full(samples, np.inf), np.zeros((samples, len(self.unknowns.names)))
@@ -253,44 +283,37 @@ class SpectralModel:
         u, v = u[:, kept], v[kept] / size[kept][:, None]
         forced = np.einsum("lcn,ln->lc", linear.shown, linear.pushed)
         target = _real((piece.outputs.T - forced)[:, :, None])[:, 0]
-        changes = self._changes(values, piece, linear, v.T @ (u.T @ target))
-        slopes = _real(np.stack(changes, axis=2)) if changes else np.zeros((target.size, 0))
+        slopes = _real(self._changes(values, at, piece, linear, v.T @ (u.T @ target)))
         return target - u @ (u.T @ target), -(slopes - u @ (u.T @ slopes))
 
-    def _changes(self, values: Mapping[str, float], piece: Piece, linear: _Linear, coefficients: Real) -> list[Complex]:
-        """Return (lines, channels) how the model changes with each unknown: logarithms, then gains."""
-        rig, s, shown, n = self.unknowns.rig, piece.s, linear.shown, linear.mass.size
+    def _changes(
+        self, values: Mapping[str, float], at: _Matrices, piece: Piece, linear: _Linear, coefficients: Real
+    ) -> Complex:
+        """Return (lines, channels, k) how the model changes with each unknown: logarithms, then gains."""
+        rig, s, shown, n = self.unknowns.rig, piece.s[:, None], linear.shown, linear.mass.size
         position, speed = coefficients[:n], coefficients[n : 2 * n]
-        mass, damping, stiffness = rig.arrangement.matrices(values)
         force = linear.force(coefficients)
-        dynamic = (s**2)[:, None, None] * np.diag(mass) + s[:, None, None] * damping + stiffness
-        moved = np.linalg.solve(dynamic, force[:, :, None])[:, :, 0]
-        found: list[Complex] = []
-        for p in self.unknowns.bent:
-            change = np.zeros(shown.shape[:2], np.complex128)
-            for i in (i for i, name in enumerate(rig.arrangement.masses) if name == p.name):
-                inertial = s**2 * moved[:, i] - s * position[i] - speed[i]
-                for drive, u in zip(rig.drives, piece.inputs, strict=True):
-                    if drive.base:
-                        inertial = inertial + values[drive.gain] * u * rig.arrangement.vector(drive.row, values)[i]
-                change = change - shown[:, :, i] * inertial[:, None]
-            for element in rig.arrangement.elements:
-                row = rig.arrangement.vector(element.row, values)
-                if element.stiffness == p.name:
-                    change = change - (shown @ row) * (moved @ row)[:, None]
-                if element.damping == p.name:
-                    change = change - (shown @ row) * (s * (moved @ row) - row @ position)[:, None]
-            found.append(values[p.name] * change)
+        moved = np.linalg.solve(linear.dynamic, force[:, :, None])[:, :, 0]
+        inertial = s**2 * moved - s * position - speed
+        for drive, vector, u in zip(rig.drives, at.drives, piece.inputs, strict=True):
+            if drive.base:
+                inertial = inertial + values[drive.gain] * u[:, None] * vector
+        across, deformed = shown @ at.elements.T, moved @ at.elements.T
+        rate = s * deformed - at.elements @ position
+        acting = np.concatenate([shown * inertial[:, None], across * deformed[:, None], across * rate[:, None]], axis=2)
+        sizes = np.array([values[p.name] for p in self.unknowns.bent])
+        found = [-acting @ (self.unknowns.acting * sizes)]
+        pushed = np.einsum("lcn,ln->lc", shown, force)
         for p in self.unknowns.gains:
             if p.name in linear.driven:
-                found.append(np.einsum("lcn,ln->lc", shown, linear.driven[p.name]))
-                continue
-            of = np.array([seen.gain == p.name for seen in rig.seen])
-            found.append(np.einsum("lcn,ln->lc", shown, force) * of / values[p.name])
-        return found
+                change = np.einsum("lcn,ln->lc", shown, linear.driven[p.name])
+            else:
+                change = pushed * np.array([seen.gain == p.name for seen in rig.seen]) / values[p.name]
+            found.append(change[:, :, None])
+        return np.concatenate(found, axis=2)
 
 
 def _real(columns: Complex) -> Real:
     """Return (lines, channels, k) complex columns as real ones, (2 lines channels, k), of the same size."""
-    flat = columns.reshape(-1, columns.shape[2])
+    flat = columns.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])
     return np.concatenate([flat.real, flat.imag])

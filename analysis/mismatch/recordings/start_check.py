@@ -12,7 +12,7 @@ import numpy as np
 from analysis.mismatch.least_squares import covariance
 from analysis.mismatch.recordings.fit import SimulatedRecordings, problem_of
 from analysis.mismatch.recordings.model import Point, SimulationModel, residual
-from analysis.mismatch.recordings.recorded import FIT, Recorded
+from analysis.mismatch.recordings.recorded import FIT, Recorded, level
 from analysis.mismatch.recordings.simulation import Simulation
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.session import AnalysisError
@@ -83,7 +83,8 @@ def _missed(problem: SimulatedRecordings) -> list[float]:
     squares = np.zeros(len(problem.rig.seen))
     for number, state in enumerate(problem.states):
         off, _ = residual(simulation, simulation.begin(), simulation.own(state), number)
-        squares += np.mean(off**2, axis=1)
+        recorded = problem.recordings[number]
+        squares += np.mean((off * (recorded.unit / level(recorded))[:, None]) ** 2, axis=1)
     return [float(m) for m in np.sqrt(squares / len(problem.states))]
 
 

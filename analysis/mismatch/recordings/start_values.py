@@ -19,12 +19,14 @@ from analysis.session import AnalysisError
 from sim_backend.arrays import Complex, Real
 
 DRAWS: Final = 200  # random starting points
-KEPT: Final = (10, 4, 2, 1)  # of them, after each stage
+ATTEMPTS: Final = ((10, 4, 2, 1), (30, 15, 8, 1), (30, 15, 8, 1))  # of them kept after each stage
+SAME: Final = 0.99  # of the best cost so far, below which an attempt found another minimum
+WHITE: Final = 2.5  # mean over median of the squares that noise leaves (2.2 of white noise), up to which a start is it
 STAGES: Final = (0.15, 0.03, 0.006, 0.0)  # weights alpha, of the spectra's mean angular frequency
 FADED: Final = 6.0  # time constants of the exponential that a piece is long
 PIECES: Final = 6  # that are looked at in a stage
 LINES, FEWEST_LINES = 400, 80  # of all pieces' spectra together, of each
-SEED: Final = 7
+SEED: Final = 7  # of the first attempt's starting points, then one more
 
 
 def start_values(rig: DescribedRig, recordings: Sequence[Recorded]) -> tuple[dict[str, float], float]:
@@ -49,17 +51,25 @@ def _from_spectra(rig: DescribedRig, recordings: Sequence[Recorded]) -> dict[str
     """Return the constants with which the linear rig is nearest to the recordings' spectra."""
     centre = _centre(recordings)
     unknowns = Unknowns(rig, centre)
-    points = unknowns.drawn(np.random.default_rng(SEED), DRAWS if unknowns.bent else 1)
     longest = max(r.samples / r.rate_hz for r in recordings)
-    for share, kept in zip(STAGES, KEPT, strict=True):
-        alpha = share * centre
-        if alpha and alpha * longest < FADED:
-            continue  # all of it is a shorter piece than that
-        model = SpectralModel(unknowns, pieces_of(recordings, alpha, rig.hold), centre)
-        if len(points) > KEPT[0]:
-            points = sorted((model.begun(x) for x in points), key=model.cost)[: KEPT[0]]
-        points = sorted((model.improved(x) for x in points), key=model.cost)[:kept]
-    return unknowns.constants(points[0])
+    alphas = [share * centre for share in STAGES]
+    # all of it is a shorter piece than some ask for
+    looked_at = [(k, alpha) for k, alpha in enumerate(alphas) if not alpha or alpha * longest >= FADED]
+    stages = [(k, SpectralModel(unknowns, pieces_of(recordings, alpha, rig.hold), centre)) for k, alpha in looked_at]
+    whole, best, cost = stages[-1][1], np.zeros(0), math.inf
+    for number, kept in enumerate(ATTEMPTS):
+        points = unknowns.drawn(np.random.default_rng(SEED + number), DRAWS if unknowns.bent else 1)
+        for k, model in stages:
+            if len(points) > kept[0]:
+                points = sorted((model.begun(x) for x in points), key=model.cost)[: kept[0]]
+            points = sorted((model.improved(x) for x in points), key=model.cost)[: kept[k]]
+        squares = whole.evaluated(points[0])[0] ** 2
+        settled = bool(np.sum(squares) > SAME * cost or np.mean(squares) < WHITE * np.median(squares))
+        if np.sum(squares) < cost:
+            best, cost = points[0], float(np.sum(squares))
+        if settled or not unknowns.bent:
+            break
+    return unknowns.constants(best)
 
 
 def _poles(mass: Real, damping: Real, stiffness: Real) -> Complex:

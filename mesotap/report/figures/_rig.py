@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from analysis.mismatch.recordings.account import BlockAccount, residual_band
 from analysis.mismatch.recordings.decay import decay_of
 from analysis.mismatch.recordings.fit import SimulatedFit
-from analysis.mismatch.recordings.recorded import HELD, level
+from analysis.mismatch.recordings.recorded import HELD
 from mesotap.report.figures._style import (
     BLACK,
     BLUE,
@@ -52,13 +52,12 @@ def rig_figure(d: BlockAccount) -> Figure:
     if selection.chosen is not None:
         fits.append((selection.chosen, NAMED, BLUE))
     recorded = d.judge.problem.recordings[0]
-    size = float(level(recorded)[0])
     unit = plain(d.described.seen[0].unit).replace("m/s2", "m/s²")
     t = recorded.start_s + np.arange(recorded.samples) / recorded.rate_hz
     _rms_lines(time, t, recorded.outputs[0], BLACK, RECORDING)
     _spectrum(spectrum, recorded.outputs[0], recorded.rate_hz, BLACK)
     for fitted, label, colour in fits:
-        off = fitted.off(0, whole=True)[0][0] * size
+        off = fitted.error(0, whole=True)[0][0]
         _rms_lines(time, t, off, colour, label)
         _spectrum(spectrum, off, recorded.rate_hz, colour)
     _shade(time, t, recorded.part == HELD)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -10,6 +12,7 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import SimulatedRecordings, fit, problem_of
 from analysis.mismatch.recordings.recorded import HELD, prepare
 from analysis.mismatch.score_test import screen
+from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.mechanisms.catalogue import catalogue
 from tests.analysis.mismatch.recordings.described_rigs import (
@@ -61,3 +64,38 @@ def test_held_out_samples_take_no_part(u: Real) -> None:
     # the recording's level, by which residuals are measured, is the only thing the spoilt part changes
     for name in ("stiffness of spring", "damping of spring"):
         assert fits[0].values[name] == pytest.approx(fits[1].values[name], rel=2e-3)
+
+
+def two_decays(seed: int) -> SimulatedRecordings:
+    """Return a loud decay and a faint one, seen with the same noise."""
+    rig = parse_rig(SPRING + sensor("displacement").replace("channel: 1", "channel: 0"))
+    t = np.arange(SAMPLES) / RATE
+    data = [size * np.exp(-0.02 * OMEGA * t) * np.cos(OMEGA * t) for size in (1.0, 0.02)]
+    random = np.random.default_rng(seed)
+    noisy = [Recording(np.array([y + 1e-3 * random.normal(size=y.size)]), RATE, ("x",), "", "made") for y in data]
+    problem = problem_of(rig, [prepare(r, rig) for r in noisy])
+    return problem.weighed(fit(problem, fine=True))
+
+
+def test_recordings_are_weighed_by_their_noise() -> None:
+    misses = []
+    for seed in range(12):
+        problem = two_decays(seed)
+        assert [float(r.unit[0]) for r in problem.recordings] == pytest.approx([1e-3, 1e-3], rel=0.1)
+        found = fit(problem, fine=True)
+        assert found.scatter == pytest.approx(1.0, rel=0.15)
+        at = [p.name for p in found.simulation.parameters].index("stiffness of spring")
+        true = math.log(OMEGA**2 * (1 + 0.02**2) / found.simulation.parameters[at].scale)
+        misses.append((found.x[at] - true) / math.sqrt(found.covariance[at, at]))
+        # as well known as by the loud one alone: the faint one, weighed by its rms, would hide it
+        assert math.sqrt(found.covariance[at, at]) < 1e-4
+    assert 0.5 < float(np.std(misses)) < 1.6  # 12 of them: chi-squared beyond these once in a thousand
+    assert abs(float(np.mean(misses))) < 1.0
+
+
+def test_recordings_of_different_noise_raise_no_alarm() -> None:
+    p = []
+    for seed in range(12):
+        problem = two_decays(100 + seed)
+        p.append(screen(problem, fit(problem, fine=True), KNOWN).p_value)
+    assert sum(value < 0.1 for value in p) <= 5  # six of twelve: five times in ten thousand

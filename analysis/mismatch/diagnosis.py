@@ -36,7 +36,6 @@ from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
 from analysis.mismatch.ring_downs.sessions import ring_downs
 from analysis.mismatch.selection import Candidate, Selection, screened_baseline, select
 from analysis.session import AnalysisError
-from daq.errors import one_line
 from daq.exchange import Recording
 from daq.records import Session
 from sim_backend.mechanisms.kinds import Mechanism
@@ -157,8 +156,8 @@ def diagnose_recordings(
         return diagnose(problem, known, on_progress, files, sweeps)
     except (np.linalg.LinAlgError, ArithmeticError) as error:
         raise AnalysisError(
-            f"{source}: cannot be computed with {rig.name} as described: its constants or its times are far from what "
-            f"was recorded; check their units ({one_line(str(error))})"
+            f"{source}: cannot be computed with the rig {rig.name!r} as described: its constants or its times are "
+            "far from what was recorded; check their units"
         ) from error
 
 

@@ -26,6 +26,8 @@ class Drive:
         Whether it is the acceleration of the base, not a force.
     gain, offset
         Names of the constants: it is ``gain (u + offset)``.
+    noise
+        Its rms, in the channel's unit; None where the recordings are to tell.
     """
 
     name: str
@@ -34,6 +36,7 @@ class Drive:
     base: bool
     gain: str
     offset: str
+    noise: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from analysis.mismatch.recordings.determined import undetermined
-from analysis.mismatch.recordings.first_look import FirstLook
+from analysis.mismatch.recordings.first_look import IN_SI, FirstLook
 from mesotap.configuration.rig_files import parse_rig
 
 ROUNDS = 8  # of declaring what the channels leave open
@@ -92,6 +92,11 @@ def seen(look: FirstLook) -> list[str]:
     lines.append(f"modes seen: {modes} Hz" if modes else "modes seen: none")
     if look.period_s:
         lines.append(f"the input repeats itself after {look.period_s:.4g} s")
+    if not look.free and not look.inputs:
+        lines.append(
+            "without its input such a recording tells no physics: name the input's column with --input, or take a free "
+            "decay"
+        )
     for c in look.channels:
         lines.append(
             f"{c.name}: rms {c.rms:.3g} {c.unit}".rstrip() + f", {100 * c.unpredictable:.2g} % of it unpredictable"
@@ -133,6 +138,8 @@ def _sensors(draft: Draft) -> list[str]:
         of = draft.names[min(i, draft.bodies - 1)]
         unit = f", unit: {_quoted(c.unit)}" if c.unit else ""
         comment = "" if c.told else "   # the file does not tell what it shows"
+        if c.unit in IN_SI:
+            unit, comment = f"{unit}, gain: {IN_SI[c.unit]:g}", f"   # {c.unit} of the file in a metre of the rig"
         lines.append(f"  - {{channel: {_quoted(c.name)}, of: {of}, shows: {c.quantity}{unit}}}{comment}")
     return lines
 

@@ -16,13 +16,15 @@ from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.recordings.start_check import NOISE, StartCheck, start_check
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.session import AnalysisError
-from daq.errors import RecordingError, one_line
+from daq.errors import RecordingError
 from daq.exchange import import_recording
 from mesotap.answers.rig_text import first_rig, seen
 from mesotap.commands.outputs import write_json
 from mesotap.commands.recordings import believed, show_left_out
 from mesotap.configuration.rig_files import load_rig
 from mesotap.operator.terminal import escape
+
+HELPS = 0.5  # of a channel's rms, that a rig with another constant may miss for the constant to be worth naming
 
 
 def begin_rig(files: Sequence[Path], output: Path, rate: float | None, inputs: Sequence[str], console: Console) -> None:
@@ -82,8 +84,8 @@ def _started(rig: DescribedRig, files: Sequence[Path]) -> StartCheck:
         return start_check(rig, [prepare(r, rig) for r in recordings])
     except (np.linalg.LinAlgError, ArithmeticError) as error:
         raise AnalysisError(
-            f"{files[0]}: cannot be computed with {rig.name} as described: its constants or its times are far from "
-            f"what was recorded; check their units ({one_line(str(error))})"
+            f"{files[0]}: cannot be computed with the rig {rig.name!r} as described: its constants or its times are "
+            "far from what was recorded; check their units"
         ) from error
 
 
@@ -105,9 +107,12 @@ def _of_start(found: StartCheck) -> list[str]:
     lines += [
         f"with an unknown {name} it would miss {100 * share:.3g} %: say 'unknown' in the place of its value"
         for name, share in found.freed.items()
+        if share < HELPS
     ]
-    if found.poor and not found.freed:
-        lines.append("no single value left free would mend that: look at the bodies, at what holds them, at the units")
+    if found.poor and not any(share < HELPS for share in found.freed.values()):
+        lines.append(
+            "no single value left free would mend that: look at the units (kg, N/m), at the bodies, at what holds them"
+        )
     lines += [
         f"these recordings hardly hold the {name}: +-{100 * error:.2g} % with noise of {100 * NOISE:g} % in each "
         "channel; declare it if you know it"

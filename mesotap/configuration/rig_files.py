@@ -114,6 +114,7 @@ class Input(Section):
     base_acceleration: bool = False
     gain: Gain = 1.0
     offset: Constant = "unknown"
+    noise: NonNegative | None = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> Input:
@@ -360,7 +361,7 @@ def described(file: RigFile) -> DescribedRig:
         of: Row = ((u.force_on, 1.0),) if u.force_on is not None else tuple((body, 1.0) for body in file.bodies)
         gain = constant(f"gain of input {i + 1}", "1", u.gain)
         offset = constant(f"offset of input {i + 1}", "", u.offset)
-        drives.append(Drive(f"input {i + 1}", u.channel, of, u.base_acceleration, gain, offset))
+        drives.append(Drive(f"input {i + 1}", u.channel, of, u.base_acceleration, gain, offset, u.noise))
     seen = []
     banded = file.recording.band_hz is not None
     for i, s in enumerate(file.sensors):

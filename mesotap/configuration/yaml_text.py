@@ -16,6 +16,7 @@ from rig.settings import Section
 from rig.written import EXPLAINED, NUMBER, how_to_write
 
 DRIVERS = ("conex-cc", "smc100", "modbus-rtu", "modbus-tcp", "usb-1608fs-plus", "ni-9234", "solenoid")
+KEY = "[key]"  # what validation adds to the path of a key that is no good itself
 TAGS = ("sphere", "flat", "literal", "name", *DRIVERS)
 """What validation adds to the path of a key to say which alternative of a choice was meant."""
 
@@ -183,6 +184,8 @@ def sentence(fault: Any, whole: type[BaseModel]) -> str:
     if fault["type"] == "value_error":
         text = message.removeprefix("Value error, ")
         return f"{key}: {text}" if fault["loc"] else text
+    if fault["loc"] and fault["loc"][-1] == KEY:
+        return f"{key.removesuffix('.' + KEY)} is no name: name it with letters; a number has a decimal point, no comma"
     if fault["type"] == "string_type" and isinstance(fault["input"], int | float):
         message += ", so write it in quotes"
     return f"{key} is {_value(fault['input'])}: {message[0].lower()}{message[1:]}"

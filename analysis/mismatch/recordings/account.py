@@ -15,8 +15,8 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.decay import decay_of
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge, held_out_rms, mean_of, with_time
+from analysis.mismatch.recordings.noise import innovation_rms
 from analysis.mismatch.recordings.recorded import CHOOSE
-from analysis.mismatch.recordings.signatures import innovation_rms
 from analysis.mismatch.recordings.start_check import better_unknown
 from analysis.mismatch.remainder import frequency_words
 from analysis.mismatch.rig_description import DescribedRig
@@ -209,14 +209,28 @@ class BlockAccount(Account[SimulatedFit]):
             what = f"what is named explains {min(100 * (1 - left / missed), 99.99):.4g} % of it"
         else:
             element, component = self._suspected(self.selection.screening)
-            what = "nothing listed explains it"
-            if self.far_off:
+            what = "nothing listed explains it" + self._not_tried(element)
+            unexplained = self.selection.screening.p_value < self.judge.problem.policy.level
+            hold = self.judge.hold_that_explains(base) if unexplained and not self.far_off else None
+            if hold is not None:
+                what = f"nothing of it is left once the rig file says 'recording: {{hold: {hold}}}'"
+            elif self.far_off:
                 what = "is most of the motion: check the stiffness and mass described, their units, and the channels"
                 better = next(iter(better_unknown(self.judge.problem)), None)
                 if better is not None:
                     what += f"; the linear rig begins much better where the {better} is unknown"
         why = f"The residual of the linear rig lies from {frequency[0]:.4g} to {frequency[1]:.4g} Hz, and {what}."
         return Location(component, element, channels or (seen[0],), time, frequency, (), why + self._along_the_decay())
+
+    def _not_tried(self, element: str) -> str:
+        """Say which mechanisms the element would have to be described as another one for."""
+        arrangement = self.judge.problem.arrangement
+        role = next((e.role for e in arrangement.elements if e.name == element), None)
+        laws = {m.id: m for m in self.judge.known if isinstance(m, ForceLaw) and not m.preloaded}
+        others = sorted(m.id.replace("_", " ") for m in laws.values() if role not in m.fits)
+        if role is None or not others:
+            return ""
+        return f" (not tried, because the {element} is described as a {role}: {', '.join(others)})"
 
     def _along_the_decay(self) -> str:
         decay = self.decay

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.ndimage import binary_dilation
 
-from analysis.mismatch.recordings.signatures import innovation_rms
+from analysis.mismatch.recordings.noise import innovation_rms
 from daq.exchange import Recording
 from sim_backend.arrangement import DERIVATIVES, Quantity
 from sim_backend.arrays import Real
@@ -25,6 +25,7 @@ QUANTITY_OF_UNIT: Final[dict[str, Quantity]] = {
     "m/s": "velocity", "mm/s": "velocity", "rad/s": "velocity",
     "m": "displacement", "mm": "displacement", "um": "displacement", "nm": "displacement", "rad": "displacement",
 }  # fmt: skip
+IN_SI: Final = {"mm": 1e3, "um": 1e6, "nm": 1e9, "mm/s": 1e3, "mm/s2": 1e3}  # how many of them are one of m, s
 QUANTITY_OF_NAME: Final[tuple[tuple[str, Quantity], ...]] = (
     (r"acc|^a\d*$", "acceleration"),
     (r"vel|speed|^v\d*$", "velocity"),

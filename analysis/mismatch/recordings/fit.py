@@ -19,11 +19,13 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import POLICY, SelectionPolicy
 from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Problem
 from analysis.mismatch.recordings.model import Point, SimulationModel, residual
-from analysis.mismatch.recordings.recorded import FIT, HELD, UNUSED, Recorded, duration, level
-from analysis.mismatch.recordings.signatures import columns_of, correlation, innovation_rms, noise_of
+from analysis.mismatch.recordings.noise import NoiseModel, Whitening, innovation_rms
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, UNUSED, Recorded, duration, level
+from analysis.mismatch.recordings.signatures import columns_of
 from analysis.mismatch.recordings.simulation import Own, Simulation
 from analysis.mismatch.recordings.start_values import start_values
 from analysis.mismatch.rig_description import DescribedRig
+from analysis.session import AnalysisError
 from sim_backend.arrangement import Arrangement
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, Mechanism, Scale, SecondImpact, Tones
@@ -33,6 +35,7 @@ ROUGH, FINE = 1e-4, 1e-8  # relative fall at which a fit that only ranks rivals 
 FIRST_DAMPING, MOST_TRIES = 1e-3, 8
 SHOWN = 0.4  # of the sampling rate, up to which a recording shows what there is
 FIRST_PERIODS, FEWEST_FIRST = 4, 40  # of the highest mode (at least one of the lowest), samples: they tell the state
+LEAST_NOISE = 1e-5  # of a channel's rms, that a recording is believed to have
 STAGES = (0.05, 0.15, 0.4)  # of a free decay: its phase is followed before all of it is fitted
 
 
@@ -90,7 +93,7 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
 
         A loud recording has little noise beside what it shows and a faint one much, and so have channels.
         """
-        recordings = tuple(replace(r, unit=noise_of(by, i)) for i, r in enumerate(self.recordings))
+        recordings = tuple(replace(r, unit=_noise_of(by, i)) for i, r in enumerate(self.recordings))
         states = tuple(by.state(i) for i in range(len(by.own)))
         return replace(self, recordings=recordings, constants=by.values, states=states)
 
@@ -258,9 +261,8 @@ def _finished(problem: SimulatedRecordings, model: SimulationModel, found: Evalu
     simulation, point = model.simulation, found.point
     sums = found.objective - found.penalty
     scatter = sums / max(sum(r.size for r in found.residuals), 1)
-    widened = max((correlation(row) for r in found.residuals for row in r), default=1.0)
-    spread = covariance(model.linearise(found, True).normal) * scatter * widened
     values, terms = simulation.read(point.x)
+    spread = _spread(model, found, values)
     covariances = []
     for i, term in enumerate(terms):
         at = [
@@ -275,6 +277,32 @@ def _finished(problem: SimulatedRecordings, model: SimulationModel, found: Evalu
         terms, simulation.arrangement, constants, found.residuals, sums, found.penalty, spread, tuple(covariances),
         problem, simulation, point.x, point.own, scatter,
     )  # fmt: skip
+
+
+def _noise_of(fitted: SimulatedFit, number: int) -> Real:
+    """Return (c,) the rms of what cannot be predicted of a recording's residual, in the channels' units."""
+    recorded = fitted.problem.recordings[number]
+    off, at = fitted.error(number)
+    used = np.isin(recorded.part[at], (FIT, CHOOSE))
+    found = np.array([float(Whitening.of(row[None], used).noise[0]) for row in off])
+    return np.asarray(np.maximum(found, LEAST_NOISE * level(recorded)), np.float64)
+
+
+def _spread(model: SimulationModel, found: Evaluation[Point], values: Mapping[str, float]) -> Real:
+    """Return the covariance (k, k) that noise as it is gives to least squares, which weigh all of it alike."""
+    simulation, point = model.simulation, found.point
+    slopes = model.linearise(found, True)
+    inverse = covariance(slopes.normal)
+    inner = np.zeros(inverse.shape)
+    for number, (recorded, tangent) in enumerate(zip(simulation.recordings, slopes.tangents, strict=True)):
+        off, at = residual(simulation, point.x, point.own[number], number)
+        used = np.isin(recorded.part[at], model.parts)
+        columns = np.zeros((*off.shape, point.x.size))
+        columns[:, used] = tangent.common.reshape(len(off), -1, point.x.size)
+        inner += NoiseModel.of(simulation.rig, values, recorded, (off, used)).information(columns)
+    for i, _, error in model.prior:
+        inner[i, i] += model.noise / error**2 * model.noise
+    return np.asarray(inverse @ inner @ inverse, np.float64)
 
 
 def problem_of(rig: DescribedRig, recordings: Sequence[Recorded]) -> SimulatedRecordings:
@@ -308,5 +336,10 @@ def _first_state(rig: DescribedRig, recorded: Recorded, values: Mapping[str, flo
         shown, _ = simulation.run(simulation.begin(), own, 0, samples=window.stop + recorded.edge + 2)
         columns.append((shown[:, window] / level(recorded)[:, None]).ravel())
     target = (recorded.outputs[:, window] / level(recorded)[:, None]).ravel()
+    if not np.all(np.isfinite(columns)):
+        raise AnalysisError(
+            f"{recorded.source}: the rig {rig.name!r} as described runs away from any start: its constants or "
+            "its times are far from what was recorded; check their units"
+        )
     found = np.linalg.lstsq(np.stack(columns, axis=1), target, rcond=1e-6)[0]
     return np.asarray(found * scale, np.float64)

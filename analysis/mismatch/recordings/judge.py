@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 from scipy.stats import t as student
@@ -18,11 +19,12 @@ from analysis.mismatch.free_form import free_places, joint_term
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit, problem_of
+from analysis.mismatch.recordings.noise import correlation
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD
 from analysis.mismatch.recordings.regression import regressed
-from analysis.mismatch.recordings.signatures import correlation
 from analysis.mismatch.recordings.start_check import better_unknown, with_unknown
 from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
+from analysis.mismatch.rig_description import Hold
 from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of
 from sim_backend.force_law import SLOTS
@@ -233,7 +235,7 @@ class BlockJudge(Judge[SimulatedFit]):
         weighed = self.problem.weighed(current)
         final = fit(weighed, (), baseline.current, parts=(FIT, CHOOSE), fine=True)
         fitted = fit(weighed, current.terms, current, parts=(FIT, CHOOSE), fine=True) if current.terms else final
-        if fitted.terms and self.constant_explains(baseline.current, current):
+        if fitted.terms and (self.constant_explains(baseline.current, current) or self.hold_that_explains(final)):
             fitted, steps = final, ()
         last = self.screen(fitted)
         chosen = fitted if fitted.terms and share <= policy.left_over_blocks else None
@@ -271,6 +273,19 @@ class BlockJudge(Judge[SimulatedFit]):
             if mean_of(losses) < AS_WELL * mean_of(current.by_block(CHOOSE)):
                 return True
         return False
+
+    def hold_that_explains(self, linear: SimulatedFit) -> Hold | None:
+        """Return what inputs would have to do between samples for the linear rig to leave nothing beyond noise."""
+        if not self.problem.rig.drives:
+            return None
+        self.on_progress("trying inputs that are held otherwise")
+        for hold in get_args(Hold):
+            if hold != self.problem.rig.hold:
+                other = replace(linear.problem, rig=replace(self.problem.rig, hold=hold))
+                found = fit(other, (), linear, parts=(FIT, CHOOSE), fine=True)
+                if self.screen(found).p_value >= self.problem.policy.level:
+                    return hold
+        return None
 
     def rival_in_time(self, steps: Sequence[SelectionStep[SimulatedFit]]) -> Candidate[SimulatedFit] | None:
         """Return the best candidate that goes with time, where amplitude and time are confounded."""

@@ -99,10 +99,8 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
     first = 0 if rig.from_s is None else round(rig.from_s * rate)
     last = n if rig.to_s is None else min(round(rig.to_s * rate), n)
     if last - first < FEWEST:
-        raise AnalysisError(
-            f"{source}: only {max(last - first, 0)} of its {n} samples are between the times that {rig.name} names; "
-            f"a diagnosis needs {FEWEST}"
-        )
+        between = "" if first == 0 and last == n else f" between the times that {rig.name} names (from_s, to_s)"
+        raise AnalysisError(f"{source}: holds {max(last - first, 0)} samples{between}; a diagnosis needs {FEWEST}")
     if rig.band_hz is not None and 2 * EDGE_PERIODS / (rig.band_hz[1] - rig.band_hz[0]) >= (last - first) / rate:
         raise AnalysisError(
             f"{source}: the band of {rig.name}, {rig.band_hz[0]:g} to {rig.band_hz[1]:g} Hz, is too narrow for "

@@ -313,6 +313,27 @@ class SpectralModel:
         return np.concatenate(found, axis=2)
 
 
+def responses(rig: DescribedRig, values: Mapping[str, float], hz: Real, rate_hz: float) -> Complex:
+    """Return (lines, channels, inputs) what the channels show of each input of one, at frequencies above zero.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        The rig has no response.
+    """
+    at = _Matrices.of(rig, values)
+    s = np.asarray(2j * np.pi * hz[:, None], np.complex128)
+    dynamic = s[:, None] ** 2 * np.diag(at.mass) + s[:, None] * at.damping + at.stiffness
+    pushed = np.array([
+        values[d.gain] * (-at.mass * row if d.base else row) for d, row in zip(rig.drives, at.drives, strict=True)
+    ])  # fmt: skip
+    order = np.array([DERIVATIVES[seen.sensor.quantity] for seen in rig.seen])
+    gains = np.array([values[seen.gain] for seen in rig.seen])
+    moved = np.linalg.solve(dynamic, np.broadcast_to(pushed.T, (hz.size, *pushed.T.shape)))
+    seen = (gains * s**order)[:, :, None] * (at.sensors @ moved)
+    return np.asarray(seen * held(s[:, 0] / rate_hz, rig.hold)[:, None, None], np.complex128)
+
+
 def _real(columns: Complex) -> Real:
     """Return (lines, channels, k) complex columns as real ones, (2 lines channels, k), of the same size."""
     flat = columns.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])

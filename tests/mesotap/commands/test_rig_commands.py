@@ -95,3 +95,30 @@ def test_a_value_that_is_far_off_is_told_with_what_to_leave_free(driven, tmp_pat
     found = run("rig", "check", file, driven)
     assert found.exit_code == 0
     assert "with an unknown gain of input 1" in " ".join(found.stdout.split())
+
+
+def test_a_channel_in_mm_is_a_sensor_of_a_thousand_to_the_metre(tmp_path):
+    file, rig = tmp_path / "decay.csv", tmp_path / "rig.yaml"
+    t = np.arange(2000) / 100.0
+    x = 8 * np.exp(-0.5 * t) * np.cos(25 * t) + 0.01 * np.random.default_rng(2).normal(size=t.size)
+    np.savetxt(file, np.array([t, x]).T, delimiter=",", header="time [s],x [mm]", comments="")
+    assert run("rig", "init", file, "-o", rig).exit_code == 0
+    described = load_rig(rig)
+    assert described.arrangement.declared()[described.seen[0].gain] == 1000.0
+
+
+def test_a_response_without_its_input_is_told_to_need_it(driven, tmp_path):
+    table = np.genfromtxt(driven, delimiter=",", skip_header=1)
+    file = tmp_path / "response.csv"
+    np.savetxt(file, table[:, [0, 2]], delimiter=",", header="time [s],a1 [m/s2]", comments="")
+    written = run("rig", "init", file, "-o", tmp_path / "rig.yaml")
+    assert "--input" in " ".join(written.stdout.split())
+
+
+def test_a_decimal_comma_in_a_rig_is_told_as_one(tmp_path):
+    file = tmp_path / "rig.yaml"
+    file.write_text(
+        "bodies: {a: 1, b: 0,4}\njoints: [{between: [a, ground]}]\nsensors: [{channel: x, of: a, shows: velocity}]\n"
+    )
+    refused = run("rig", "check", file)
+    assert "decimal point" in str(refused.exception)

@@ -99,3 +99,24 @@ def test_recordings_of_different_noise_raise_no_alarm() -> None:
         problem = two_decays(100 + seed)
         p.append(screen(problem, fit(problem, fine=True), KNOWN).p_value)
     assert sum(value < 0.1 for value in p) <= 5  # six of twelve: five times in ten thousand
+
+
+def test_noise_of_a_measured_input_is_no_missing_physics_and_widens_intervals() -> None:
+    rig = parse_rig(SPRING + INPUT + sensor("acceleration"))
+    u = noise_input(SAMPLES, RATE, 2, 25, seed=3)
+    true = {"stiffness of spring": OMEGA**2, "damping of spring": 0.02 * OMEGA, "gain of input 1": 100.0}
+    x, v = motion(lambda s, x, v: 100 * s - OMEGA**2 * x - 0.02 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, u)
+    a = 100 * u - OMEGA**2 * x - 0.02 * OMEGA * v
+    misses, p = [], []
+    for seed in range(10):
+        noise = 0.02 * np.random.default_rng(seed).normal(size=u.size)
+        problem = problem_of(rig, [prepare(recorded([u + noise, a], RATE, 0.005, seed), rig)])
+        problem = problem.weighed(fit(problem, fine=True))
+        found = fit(problem, fine=True)
+        p.append(screen(problem, found, KNOWN).p_value)
+        errors = np.sqrt(np.diag(found.covariance))
+        at = [(q, i) for i, q in enumerate(found.simulation.parameters) if q.name in true]
+        misses.append([(found.x[i] - q.inward(true[q.name])) / errors[i] for q, i in at])
+    assert sum(value < 0.1 for value in p) <= 4  # five of ten: once in six hundred
+    spread = np.sqrt(np.mean(np.square(misses), axis=0))
+    assert np.all((spread > 0.4) & (spread < 1.8))  # it was 10 where all noise was taken as white

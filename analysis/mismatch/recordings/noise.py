@@ -1,0 +1,201 @@
+"""The noise of recordings, as what a fit leaves shows it: of measured inputs and of sensors, white and coloured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy import signal
+from scipy.fft import next_fast_len
+
+from analysis.mismatch.recordings.recorded import Recorded
+from analysis.mismatch.recordings.spectral_model import responses
+from analysis.mismatch.rig_description import DescribedRig
+from sim_backend.arrays import Complex, Real
+
+Left = tuple[Real, NDArray[np.bool_]]  # (c, n) residual, and (n,) which samples of it are used
+
+MOST_CORRELATED: Final = 0.05  # correlation that still counts when independent samples are counted
+AUTOREGRESSION: Final = 16  # order of the noise model
+PIECES: Final = 8  # of an input
+BANDS: Final = 16  # of its spectrum
+QUIET: Final = 4  # one of so many of them is quiet enough to show the input's noise
+ROUNDING: Final = 1e-9  # of an input's largest value, below which what cannot be predicted is no noise
+MOST_INPUT_NOISE: Final = 0.05  # of an input's rms, that is taken as noise and not as what drives
+COUNTS: Final = 0.01  # of a channel's residual, from which on the inputs' noise is taken out
+LEAST_WHITE: Final = 0.01  # of a channel's residual that is its own noise at least
+SAMPLES_OF_A_TAP: Final = 20  # that a recording has at least, of each of its channels
+
+
+@dataclass(frozen=True, slots=True)
+class Whitening:
+    """An autoregression of several channels, each given the past of all and the present of those before it.
+
+    What drives a rig beside its measured inputs (their noise above all) rings in all channels together.
+
+    Attributes
+    ----------
+    taps
+        (c, c, order + 1) weights of the present and the past of channels in what cannot be predicted of each.
+    noise
+        (c,) rms of that.
+    """
+
+    taps: Real
+    noise: Real
+
+    @classmethod
+    def of(cls, rows: Real, used: NDArray[np.bool_]) -> Whitening:
+        """Return the autoregression that fits signals (c, n) best, by least squares over what is used of them."""
+        channels = len(rows)
+        order = max(min(AUTOREGRESSION, int(np.sum(used)) // (SAMPLES_OF_A_TAP * channels)), 1)
+        whole = np.all(sliding_window_view(used, order + 1), axis=1)
+        size = np.maximum(np.sqrt(np.mean(rows[:, used] ** 2, axis=1)), 1e-300)
+        past = sliding_window_view(rows / size[:, None], order + 1, axis=1)[:, whole, ::-1]  # (c, m, order + 1)
+        past = past.transpose(2, 0, 1).reshape((order + 1) * channels, -1)  # the present of all channels first
+        gram = past @ past.T
+        taps, noise = np.zeros((channels, channels, order + 1)), np.zeros(channels)
+        for c in range(channels):
+            given = np.r_[:c, channels : len(gram)]
+            normal = gram[np.ix_(given, given)]
+            normal[np.diag_indices_from(normal)] *= 1 + 1e-12
+            weights = np.zeros(len(gram))
+            weights[given] = -np.linalg.lstsq(normal, gram[given, c], rcond=None)[0]
+            weights[c] = 1.0
+            noise[c] = math.sqrt(max(float(weights @ gram @ weights), 0.0) / max(past.shape[1] - given.size, 1))
+            taps[c] = weights.reshape(order + 1, channels).T / size[:, None]
+        return cls(taps * size[:, None, None], np.maximum(noise * size, 1e-300))
+
+    def response(self, size: int) -> Complex:
+        """Return (lines, c, c) its response at the lines of a spectrum of so many samples."""
+        angles = 2 * np.pi * np.arange(size // 2 + 1) / size
+        lags = np.exp(-1j * np.outer(angles, np.arange(self.taps.shape[2])))
+        return np.asarray(np.tensordot(lags, self.taps, axes=(1, 2)) / self.noise[:, None], np.complex128)
+
+    def __call__(self, rows: Real) -> Real:
+        """Return (c, n) rows whitened, of variance one where they are like those it was fitted to."""
+        found = np.zeros(rows.shape)
+        for c, (weights, noise) in enumerate(zip(self.taps, self.noise, strict=True)):
+            for weight, row in zip(weights, rows, strict=True):
+                if np.any(weight):
+                    found[c] += signal.lfilter(weight / noise, [1.0], row)
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class InputNoise:
+    """A filter without phase that takes out how noise of the measured inputs rings in the channels.
+
+    Its spectrum is the rig's response; no autoregression of a few samples follows a lightly damped mode.
+
+    Attributes
+    ----------
+    roots
+        (lines, c, c) inverse square roots of the spectrum of sensors' white noise and inputs' noise, in units of the
+        former; None where the inputs' does not count.
+    """
+
+    roots: Complex | None
+
+    @classmethod
+    def of(cls, rig: DescribedRig, values: Mapping[str, float], recorded: Recorded, left: Left) -> InputNoise:
+        """Return it for what a fit with these constants leaves of a recording."""
+        declared = [drive.noise for drive in rig.drives]
+        noise = np.array([
+            _quietest(u) if rms is None else rms for u, rms in zip(recorded.inputs, declared, strict=True)
+        ])  # fmt: skip
+        if recorded.free or recorded.band is not None or not np.any(noise):
+            return cls(None)
+        off, used = left
+        hz = np.asarray(np.fft.rfftfreq(_padded(off.shape[1]), 1 / recorded.rate_hz)[1:], np.float64)
+        try:
+            rings = responses(rig, values, hz, recorded.rate_hz) * (noise / recorded.unit[:, None])
+        except np.linalg.LinAlgError:
+            return cls(None)
+        own = np.einsum("lci,ldi->lcd", rings, rings.conj())
+        total = np.mean(off[:, used] ** 2, axis=1)
+        power = np.real(np.einsum("lcc->lc", own))
+        if not np.all(np.isfinite(own)) or np.all(power.mean(axis=0) < COUNTS * total):
+            return cls(None)
+        # what the inputs' noise does not explain of a channel is its own
+        white = np.maximum(total - power.mean(axis=0), LEAST_WHITE * total)
+        sizes, vectors = np.linalg.eigh(own / np.sqrt(np.outer(white, white)) + np.eye(len(off)))
+        roots = (vectors / np.sqrt(sizes)[:, None]) @ vectors.conj().transpose(0, 2, 1) / np.sqrt(white)
+        return cls(np.concatenate([roots[:1], roots]))
+
+    def __call__(self, rows: Real) -> Real:
+        """Return rows (c, n) without it, in units of the channels' own white noise."""
+        if self.roots is None:
+            return rows
+        spectrum = np.fft.rfft(rows, _padded(rows.shape[1]), axis=1)
+        return np.asarray(np.fft.irfft(np.einsum("lcd,dl->cl", self.roots, spectrum))[:, : rows.shape[1]], np.float64)
+
+
+def _padded(samples: int) -> int:
+    return 2 * int(next_fast_len(samples, real=True))
+
+
+def _quietest(u: Real) -> float:
+    """Return the noise (rms) of a measured input, from when least happens or from where its spectrum is lowest.
+
+    0 where that is much: an input that is noise itself does not tell how well it was measured.
+    """
+    window = np.hanning(u.size)
+    power = np.abs(np.fft.rfft((u - u.mean()) * window)) ** 2 / np.sum(window**2)
+    bands = np.sort([float(np.median(band)) for band in np.array_split(power[1:], BANDS)])
+    pieces = np.sort([innovation_rms(piece - piece.mean()) for piece in np.array_split(u, PIECES)])
+    floor = math.sqrt(float(bands[: BANDS // QUIET].mean()) / math.log(2))
+    least = min(floor, float(pieces[: PIECES // QUIET].mean()))
+    return least if ROUNDING * np.abs(u).max() < least < MOST_INPUT_NOISE * np.std(u) else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseModel:
+    """Noise of all channels of a recording: what inputs' noise makes, and what an autoregression follows beside it."""
+
+    driven: InputNoise
+    own: Whitening
+
+    @classmethod
+    def of(cls, rig: DescribedRig, values: Mapping[str, float], recorded: Recorded, left: Left) -> NoiseModel:
+        """Return the model of what a fit with these constants leaves of a recording."""
+        driven = InputNoise.of(rig, values, recorded, left)
+        return cls(driven, Whitening.of(driven(left[0]), left[1]))
+
+    def white(self, rows: Real) -> Real:
+        """Return rows (c, n) whitened, of variance one where they are noise."""
+        return self.own(self.driven(rows))
+
+    def information(self, columns: Real) -> Real:
+        """Return (k, k) the covariance of the products of columns (c, n, k) with the noise.
+
+        What inputs' noise makes is taken from their noise: in a narrow resonance a residual has few degrees of freedom,
+        and says little of it.
+        """
+        _, n, k = columns.shape
+        size = _padded(n)
+        spectrum = np.fft.rfft(columns, size, axis=1).transpose(1, 0, 2)  # (lines, c, k)
+        filters = self.own.response(size) if self.driven.roots is None else self.driven.roots
+        shaped = np.linalg.solve(filters.conj().transpose(0, 2, 1), spectrum)
+        weights = np.full(len(spectrum), 2.0)
+        weights[0] = weights[-1] = 1.0
+        flat = (shaped * np.sqrt(weights / size)[:, None, None]).reshape(-1, k)
+        return np.asarray(np.real(flat.conj().T @ flat), np.float64)
+
+
+def innovation_rms(row: Real) -> float:
+    """Return the rms of what an autoregression cannot predict of a signal (n,)."""
+    return float(Whitening.of(row[None], np.ones(row.size, np.bool_)).noise[0])
+
+
+def correlation(row: Real) -> float:
+    """Return samples over independent ones, of a residual that is no white noise."""
+    r = signal.correlate(row - row.mean(), row - row.mean(), method="fft")[row.size - 1 :]
+    r = r / r[0] if r[0] > 0 else np.ones(1)
+    end = int(np.argmax(np.abs(r) < MOST_CORRELATED)) or r.size
+    return max(1.0, 1 + 2 * float(np.sum(r[1 : max(4 * end, 2)] ** 2)))

@@ -82,12 +82,16 @@ class Simulation:
         self.n = len(self.arrangement.bodies)
         self.constants = {**self.arrangement.declared(), **constants}
         self.lines = lines_of(terms)
-        self.substeps = [
-            min(max(math.ceil(PER_PERIOD * highest_hz / r.rate_hz), FEWEST_SUBSTEPS), MOST_SUBSTEPS)
-            for r in self.recordings
-        ]
+        self.substeps = [self._substeps(r) for r in self.recordings]
         self.parameters = tuple(self._parameters())
         self._inputs = [self._between(r, s) for r, s in zip(self.recordings, self.substeps, strict=True)]
+
+    def _substeps(self, recorded: Recorded) -> int:
+        """Return the steps between two samples: one where the step is exact, of a linear rig under straight lines."""
+        if not laws_in(self.terms) and (recorded.free or self.rig.hold != "band-limited"):
+            return 1
+        steps = math.ceil(PER_PERIOD * self.highest_hz / recorded.rate_hz)
+        return min(max(steps, FEWEST_SUBSTEPS), MOST_SUBSTEPS)
 
     def with_terms(self, terms: Sequence[Term], constants: Values) -> Simulation:
         """Return a simulation of the same recordings with other mechanisms and starting values."""

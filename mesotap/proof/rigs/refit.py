@@ -18,7 +18,7 @@ ROUNDS = 4  # new derivatives
 CHORDS = 3  # steps with the same derivatives
 SHARES = (1.0, 0.3, 0.05)  # of a step, until it improves
 SETTLED = 2e-3  # relative change of d at which a refit ends
-RANK = 1e-10  # of the largest singular value: a direction that the recordings do not determine
+RANK = 1e-7  # of the largest singular value: a direction that recordings do not determine, or only by rounding
 
 
 @dataclass(frozen=True, slots=True)

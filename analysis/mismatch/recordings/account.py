@@ -15,7 +15,7 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.decay import decay_of
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge, held_out_rms, mean_of, with_time
-from analysis.mismatch.recordings.noise import innovation_rms
+from analysis.mismatch.recordings.noise import floor_of, innovation_rms
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.start_check import better_unknown
 from analysis.mismatch.remainder import frequency_words
@@ -185,7 +185,7 @@ class BlockAccount(Account[SimulatedFit]):
         recordings, judge = self.judge.problem.recordings, self.judge
         before, by_name, pieces = held_out_rms(self.selection.baseline)
         after, after_by = (None, {}) if chosen is None else held_out_rms(chosen)[:2]
-        noise = innovation_rms(self.selection.best.error(0)[0][0])
+        noise = innovation_rms(self.selection.best.error(0)[0][0], floor_of(recordings[0]))
         segments = sum(np.unique(r.block).size for r in recordings)
         steady = None
         if judge.steady is not None:

@@ -19,7 +19,7 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import POLICY, SelectionPolicy
 from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Problem
 from analysis.mismatch.recordings.model import Point, SimulationModel, residual
-from analysis.mismatch.recordings.noise import NoiseModel, Whitening, innovation_rms
+from analysis.mismatch.recordings.noise import NoiseModel, Whitening, floor_of, innovation_rms
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, UNUSED, Recorded, duration, level
 from analysis.mismatch.recordings.signatures import columns_of
 from analysis.mismatch.recordings.simulation import Own, Simulation
@@ -192,7 +192,7 @@ class SimulatedFit(Fit):
             off, at = self.error(number, whole=True)
             part = recorded.part[at]
             for row, shown, size in zip(off, recorded.outputs[:, at], level(recorded), strict=True):
-                innovation = innovation_rms(row[recorded.fitted])
+                innovation = innovation_rms(row[recorded.fitted], floor_of(recorded))
                 for kept in (k for k in (part != UNUSED, part == HELD) if np.any(k)):
                     error = math.sqrt(float(np.mean(row[kept] ** 2)))
                     # a decay has faded where it is held out: there it is held against the whole of the recording
@@ -284,7 +284,7 @@ def _noise_of(fitted: SimulatedFit, number: int) -> Real:
     recorded = fitted.problem.recordings[number]
     off, at = fitted.error(number)
     used = np.isin(recorded.part[at], (FIT, CHOOSE))
-    found = np.array([float(Whitening.of(row[None], used).noise[0]) for row in off])
+    found = np.array([float(Whitening.of(row[None], used, floor_of(recorded)).noise[0]) for row in off])
     return np.asarray(np.maximum(found, LEAST_NOISE * level(recorded)), np.float64)
 
 

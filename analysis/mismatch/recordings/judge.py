@@ -232,10 +232,9 @@ class BlockJudge(Judge[SimulatedFit]):
             free = self._free_loss(current)
             share = max(best - free, 0.0) / max(base - free, 1e-300)
         self.on_progress("fitting once more with all that is not held out")
-        weighed = self.problem.weighed(current)
-        final = fit(weighed, (), baseline.current, parts=(FIT, CHOOSE), fine=True)
-        fitted = fit(weighed, current.terms, current, parts=(FIT, CHOOSE), fine=True) if current.terms else final
-        if fitted.terms and (self.constant_explains(baseline.current, current) or self.hold_that_explains(final)):
+        final = fit(self.problem, (), baseline.current, parts=(FIT, CHOOSE), fine=True)
+        fitted = fit(self.problem, current.terms, current, parts=(FIT, CHOOSE), fine=True) if current.terms else final
+        if fitted.terms and self._otherwise_explained(baseline.current, current, final):
             fitted, steps = final, ()
         last = self.screen(fitted)
         chosen = fitted if fitted.terms and share <= policy.left_over_blocks else None
@@ -274,16 +273,23 @@ class BlockJudge(Judge[SimulatedFit]):
                 return True
         return False
 
-    def hold_that_explains(self, linear: SimulatedFit) -> Hold | None:
-        """Return what inputs would have to do between samples for the linear rig to leave nothing beyond noise."""
+    def _otherwise_explained(self, before: SimulatedFit, named: SimulatedFit, linear: SimulatedFit) -> bool:
+        return self.constant_explains(before, named) or self.hold_that_explains(linear, named) is not None
+
+    def hold_that_explains(self, linear: SimulatedFit, named: SimulatedFit | None = None) -> Hold | None:
+        """Return what inputs would have to do between samples for the linear rig to leave nothing beyond noise.
+
+        And to predict the choosing blocks no worse than what is ``named``.
+        """
         if not self.problem.rig.drives:
             return None
         self.on_progress("trying inputs that are held otherwise")
         for hold in get_args(Hold):
             if hold != self.problem.rig.hold:
                 other = replace(linear.problem, rig=replace(self.problem.rig, hold=hold))
-                found = fit(other, (), linear, parts=(FIT, CHOOSE), fine=True)
-                if self.screen(found).p_value >= self.problem.policy.level:
+                found = fit(other, (), linear, fine=True)
+                worse = named is not None and mean_of(found.by_block(CHOOSE)) > mean_of(named.by_block(CHOOSE))
+                if not worse and self.screen(found).p_value >= self.problem.policy.level:
                     return hold
         return None
 

@@ -29,6 +29,8 @@ ROUNDING: Final = 1e-9  # of an input's largest value, below which what cannot b
 MOST_INPUT_NOISE: Final = 0.05  # of an input's rms, that is taken as noise and not as what drives
 COUNTS: Final = 0.01  # of a channel's residual, from which on the inputs' noise is taken out
 LEAST_WHITE: Final = 0.01  # of a channel's residual that is its own noise at least
+ROUNDED: Final = 1e-12  # of a signal's power, that rounding leaves white
+FILTERED: Final = 1e-4  # likewise, that a filtered signal is taken to have (chosen on the bolted beam)
 SAMPLES_OF_A_TAP: Final = 20  # that a recording has at least, of each of its channels
 
 
@@ -50,8 +52,11 @@ class Whitening:
     noise: Real
 
     @classmethod
-    def of(cls, rows: Real, used: NDArray[np.bool_]) -> Whitening:
-        """Return the autoregression that fits signals (c, n) best, by least squares over what is used of them."""
+    def of(cls, rows: Real, used: NDArray[np.bool_], floor: float = ROUNDED) -> Whitening:
+        """Return the autoregression that fits signals (c, n) best, by least squares over what is used of them.
+
+        ``floor`` is the share of white noise that they are taken to have at least.
+        """
         channels = len(rows)
         order = max(min(AUTOREGRESSION, int(np.sum(used)) // (SAMPLES_OF_A_TAP * channels)), 1)
         whole = np.all(sliding_window_view(used, order + 1), axis=1)
@@ -63,7 +68,7 @@ class Whitening:
         for c in range(channels):
             given = np.r_[:c, channels : len(gram)]
             normal = gram[np.ix_(given, given)]
-            normal[np.diag_indices_from(normal)] *= 1 + 1e-12
+            normal[np.diag_indices_from(normal)] *= 1 + floor
             weights = np.zeros(len(gram))
             weights[given] = -np.linalg.lstsq(normal, gram[given, c], rcond=None)[0]
             weights[c] = 1.0
@@ -165,7 +170,7 @@ class NoiseModel:
     def of(cls, rig: DescribedRig, values: Mapping[str, float], recorded: Recorded, left: Left) -> NoiseModel:
         """Return the model of what a fit with these constants leaves of a recording."""
         driven = InputNoise.of(rig, values, recorded, left)
-        return cls(driven, Whitening.of(driven(left[0]), left[1]))
+        return cls(driven, Whitening.of(driven(left[0]), left[1], floor_of(recorded)))
 
     def white(self, rows: Real) -> Real:
         """Return rows (c, n) whitened, of variance one where they are noise."""
@@ -188,9 +193,17 @@ class NoiseModel:
         return np.asarray(np.real(flat.conj().T @ flat), np.float64)
 
 
-def innovation_rms(row: Real) -> float:
+def floor_of(recorded: Recorded) -> float:
+    """Return the share of white noise that a recording's residual is taken to have; a filtered one has none of its own.
+
+    Without a floor what the filter left of its stop band would be all that counts.
+    """
+    return ROUNDED if recorded.band is None else FILTERED
+
+
+def innovation_rms(row: Real, floor: float = ROUNDED) -> float:
     """Return the rms of what an autoregression cannot predict of a signal (n,)."""
-    return float(Whitening.of(row[None], np.ones(row.size, np.bool_)).noise[0])
+    return float(Whitening.of(row[None], np.ones(row.size, np.bool_), floor).noise[0])
 
 
 def correlation(row: Real) -> float:

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from markupsafe import Markup
 
 from analysis.mismatch.recordings.account import BlockAccount
+from analysis.mismatch.recordings.blocks import mean_of
 from analysis.mismatch.recordings.fit import SimulatedFit
-from analysis.mismatch.recordings.judge import mean_of
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.selection import SelectionStep
 from mesotap.answers.diagnosis_page import Evidence, Picture, Table

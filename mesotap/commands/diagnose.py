@@ -90,12 +90,11 @@ def diagnose(files: Sequence[Path], asked: Asked, console: Console) -> None:
 
 def _read(files: Sequence[Path], rig_file: Path | None, console: Console) -> Read:
     """Read the files; a further file that holds steady responses of a described rig is taken for them."""
-    from daq.session_file import read_session
     from mesotap.commands.recordings import show_left_out
 
     rig = tester_rig() if rig_file is None else load_rig(rig_file)
     if rig_file is None or _is_session(files[0]):
-        sessions = tuple(read_session(file) for file in files)
+        sessions = tuple(_session(file, rig_file is None) for file in files)
         return Read(rig, recording_files(files), sessions)
     recordings: list[Recording] = []
     sweeps: list[Sweep] = []
@@ -111,6 +110,22 @@ def _read(files: Sequence[Path], rig_file: Path | None, console: Console) -> Rea
         recordings.append(import_recording(file, rig.rate_hz))
         show_left_out(recordings[-1], console)
     return Read(rig, recording_files(files), (), tuple(recordings), tuple(sweeps))
+
+
+def _session(file: Path, of_tester: bool) -> Session:
+    """Read a session; of what is no session file, say how a recording of another rig is diagnosed."""
+    from daq.session_file import read_session
+    from mesotap.commands.recordings import SESSION_SUFFIXES
+
+    try:
+        return read_session(file)
+    except RecordingError as exc:
+        if not of_tester or not file.is_file() or file.suffix.lower() in SESSION_SUFFIXES:
+            raise
+        raise RecordingError(
+            f"{exc}; a recording of another rig needs that rig's description: --rig RIG.YAML "
+            f"('mesotap rig init {file}' writes a first one)"
+        ) from exc
 
 
 def _is_session(file: Path) -> bool:

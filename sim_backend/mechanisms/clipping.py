@@ -11,9 +11,12 @@ NAME = "clip_at_fraction_of_peak"
 
 
 def distort(rows: Real, values: Values, sample_rate_hz: float) -> Real:
-    """Hold what is beyond the level: a share of the record's peak, ``peak``, or of the session's."""
-    level = values[NAME] * values["peak"]
-    out: Real = np.clip(rows, -level, level)
+    """Hold what is beyond the level: a share of the record's peak, ``peak``, or of the session's.
+
+    Of a record with an offset, of its ``highest`` and ``lowest`` value.
+    """
+    share, peak = values[NAME], values["peak"]
+    out: Real = np.clip(rows, share * values.get("lowest", -peak), share * values.get("highest", peak))
     return out
 
 

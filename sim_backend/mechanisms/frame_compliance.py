@@ -55,8 +55,8 @@ MECHANISM = AddedBody(
     source="two-mass foundation model",
     parameters=(
         Quantity(MASS, "kg", LEAST_KG, MOST_KG, "mass that moves", log=True),
-        Quantity(STIFFNESS, "N/m", 1e4, 1e11, "stiffness below it", log=True),
-        Quantity(DAMPING, "N s/m", 1e-2, 1e7, "damping below it", log=True),
+        Quantity(STIFFNESS, "N/m", 1e-3, 1e11, "stiffness below it", log=True),
+        Quantity(DAMPING, "N s/m", 1e-9, 1e7, "damping below it", log=True),
     ),
     strength=None,
     trials=trials,

@@ -1,4 +1,4 @@
-"""A body turns because the contact is off its axis: two sensors on it differ with opposite sign."""
+"""A body turns because what holds it is off its axis: two sensors on it differ with opposite sign."""
 
 from __future__ import annotations
 
@@ -21,22 +21,25 @@ LOWEST, HIGHEST = 2.5, 4.5  # resonances tried, from the lowest mode times this 
 TRIED = 40  # resonances: neighbours lie within the width of a mount that is damped like the trial's
 
 
+TURNING = ("contact", "joint")  # roles of what turns a body; a spring does where a body has neither
+
+
 def at(rig: Arrangement) -> list[Place]:
-    """Return a contact on a body and two channels that see this body alone."""
+    """Return an element on a body that can turn it, and two channels that see this body alone."""
     found = []
     for group in channels_alike(rig):
         row = rig.sensors[group[0]].row
         if len(group) < 2 or len(row) > 1:
             continue
-        found += [
-            (i, *group[:2]) for i, e in enumerate(rig.elements) if e.role == "contact" and row[0][0] in dict(e.row)
-        ]
+        touching = [i for i, e in enumerate(rig.elements) if row[0][0] in dict(e.row)]
+        likely = [i for i in touching if rig.elements[i].role in TURNING]
+        found += [(i, *group[:2]) for i in likely or touching]
     return found
 
 
 def extend(rig: Arrangement, values: Values, place: Place) -> Arrangement:
-    """Add the displacement that turning makes at the first accelerometer; the contact drives it by its lever arm."""
-    contact, a, b = rig.elements[place[0]], rig.sensors[place[1]], rig.sensors[place[2]]
+    """Add the displacement that turning makes at the first sensor; the element drives it by its lever arm."""
+    element, a, b = rig.elements[place[0]], rig.sensors[place[1]], rig.sensors[place[2]]
     turn = unused_name("turning", rig.bodies)
     body = a.row[0][0]
     inertia = SHARE_OF_MASS * rig.declared()[rig.masses[rig.bodies.index(body)]]
@@ -45,7 +48,7 @@ def extend(rig: Arrangement, values: Values, place: Place) -> Arrangement:
     spring = unused_name("rocking spring", [e.name for e in rig.elements])
     return rig.extended(
         bodies={turn: INERTIA},
-        changed={contact.name: replace(contact, row=(*contact.row, (turn, OFFSET)))},
+        changed={element.name: replace(element, row=(*element.row, (turn, OFFSET)))},
         elements=(Element(spring, "body", "lower mass", ((turn, 1.0),), STIFFNESS, DAMPING),),
         parameters=(
             Parameter(INERTIA, "kg", inertia, 1e-6 * inertia),
@@ -72,9 +75,9 @@ MECHANISM = AddedBody(
     summary="the mass turns; A and B differ with opposite sign",
     source="rigid body with an eccentric contact",
     parameters=(
-        Quantity(OFFSET, "1", -1.0, 1.0, "offset of the contact over the accelerometers' distance from the axis"),
-        Quantity(STIFFNESS, "N/m", 1e3, 1e10, "stiffness against turning, at the accelerometers", log=True),
-        Quantity(DAMPING, "N s/m", 1e-4, 1e5, "damping of turning, at the accelerometers", log=True),
+        Quantity(OFFSET, "1", -1.0, 1.0, "offset of what turns it over the accelerometers' distance from the axis"),
+        Quantity(STIFFNESS, "N/m", 1e-3, 1e15, "stiffness against turning, at the accelerometers", log=True),
+        Quantity(DAMPING, "N s/m", 1e-9, 1e10, "damping of turning, at the accelerometers", log=True),
     ),
     strength=OFFSET,
     trials=trials,

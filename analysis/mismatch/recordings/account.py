@@ -12,9 +12,10 @@ import numpy as np
 from analysis.mismatch.account import UNLISTED, Account, Weights, relative
 from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Location, Named, NextExperiment
 from analysis.mismatch.parameters import Term
+from analysis.mismatch.recordings.blocks import held_out_rms, mean_of
 from analysis.mismatch.recordings.decay import decay_of
 from analysis.mismatch.recordings.fit import SimulatedFit
-from analysis.mismatch.recordings.judge import BlockJudge, held_out_rms, mean_of, with_time
+from analysis.mismatch.recordings.judge import BlockJudge, with_time
 from analysis.mismatch.recordings.noise import floor_of, innovation_rms
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.start_check import better_unknown

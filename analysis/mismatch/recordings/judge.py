@@ -18,9 +18,9 @@ from scipy.stats import t as student
 from analysis.mismatch.free_form import free_places, joint_term
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import OnProgress, silent
+from analysis.mismatch.recordings.blocks import independent_samples, likelihood_ratio, mean_of
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit, problem_of
-from analysis.mismatch.recordings.noise import correlation
-from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.recordings.regression import regressed
 from analysis.mismatch.recordings.start_check import better_unknown, with_unknown
 from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
@@ -96,9 +96,12 @@ class BlockJudge(Judge[SimulatedFit]):
             variants = alike.setdefault(score.term.key, {})
             variants.setdefault(frozenset(score.term.fixed.items()), score)
         ranked = [list(variants.values())[:VARIANTS] for variants in alike.values()]
+        near_linear = state.current.missed < NEAR_LINEAR
+        promising = ranked[0][0].gain * policy.promising_by_blocks if ranked and near_linear else 0.0
+        finalists = max(sum(s[0].gain >= promising for s in ranked[: policy.finalists_by_blocks]), policy.polished)
         # far from the truth a score test says little of size and sign: what is small in it may be large in full
         fits: list[tuple[Score, SimulatedFit]] = []
-        for scores in ranked[: policy.finalists_by_blocks]:
+        for scores in ranked[:finalists]:
             self.on_progress(f"fitting {name_of(scores[0].term.mechanism)}")
             best = min((f.objective for _, f in fits), default=math.inf)
             joined = [(score, self._joined(state.current, score, HOPELESS * best)) for score in scores]
@@ -108,31 +111,26 @@ class BlockJudge(Judge[SimulatedFit]):
             (c.score, fit(self.problem, c.fit.terms, c.fit, fine=True)) for c in found[: policy.polished] if c.fit
         ]
         rest = [(c.score, c.fit) for c in found[policy.polished :] if c.fit]
-        unfitted: Candidates = tuple(
-            Candidate(scores[0], None, -math.inf) for scores in ranked[policy.finalists_by_blocks :]
-        )
+        unfitted: Candidates = tuple(Candidate(scores[0], None, -math.inf) for scores in ranked[finalists:])
         return (*self._judged(state, polished + rest), *unfitted)
 
     def _judged(
         self, state: State[SimulatedFit], fits: Sequence[tuple[Score, SimulatedFit]]
     ) -> list[Candidate[SimulatedFit]]:
-        """Return candidates, the best first, by the likelihood ratio of the choosing blocks.
+        """Return candidates, the best first, by the likelihood ratio of all that is not held out.
 
-        That is the number of independent samples in what the best one leaves, times the logarithm of how much smaller
-        the mean square becomes.
+        What happens once, in a block that is fitted, no choosing block can show.
         """
         if not fits:
             return []
-        losses = [f.by_block(CHOOSE) for _, f in fits]
         # worse where it takes a parameter at the end of what is admissible
         pinned = [self.problem.policy.in_time if f.pinned() else 1.0 for _, f in fits]
-        means = [max(factor * mean_of(loss), 1e-300) for factor, loss in zip(pinned, losses, strict=True)]
-        samples = independent_samples(fits[int(np.argmin(means))][1])
-        before = mean_of(state.current.by_block(CHOOSE))
-        found = [
-            Candidate(score, fitted, samples * math.log(before / mean), losses=loss)
-            for (score, fitted), loss, mean in zip(fits, losses, means, strict=True)
-        ]
+        best = min(zip(pinned, (f for _, f in fits), strict=True), key=lambda pair: pair[0] * pair[1].scatter)[1]
+        found = []
+        for (score, fitted), factor in zip(fits, pinned, strict=True):
+            cost = self.problem.policy.parameter_cost * len(fitted.terms[-1].mechanism.parameters)
+            evidence = likelihood_ratio(state.current, fitted, best, factor) - cost
+            found.append(Candidate(score, fitted, evidence, losses=fitted.by_block(CHOOSE)))
         return sorted(found, key=lambda c: -c.evidence)
 
     def _joined(self, current: SimulatedFit, score: Score, to_beat: float) -> SimulatedFit:
@@ -190,22 +188,26 @@ class BlockJudge(Judge[SimulatedFit]):
     def _better(self, state: State[SimulatedFit], candidate: Candidate[SimulatedFit]) -> bool:
         """Whether choosing blocks got better by more than chance, and by enough of what the linear rig missed.
 
-        Little of what it missed is enough where nothing but noise is left then.
+        Where hardly anything but noise is left then, it is enough that all blocks together got better by more than
+        chance, and the choosing ones not worse.
         """
         policy, before, after = self.problem.policy, state.current.by_block(CHOOSE), candidate.losses
         base = state.steps[0].before.by_block(CHOOSE) if state.steps else before
         gained, missed = mean_of(before) - mean_of(after), mean_of(base) - mean_of(after)
-        if gained <= 0:
+        if candidate.fit is None:
             return False
-        certain = candidate.evidence > policy.certain_by_blocks
-        if certain and candidate.fit is not None and self.screen(candidate.fit).p_value >= policy.level:
-            return True
-        if gained < policy.least_share * missed:
+        chosen = independent_samples(candidate.fit, CHOOSE) * math.log(mean_of(before) / mean_of(after))
+        by_more = policy.certain_by_blocks
+        if chosen > -policy.parameter_cost * len(candidate.mechanism.parameters) and candidate.evidence > by_more:
+            left = self.screen(candidate.fit)
+            if left.p_value >= policy.level or left.unexplained < policy.left_over_blocks * candidate.evidence:
+                return True
+        if gained <= 0 or gained < policy.least_share * missed:
             return False
         change = np.log(np.array(before) / np.array(after))
         spread = float(np.std(change, ddof=1)) / math.sqrt(change.size)
         by_chance = float(student.sf(float(np.mean(change)) / max(spread, 1e-300), change.size - 1))
-        return certain or by_chance < policy.chance
+        return chosen > by_more or by_chance < policy.chance
 
     def after(self, state: State[SimulatedFit], accepted: Candidate[SimulatedFit]) -> tuple[State[SimulatedFit], bool]:
         """Look at what an accepted mechanism leaves; nothing further once no share that counts is left."""
@@ -247,12 +249,11 @@ class BlockJudge(Judge[SimulatedFit]):
     def _without_idle_ones(
         self, current: SimulatedFit, steps: tuple[SelectionStep[SimulatedFit], ...]
     ) -> tuple[SimulatedFit, tuple[SelectionStep[SimulatedFit], ...]]:
-        """Leave out mechanisms that stood in for later ones: without them the choosing blocks are predicted as well."""
+        """Leave out mechanisms that stood in for later ones: without them all blocks are predicted as well."""
         taken = [k for k, step in enumerate(steps) if step.accepted is not None]
         for i in range(len(current.terms) - 1):
             lean = fit(self.problem, current.terms[:i] + current.terms[i + 1 :], current, fine=True)
-            worse = math.log(mean_of(lean.by_block(CHOOSE)) / mean_of(current.by_block(CHOOSE)))
-            if independent_samples(current) * worse < self.problem.policy.certain_by_blocks:
+            if likelihood_ratio(lean, current, current) < self.problem.policy.certain_by_blocks:
                 kept = [step for k, step in enumerate(steps) if k != taken[i]]
                 kept[0] = replace(kept[0], before=steps[0].before)
                 return self._without_idle_ones(lean, tuple(kept))
@@ -335,39 +336,3 @@ def started(score: Score) -> Term:
     factor = math.copysign(min(max(abs(score.strength), WEAKEST_START), STRONGEST_START), score.strength)
     q = next(q for q in m.parameters if q.name == m.strength)
     return term.moved({q.name: min(max(term.values[q.name] * factor, q.low), q.high)})
-
-
-def independent_samples(fitted: SimulatedFit) -> float:
-    """Return how many independent samples of a fit's residual the choosing blocks hold; a block is one at least."""
-    total = 0.0
-    for number, recorded in enumerate(fitted.problem.recordings):
-        off, at = fitted.off(number)
-        kept = int(np.sum(recorded.part[at] == CHOOSE))
-        total += sum(kept / correlation(row[np.isin(recorded.part[at], (FIT, CHOOSE))]) for row in off)
-    return max(total, float(len(fitted.by_block(CHOOSE))))
-
-
-def mean_of(losses: Sequence[float]) -> float:
-    """Return the mean square over blocks."""
-    return float(np.mean(losses))
-
-
-def held_out_rms(fitted: SimulatedFit) -> tuple[float, dict[str, float], int]:
-    """Return the error on what was held out, in the recordings' unit: all, by declared stretch, how many pieces.
-
-    The recordings are simulated from end to end: nothing is refitted on what was held out.
-    """
-    total, count, pieces = 0.0, 0, 0
-    named: dict[str, list[float]] = {}
-    for number, recorded in enumerate(fitted.problem.recordings):
-        off, at = fitted.error(number, whole=True)
-        kept = recorded.part[at] == HELD
-        total, count = total + float(np.sum(off[:, kept] ** 2)), count + int(kept.sum()) * len(off)
-        pieces += len(recorded.stretches) or np.unique(recorded.block[at][kept]).size
-        for name, where in recorded.stretches:
-            named.setdefault(name, []).append(float(np.mean(off[:, where] ** 2)))
-    return (
-        math.sqrt(total / count) if count else math.nan,
-        {name: math.sqrt(float(np.mean(v))) for name, v in named.items()},
-        pieces,
-    )

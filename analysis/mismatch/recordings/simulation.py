@@ -192,8 +192,9 @@ class Simulation:
             m = term.mechanism
             if isinstance(m, ChannelDistortion) and m.of == "sensor":
                 rows = list(term.place)
-                peak = float(np.abs(recorded.outputs[rows]).max())
-                shown[rows] = m.distort(shown[rows], {**term.values, "peak": peak}, recorded.rate_hz)
+                low, high = float(recorded.outputs[rows].min()), float(recorded.outputs[rows].max())
+                peaks = {"peak": max(-low, high), "lowest": min(low, 0.0), "highest": max(high, 0.0)}
+                shown[rows] = m.distort(shown[rows], {**term.values, **peaks}, recorded.rate_hz)
         if self.lines:
             shown += own.tones @ self.waves(number, slice(first, last))
         if recorded.band is not None and np.all(np.isfinite(shown)) and shown.shape[1] > SHORTEST_FILTERED:

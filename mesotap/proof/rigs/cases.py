@@ -219,13 +219,15 @@ def _loaded_at_random(trial: Trial, rng: np.random.Generator) -> Trial:
     return replace(trial, rig=replace(trial.rig, elements=tuple(elements)))
 
 
-def size_of(trial: Trial, refit: Refit, linear: Altered, hidden: Hidden, strength: float) -> float:
-    """Return d of an effect at a strength; infinite where it lets the rig run away."""
+def size_of(
+    trial: Trial, refit: Refit, linear: Altered, hidden: Hidden, strength: float, followed: bool = True
+) -> float:
+    """Return d of an effect at a strength; infinite where it lets the rig run away. See `Refit` for ``followed``."""
     with np.errstate(over="ignore", invalid="ignore"):
         channels = recorded(trial, hidden.add(linear, strength))
     loudest = max(float(np.max(np.abs(c))) for c in channels)
     usual = max(float(np.max(np.abs(c))) for c in recorded(trial, linear))
-    return refit(channels).d if loudest < RUNNING_AWAY * usual else math.inf
+    return refit(channels, followed).d if loudest < RUNNING_AWAY * usual else math.inf
 
 
 def _strength(trial: Trial, refit: Refit, linear: Altered, hidden: Hidden, d: float) -> tuple[float, float]:
@@ -233,8 +235,11 @@ def _strength(trial: Trial, refit: Refit, linear: Altered, hidden: Hidden, d: fl
     s = min(hidden.start, 0.5 * hidden.most)
     low, high = 0.0, math.inf
     earlier: tuple[float, float] | None = None
+    followed = False
     for _ in range(SEARCH):
-        found = size_of(trial, refit, linear, hidden, s)
+        found = size_of(trial, refit, linear, hidden, s, followed)
+        if abs(found / d - 1) < NEAR and not followed:
+            found, followed = size_of(trial, refit, linear, hidden, s), True
         if abs(found / d - 1) < NEAR:
             return s, found
         low, high = (s, high) if found < d else (low, s)

@@ -14,9 +14,11 @@ from mesotap.proof.rigs.trial import Trial, simulated
 
 Array = NDArray[np.float64]
 STEP = 1e-5  # of a constant, for derivatives
-ROUNDS = 4  # new derivatives
+ROUNDS = 12  # new derivatives
 CHORDS = 3  # steps with the same derivatives
-SHARES = (1.0, 0.3, 0.05)  # of a step, until it improves
+DAMPINGS = (0.0, 1e-6, 1e-4, 1e-2, 1.0)  # of the largest singular value's square, until a step improves
+WINDOWS = (0.03, 0.1, 0.3, 1.0)  # shares of the recordings, from their beginning, that are followed one after the other
+FAR = 10.0  # d from which on a refit may have lost the phase
 SETTLED = 2e-3  # relative change of d at which a refit ends
 RANK = 1e-7  # of the largest singular value: a direction that recordings do not determine, or only by rounding
 
@@ -30,6 +32,21 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True)
+class Slopes:
+    """Derivatives at a point: singular vectors and values of the columns, which have the norms ``size``."""
+
+    basis: Array
+    values: Array
+    rows: Array
+    size: Array
+
+    def step(self, residual: Array, damping: float) -> Array:
+        """Return the step that takes most of a residual away, damped."""
+        damped = self.values / (self.values**2 + damping * self.values[0] ** 2)
+        return np.asarray((self.rows.T * damped) @ (self.basis.T @ residual) / self.size)
+
+
+@dataclass(frozen=True, slots=True)
 class Fitted:
     """Where a refit ended: ``d``, and the whitened residual (all samples of all channels, then the constants')."""
 
@@ -39,7 +56,7 @@ class Fitted:
 
 
 class Refit:
-    """Refits of the linear rig to altered recordings of one trial, by Gauss and Newton from the truth."""
+    """Refits of the linear rig to altered recordings of one trial, by damped steps of Gauss and Newton."""
 
     def __init__(self, trial: Trial) -> None:
         self.trial = trial
@@ -47,34 +64,57 @@ class Refit:
         self.free = [key for key, constant in constants.items() if constant.free]
         self.uncertainty = {key: constants[key].uncertainty for key in self.free if constants[key].uncertainty > 0}
         self.true = Point(trial.rig.true_values(), [r.start for r in trial.records])
-        self.basis, self.first = self._derivatives(self.true)
+        self.first = self._derivatives(self.true)
 
-    def __call__(self, channels: Sequence[Array]) -> Fitted:
-        """Fit the linear rig to noise-free channels, one array (samples, sensors) for each recording."""
-        point, basis, solve = self.true, self.basis, self.first
-        residual = self._residual(channels, point)
-        d = float(np.linalg.norm(residual))
-        for round_ in range(ROUNDS):
-            if round_:
-                basis, solve = self._derivatives(point)
-            before = d
+    def __call__(self, channels: Sequence[Array], followed: bool = True) -> Fitted:
+        """Fit the linear rig to noise-free channels, one array (samples, sensors) for each recording.
+
+        Where much is left, they are also ``followed`` from their beginning on: the phase may have been lost.
+        """
+        at = self._settled(channels, self.true, 1.0)
+        if at.d < FAR or not followed:
+            return at
+        point = self.true
+        for share in WINDOWS:
+            other = self._settled(channels, point, share)
+            point = other.point
+        return min(at, other, key=lambda f: f.d)
+
+    def _settled(self, channels: Sequence[Array], point: Point, share: float) -> Fitted:
+        """Step until nothing is gained in a share of the recordings."""
+        kept = self._kept(channels, share)
+        residual = kept * self._residual(channels, point)
+        at = Fitted(float(np.linalg.norm(residual)), residual, point)
+        for _ in range(ROUNDS):
+            slopes = self.first if at.point is self.true and share == 1.0 else self._derivatives(at.point, kept)
+            before = at.d
             for _ in range(CHORDS):
-                step = solve @ (basis.T @ residual)
-                for share in SHARES:
-                    tried = self._moved(point, share * step)
-                    found = self._residual(channels, tried)
-                    if np.linalg.norm(found) < d:
-                        break
-                else:
+                found = self._stepped(channels, at, slopes, kept)
+                if found is None:
                     break
-                point, residual, d = tried, found, float(np.linalg.norm(found))
-            if abs(before - d) <= SETTLED * d:
+                at = found
+            if before - at.d <= SETTLED * at.d:
                 break
-        return Fitted(d, residual, point)
+        return at
+
+    def _stepped(self, channels: Sequence[Array], at: Fitted, slopes: Slopes, kept: Array) -> Fitted | None:
+        """Return where a step that improves leads to, None where none does."""
+        for damping in DAMPINGS:
+            tried = self._moved(at.point, slopes.step(at.residual, damping))
+            residual = kept * self._residual(channels, tried)
+            d = float(np.linalg.norm(residual))
+            if d < at.d:
+                return Fitted(d, residual, tried)
+        return None
+
+    def _kept(self, channels: Sequence[Array], share: float) -> Array:
+        """Return 1 for every row of the residual in a share of the recordings, from their beginning, and 0 beyond."""
+        rows = [np.arange(len(c)) < share * len(c) for c in channels for _ in range(c.shape[1])]
+        return np.append(np.concatenate(rows), np.ones(len(self.uncertainty))).astype(np.float64)
 
     def projected(self, signal: Array) -> Array:
         """Return what of a small whitened signal the refit does not take up."""
-        return signal - self.basis @ (self.basis.T @ signal)
+        return signal - self.first.basis @ (self.first.basis.T @ signal)
 
     def _whitened(self, channels: Sequence[Array]) -> Array:
         noises = self.trial.noises
@@ -97,15 +137,14 @@ class Refit:
         states = step[len(self.free) :].reshape(len(point.starts), -1)
         return Point(values, [start + change for start, change in zip(point.starts, states, strict=True)])
 
-    def _derivatives(self, point: Point) -> tuple[Array, Array]:
-        """Return an orthonormal basis of the derivatives, and what makes a step of a projection on it."""
+    def _derivatives(self, point: Point, kept: Array | float = 1.0) -> Slopes:
         columns = [self._of_constant(point, key) for key in self.free] + self._of_starts(point)
-        jacobian = np.stack(columns, axis=1)
+        jacobian = np.stack([kept * column for column in columns], axis=1)
         size = np.linalg.norm(jacobian, axis=0)
         size[size == 0] = 1.0
         u, s, v = np.linalg.svd(jacobian / size, full_matrices=False)
-        kept = s > RANK * s[0]
-        return u[:, kept], (v[kept].T / s[kept]) / size[:, None]
+        told = s > RANK * s[0]
+        return Slopes(u[:, told], s[told], v[told], size)
 
     def _of_constant(self, point: Point, key: Key) -> Array:
         value = point.values[key]

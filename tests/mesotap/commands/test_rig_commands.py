@@ -122,3 +122,8 @@ def test_a_decimal_comma_in_a_rig_is_told_as_one(tmp_path):
     )
     refused = run("rig", "check", file)
     assert "decimal point" in str(refused.exception)
+
+
+def test_a_recording_without_a_rig_is_told_to_need_one(driven):
+    refused = run("diagnose", driven)
+    assert "--rig" in str(refused.exception)

@@ -1,4 +1,4 @@
-"""Signals of a machine as they are: an encoder with a quantum, a drive of unknown gain that holds, a closed loop."""
+"""Signals as they are: an encoder's quantum, a held drive, a closed loop, clipping once, sticking at last."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from analysis.mismatch.diagnosis import diagnose_recordings
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.mechanisms.catalogue import catalogue, variants
+from tests.analysis.mismatch.recordings.described_rigs import motion
 
 RATE, SAMPLES, SUBSTEPS = 1000.0, 6000, 40
 MASS, DAMPING, GAIN = 2.0, 8.0, 5.0  # kg, N s/m, N/V
@@ -61,3 +62,43 @@ def test_a_held_input_described_as_band_limited_is_told_and_not_named() -> None:
     found = diagnose_recordings([stage(0.0)], rig, variants(catalogue())).answer
     assert found.verdict == "unexplained"
     assert "hold: zero" in found.location.why
+
+
+def test_clipping_that_happens_once_in_a_sweep_about_an_offset_is_named() -> None:
+    rate, samples, omega = 400.0, 4000, 2 * np.pi * 20.0
+    t = np.arange(samples) / rate
+    u = np.sin(2 * np.pi * (8.0 + 1.5 * t) * t)  # 8 to 38 Hz: through the resonance in a few of the blocks
+    x = motion(lambda s, x, v: 100 * s - omega**2 * x - 0.03 * omega * v, [0.0, 0.0], samples, rate, u)[0]
+    peak, offset = np.abs(x).max(), 0.02 * np.abs(x).max()
+    shown = np.clip(x, -0.97 * peak, 0.97 * peak) + offset
+    shown += 5e-4 * peak * np.random.default_rng(7).normal(size=samples)
+    rig = parse_rig(
+        "bodies: {mass: 1}\nsprings: [{between: [mass, ground], damping: unknown}]\n"
+        "inputs: [{channel: u, force_on: mass, gain: unknown}]\n"
+        "sensors: [{channel: x, of: mass, shows: displacement, offset: unknown}]\n"
+    )
+    found = diagnose_recordings(
+        [Recording(np.array([u, shown]), rate, ("u", "x"), "", "made")], rig, variants(catalogue())
+    )
+    assert [m.id for m in found.answer.mechanisms] == ["clipping"]
+
+
+def test_friction_that_stops_a_decay_is_followed_to_where_it_sticks() -> None:
+    rate, samples, sub, mass, stiffness, damping, friction = 200.0, 4000, 50, 1.0, 3000.0, 1.0, 2e-3
+    x, v, h = 1e-3, 0.0, 1 / 200.0 / 50
+    shown = np.zeros(samples)
+    for i in range(samples):
+        shown[i] = x
+        for _ in range(sub):  # a symplectic rule that stops dry friction at zero speed
+            free = v - h * (stiffness * x + damping * v) / mass
+            v = float(np.copysign(max(abs(free) - h * friction / mass, 0.0), free))
+            x += h * v
+    shown += 5e-8 * np.random.default_rng(3).normal(size=samples)
+    rig = parse_rig(
+        "bodies: {mass: 1}\njoints: [{between: [mass, ground]}]\n"
+        "sensors: [{channel: x, of: mass, shows: displacement, offset: unknown}]\n"
+    )
+    found = diagnose_recordings([Recording(shown[None], rate, ("x",), "", "made")], rig, variants(catalogue()))
+    assert [m.id for m in found.answer.mechanisms] == ["guide_friction"]
+    force = found.answer.mechanisms[0].parameters["friction_force_n"]
+    assert force.value == pytest.approx(friction, rel=0.02)

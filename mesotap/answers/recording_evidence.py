@@ -70,5 +70,5 @@ def _step(step: SelectionStep[SimulatedFit], *, first: bool) -> Table:
     for c in sorted((c for c in step.candidates if c.fit is not None), key=lambda c: mean_of(c.losses)):
         name = Markup("<strong>{}</strong>").format(c.id) if c is step.accepted else c.id
         rows.append((name, f"{math.sqrt(mean_of(c.losses)):.5f}"))
-    caption = "Error on blocks that took no part in fitting and by which is chosen, over the recording's rms."
+    caption = "Error on blocks that took no part in fitting, in units of the recording's noise."
     return Table(caption, ("With", "Error"), tuple(rows))

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from analysis.mismatch.recordings.account import BlockAccount, residual_band
@@ -34,6 +34,7 @@ Real = NDArray[np.float64]
 WINDOWS = 160  # in which errors are drawn against time
 SEGMENTS = 8  # averaged in a spectrum
 MOST_LINES = 4096  # samples of a segment
+TICKS, PLAIN = 5, (-2, 4)  # of an axis with a quantity of any size, and powers of ten that are written out
 RECORDING, LINEAR, NAMED = "recording", "rig as described", "with what was left out"
 
 
@@ -42,7 +43,7 @@ def rig_figure(d: BlockAccount) -> Figure:
     """Draw (a) recording and errors against time, held-out stretches shaded, (b) their spectra, (c) the law.
 
     (c) is frequency and damping against amplitude for a decay of one body, else the force that was left out along the
-    motion, against deformation.
+    motion, against deformation or its rate.
     """
     figure = blank(PAGE_MM, 118 if d.decay else 112)
     grid = figure.add_gridspec(2, 2)
@@ -142,24 +143,38 @@ def _decay(d: BlockAccount, frequency: Axes, damping: Axes, unit: str) -> None:
 
 
 def _law(d: BlockAccount, axes: Axes) -> None:
-    """Draw what the mechanisms add to the force of the element that the first of them acts in."""
+    """Draw what the mechanisms add to the force of the element that the first of them acts in.
+
+    Against deformation or its rate, whichever the force goes with.
+    """
     rig = d.described
-    axes.set_xlabel(f"Deformation [{plain(rig.length_unit)}]")
-    axes.set_ylabel(f"Force left out [{plain(rig.force_unit)}]")
+    length, force_unit = plain(rig.length_unit), plain(rig.force_unit)
+    axes.set_xlabel(f"Deformation [{length}]")
+    axes.set_ylabel(f"Force left out [{force_unit}]")
     axes.axhline(0, color=GREY, linewidth=0.5, zorder=0)
     fitted = d.selection.chosen
     if fitted is None or not any(isinstance(t.mechanism, ForceLaw) for t in fitted.terms):
         axes.text(0.5, 0.5, "nothing named in an element", transform=axes.transAxes, ha="center", color=GREY)
         return
     place = next(t.place[0] for t in fitted.terms if isinstance(t.mechanism, ForceLaw))
-    motion, force = _force(fitted, place)
-    axes.plot(motion, force, ".", color=BLUE, markersize=1.5, rasterized=False)
+    name = d.judge.problem.arrangement.elements[place].name
+    deformation, rate, force = _force(fitted, place)
+    by_rate = _roughness(rate, force) < _roughness(deformation, force)
+    axes.plot(rate if by_rate else deformation, force, ".", color=BLUE, markersize=1.5, rasterized=False)
+    axes.set_xlabel(f"Rate of {name} [{length}/s]" if by_rate else f"Deformation of {name} [{length}]")
+    axes.xaxis.set_major_locator(MaxNLocator(TICKS))
+    axes.ticklabel_format(style="sci", scilimits=PLAIN, useMathText=True)
 
 
-def _force(fitted: SimulatedFit, place: int) -> tuple[Real, Real]:
-    deformation, _ = fitted.simulation.deformations(fitted.x, fitted.own[0], 0)
+def _roughness(x: Real, y: Real) -> float:
+    """Return how far y goes up and down on the way along x: little where it is a function of x."""
+    return float(np.sum(np.abs(np.diff(y[np.argsort(x)]))))
+
+
+def _force(fitted: SimulatedFit, place: int) -> tuple[Real, Real, Real]:
+    deformation, rate = fitted.simulation.deformations(fitted.x, fitted.own[0], 0)
     recorded = fitted.problem.recordings[0]
     moved = fitted.simulation.motion(fitted.x, fitted.own[0], 0, recorded.fitted, False)
     force = np.zeros_like(deformation) if moved is None else moved.extra.T
     kept = np.linspace(0, deformation.shape[1] - 1, min(1500, deformation.shape[1])).astype(int)
-    return deformation[place, kept], force[place, kept]
+    return deformation[place, kept], rate[place, kept], force[place, kept]

@@ -7,7 +7,7 @@ import math
 from sim_backend.mechanisms.kinds import ForceLaw, Quantity, law
 
 NAME = "friction_force_n"
-ROUNDINGS = (5000.0, 50.0)  # the sign of the speed is rounded below such a share of the speed after an impact
+ROUNDINGS = (5000.0, 500.0, 50.0)  # the sign of the speed is rounded below such a share of the speed after an impact
 
 
 @law
@@ -23,6 +23,7 @@ MECHANISM = ForceLaw(
     source="Coulomb",
     parameters=(Quantity(NAME, "N", 0.0, 1e25, "friction force"),),
     strength=NAME,
+    jumps=True,
     trials=lambda scale: [{NAME: 0.001 * scale.force, "rounding": scale.rate / r} for r in ROUNDINGS],
     law=force_law,
     fits=("guide", "pendulum", "damper", "spring", "joint", "contact"),

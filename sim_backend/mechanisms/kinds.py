@@ -181,6 +181,8 @@ class ForceLaw(Mechanism):
         Whether the law must be the last one in its element (it limits what the others make).
     with_time
         Whether it makes the rig change with time, not with amplitude.
+    jumps
+        Whether its force jumps, so that slopes along a recording are taken over a distance and not at a point.
     stiffness_exponent
         What ``d ln k_c / d ln P`` has to be where this is the contact's law, and its tolerance.
     """
@@ -191,6 +193,7 @@ class ForceLaw(Mechanism):
     preloaded: bool | None = None
     last: bool = False
     with_time: bool = False
+    jumps: bool = False
     stiffness_exponent: tuple[float, float] | None = None
 
     def packed(self, values: Values, rest: AtRest, h: float) -> Real:

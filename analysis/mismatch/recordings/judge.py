@@ -105,6 +105,10 @@ class BlockJudge(Judge[SimulatedFit]):
             self.on_progress(f"fitting {name_of(scores[0].term.mechanism)}")
             best = min((f.objective for _, f in fits), default=math.inf)
             joined = [(score, self._joined(state.current, score, HOPELESS * best)) for score in scores]
+            nearest = min(joined, key=lambda pair: pair[1].scatter)
+            law = scores[0].term.mechanism
+            if isinstance(law, ForceLaw) and law.jumps:  # a jump is found from where it was rounded
+                joined += [(score, self._again(nearest[1], score)) for score in scores]
             fits.append(min(joined, key=lambda pair: pair[1].scatter))
         found = self._judged(state, fits)
         polished = [
@@ -151,6 +155,12 @@ class BlockJudge(Judge[SimulatedFit]):
             states = tuple(current.state(i) for i in range(len(current.own)))
             tried.append(fit(replace(self.problem, constants=start[0], states=states), start[1], to_beat=to_beat))
         return min(tried, key=lambda f: f.scatter)
+
+    def _again(self, fitted: SimulatedFit, score: Score) -> SimulatedFit:
+        """Fit a variant of the last term from where another one ended."""
+        last = fitted.terms[-1]
+        variant = replace(score.term, values={**last.values, **score.term.fixed})
+        return fit(self.problem, (*fitted.terms[:-1], variant), fitted)
 
     def accepts(
         self, state: State[SimulatedFit], candidates: Sequence[Candidate[SimulatedFit]]

@@ -16,8 +16,10 @@ from analysis.mismatch.least_squares import Evaluation, Linearisation, Tangent
 from analysis.mismatch.recordings.recorded import level
 from analysis.mismatch.recordings.simulation import Own, Simulation
 from sim_backend.arrays import Real
+from sim_backend.mechanisms.kinds import ForceLaw
 
 STEP = 1e-6  # of differences
+LONG_STEP = 1e-3  # the same where a force jumps: at a point a jump that passes a sample would be all of the slope
 LOST = 30.0  # residual, in levels of the channel, that stands for a simulation that ran away
 
 
@@ -33,24 +35,34 @@ def residual(
     return np.asarray(np.clip(np.where(np.isfinite(off), off, lost), -lost, lost), np.float64), at
 
 
-def slopes(changed: Callable[[Real, Own], Real], x: Real, own: Own, steps: Real, scale: Real) -> tuple[Real, Real]:
+def slopes(
+    changed: Callable[[Real, Own], Real], x: Real, own: Own, step: float, signs: Real, scale: Real
+) -> tuple[Real, Real]:
     """Return what a unit of each parameter, and of each number that is a recording's own, changes, by differences.
 
     Parameters
     ----------
     changed
         From parameters and a recording's own numbers to how (n,) residuals differ from those at ``x`` and ``own``.
-    steps, scale
-        (k,) steps of the parameters, and (own.size,) what counts as a unit of the own numbers.
+    step, signs, scale
+        Step of the differences; (k,) direction of each parameter's; (own.size,) what counts as a unit of the own
+        numbers.
 
     Returns
     -------
     tuple
         (n, k) and (n, own.size).
     """
-    places = [(x, own.moved(STEP * unit)) for unit in np.diag(scale)] + [(x + step, own) for step in np.diag(steps)]
-    rows = np.array(side_by_side(changed, places)) / np.concatenate([np.full(own.size, STEP), steps])[:, None]
+    steps = signs * step * np.maximum(1.0, np.abs(x))
+    places = [(x, own.moved(step * unit)) for unit in np.diag(scale)] + [(x + step, own) for step in np.diag(steps)]
+    rows = np.array(side_by_side(changed, places)) / np.concatenate([np.full(own.size, step), steps])[:, None]
     return rows[own.size :].T, rows[: own.size].T
+
+
+def step_of(simulation: Simulation) -> float:
+    """Return the step of differences for the forces at work."""
+    laws = (t.mechanism for t in simulation.terms if isinstance(t.mechanism, ForceLaw))
+    return LONG_STEP if any(law.jumps for law in laws) else STEP
 
 
 def side_by_side(changed: Callable[[Real, Own], Real], places: Sequence[tuple[Real, Own]]) -> list[Real]:
@@ -103,12 +115,12 @@ class SimulationModel:
     def linearise(self, at: Evaluation[Point], exact: bool) -> Linearisation:
         """Return the derivatives of every recording, by differences."""
         x, k = at.point.x, at.point.x.size
-        normal, tangents = np.zeros((k, k)), []
+        normal, tangents, step = np.zeros((k, k)), [], step_of(self.simulation)
         for number, (own, base) in enumerate(zip(at.point.own, at.residuals, strict=True)):
-            steps = STEP * np.maximum(1.0, np.abs(x))
-            steps = np.where((x + steps > self.low) & (x + steps < self.high), steps, -steps)
+            reach = x + step * np.maximum(1.0, np.abs(x))
+            signs = np.where((reach > self.low) & (reach < self.high), 1.0, -1.0)
             changed = partial(self._changed, number, base)
-            common, own_slopes = slopes(changed, x, own, steps, self.scales[number])
+            common, own_slopes = slopes(changed, x, own, step, signs, self.scales[number])
             tangent = Tangent.of(np.arange(k), own_slopes, common)
             normal += tangent.common.T @ tangent.common
             tangents.append(tangent)

@@ -10,7 +10,7 @@ import numpy as np
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import Columns
-from analysis.mismatch.recordings.model import STEP, residual, slopes
+from analysis.mismatch.recordings.model import residual, slopes, step_of
 from analysis.mismatch.recordings.noise import NoiseModel
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.recordings.simulation import Own
@@ -48,8 +48,9 @@ def columns_of(fitted: SimulatedFit, number: int, terms: Sequence[Term], ringing
             return np.array(rows), np.zeros(none.shape[1])
         return none, made(term)
 
-    steps = STEP * np.maximum(1.0, np.abs(fitted.x))
-    common, own_slopes = slopes(changed, fitted.x, own, steps, simulation.own_scale(number, own))
+    forward = np.ones(fitted.x.size)
+    scale = simulation.own_scale(number, own)
+    common, own_slopes = slopes(changed, fitted.x, own, step_of(simulation), forward, scale)
     q, _ = np.linalg.qr(own_slopes)
     columns = np.array([made(t) for t in terms]).reshape(len(terms), len(own_slopes)).T
     return Columns(np.arange(fitted.x.size), common, columns, -white(off), q, rings)

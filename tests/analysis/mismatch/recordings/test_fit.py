@@ -120,3 +120,31 @@ def test_noise_of_a_measured_input_is_no_missing_physics_and_widens_intervals() 
     assert sum(value < 0.1 for value in p) <= 4  # five of ten: once in six hundred
     spread = np.sqrt(np.mean(np.square(misses), axis=0))
     assert np.all((spread > 0.4) & (spread < 1.8))  # it was 10 where all noise was taken as white
+
+
+def test_a_jump_that_passes_a_sample_is_no_information() -> None:
+    rate, samples, sub, friction = 1000.0, 2000, 50, 1.5
+    t = np.arange(samples) / rate
+    u = 20 * (np.sin(43 * t) + np.sin(67 * t + 1)) * np.minimum(t / 0.1, 1)
+    x, v, h, acceleration = 0.0, 0.0, 1 / rate / sub, np.zeros(samples)
+    for i in range(samples):  # a symplectic rule that stops dry friction at zero speed, seen by its acceleration
+        for k in range(sub):
+            pushed = u[i] + (u[min(i + 1, samples - 1)] - u[i]) * k / sub
+            free = v + h * (pushed - 31583 * x - 2.5 * v) / 0.5
+            new = float(np.copysign(max(abs(free) - h * friction / 0.5, 0.0), free))
+            if k == 0:
+                acceleration[i] = (new - v) / h
+            x, v = x + h * new, new
+    seen = acceleration + 0.005 * np.std(acceleration) * np.random.default_rng(4).normal(size=samples)
+    rig = parse_rig(
+        "bodies: {block: 0.5}\nsprings: [{between: [block, ground]}]\n"
+        "slides: [{name: guide, between: [block, ground], damping: unknown}]\nrecording: {hold: first}\n"
+        "inputs: [{channel: u, force_on: block}]\nsensors: [{channel: a, of: block, shows: acceleration}]\n"
+    )
+    problem = problem_of(rig, [prepare(Recording(np.array([u, seen]), rate, ("u", "a"), "", "made"), rig)])
+    law = catalogue()["guide_friction"][-1]
+    place = next(i for i, e in enumerate(rig.arrangement.elements) if e.name == "guide")
+    found = fit(problem, [Term(law, {"friction_force_n": 1.5, "rounding": 1e-4}, (place,))], fine=True)
+    error = math.sqrt(found.term_covariances[0][0, 0])
+    assert 3e-4 < error < 0.1  # by differences at a point 5e-5
+    assert found.terms[0].values["friction_force_n"] == pytest.approx(friction, abs=5 * error)

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from sim_backend.arrangement import Arrangement
+from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism
 from sim_backend.mechanisms.places import Place
 
@@ -25,6 +28,16 @@ def extended(rig: Arrangement, acting: Iterable[Acting]) -> Arrangement:
         if isinstance(one.mechanism, AddedBody):
             rig = one.mechanism.extend(rig, one.values, one.place)
     return rig
+
+
+def shaken(rig: Arrangement, acting: Iterable[Acting]) -> Real:
+    """Return (bodies,) one for each added body that an acceleration of the base shakes as it does the rig's own."""
+    found = [0.0] * len(rig.bodies)
+    for one in acting:
+        rig = extended(rig, [one])
+        pushed = isinstance(one.mechanism, AddedBody) and one.mechanism.shaken
+        found += [float(pushed)] * (len(rig.bodies) - len(found))
+    return np.array(found)
 
 
 def laws_in(acting: Sequence[Acting]) -> list[tuple[int, ForceLaw, int]]:

@@ -18,7 +18,10 @@ from sim_backend.arrays import Real
 
 TIES = 1e-6  # rise of the objective that still counts as none
 LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e5
-DAMPED_MORE = 30.0  # factor from a step that failed to the next try, and back after one that did not
+DAMPED_MORE = 5.0  # factor from a step that failed to the next try, doubled with each further one
+DAMPED_LESS = 10.0  # factor back after a step that did well at once
+PROBED = 0.1  # of a step, at which its second derivative is looked up
+MOST_BENT = 0.75  # second over first derivative along a step, beyond which it is straight
 SLOW_START = 4  # linearisations after which slopes are computed in full
 
 
@@ -66,12 +69,14 @@ class Fitted(Protocol[Point]):
     """What the solver asks of a model.
 
     ``approximates`` says whether it has cheaper derivatives that leave out the model's own nonlinearity; ``reuses``,
-    whether derivatives are so costly that they serve for a second step where the first went as expected.
+    whether derivatives are so costly that they serve for a second step where the first went as expected; ``bends``,
+    whether a damped step is worth another evaluation to follow a bent valley.
     """
 
     fixed: NDArray[np.bool_]
     approximates: bool
     reuses: bool
+    bends: bool
 
     def linearise(self, at: Evaluation[Point], exact: bool) -> Linearisation:
         """Return the derivatives of every segment."""
@@ -147,6 +152,7 @@ def minimise(
     while iteration < stopping.most and not _given_up(at.objective, gain, iteration, stopping, race):
         fresh, slopes = slopes is None, slopes or model.linearise(at, exact)
         iteration += fresh
+        begun = damping
         trial, damping, expected = _tried(model, at, slopes, damping, iteration, stopping.tries if fresh else 1)
         if trial is None:
             if fresh and exact:
@@ -155,7 +161,9 @@ def minimise(
             continue
         gain = at.objective - trial.objective
         as_expected = model.reuses and exact and damping == 0 and gain > race.as_expected * expected
-        at, damping = trial, damping / DAMPED_MORE if damping > LEAST_DAMPING else 0.0
+        if damping == begun:
+            damping = damping / DAMPED_LESS if damping > LEAST_DAMPING else 0.0
+        at = trial
         if gain >= _enough(at.objective, stopping, race):
             exact = exact or iteration > SLOW_START
         else:
@@ -171,15 +179,49 @@ def _tried(
 ) -> tuple[Evaluation[Point] | None, float, float]:
     """Step with more and more damping; return the first that does not rise, its damping, and the fall it promised."""
     gradient, targets = _gradient(model, slopes, at)
-    for _ in range(tries):
+    for i in range(tries):
         step = bounded_step(slopes.normal, gradient, damping, model.fixed, model.bounds(at))
-        trial = model.moved(at, step, _own_steps(slopes, targets, step), iteration)
+        own = _own_steps(slopes, targets, step)
+        path = _bent(model, at, slopes, damping, step, own, iteration) if model.bends and damping else (step, own)
+        trial = model.moved(at, *path, iteration)
         if trial is not None and trial.objective <= at.objective + TIES:
             return trial, damping, float(gradient @ step) + sum(float(t @ t) for t in targets)
-        damping = max(DAMPED_MORE * damping, LEAST_DAMPING)
+        damping = max(2**i * DAMPED_MORE * damping, LEAST_DAMPING)
         if damping > MOST_DAMPING:
             break
     return None, damping, 0.0
+
+
+def _bent(
+    model: Fitted[Point],
+    at: Evaluation[Point],
+    slopes: Linearisation,
+    damping: float,
+    step: Real,
+    own: Sequence[Real],
+    iteration: int,
+) -> tuple[Real, Sequence[Real]]:
+    """Return a step that follows a bent valley: with half its geodesic acceleration (Transtrum and Sethna, 2012).
+
+    It is straight where the model has no second derivative along it that is small beside the first.
+    """
+    near = model.moved(at, PROBED * step, [PROBED * o for o in own], iteration)
+    if near is None:
+        return step, own
+    bends = []
+    for t, before, after, mine in zip(slopes.tangents, at.residuals, near.residuals, own, strict=True):
+        straight = t.q @ (t.r @ mine + t.cross @ step[t.where]) + t.common @ step[t.where]
+        bends.append(2 / PROBED * (straight - (before - after).ravel() / PROBED))
+    gradient = np.zeros(step.size)
+    for t, bend in zip(slopes.tangents, bends, strict=True):
+        gradient[t.where] += t.common.T @ bend
+    low, high = model.bounds(at)
+    turn = bounded_step(slopes.normal, gradient, damping, model.fixed, (2 * (low - step), 2 * (high - step)))
+    size = np.sqrt(np.maximum(np.diag(slopes.normal), 1e-300))
+    if np.linalg.norm(size * turn) * 2 > MOST_BENT * np.linalg.norm(size * step):
+        return step, own
+    turns = _own_steps(slopes, [t.q.T @ bend for t, bend in zip(slopes.tangents, bends, strict=True)], turn)
+    return step + turn / 2, [o + b / 2 for o, b in zip(own, turns, strict=True)]
 
 
 def _given_up(objective: float, gain: float, iteration: int, stopping: Stopping, race: Race) -> bool:

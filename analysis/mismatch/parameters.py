@@ -102,6 +102,12 @@ class Term(Acting):
         """Return the same mechanism with other values."""
         return replace(self, values={**self.values, **values})
 
+    def within(self, values: Mapping[str, float]) -> Term:
+        """Return it with other values, as near to them as is admissible."""
+        ranges = {q.name: (q.low, q.high) for q in self.mechanism.parameters}
+        kept = {k: min(max(v, ranges[k][0]), ranges[k][1]) if k in ranges else v for k, v in values.items()}
+        return self.moved(kept)
+
 
 def lines_of(terms: Sequence[Term]) -> list[float]:
     """Return the frequencies, Hz, of all steady tones among terms."""

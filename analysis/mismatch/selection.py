@@ -14,9 +14,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Generic
 
+from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import FitOf, OnProgress, Problem
 from analysis.mismatch.score_test import Score, Screening, screen
-from sim_backend.mechanisms.kinds import Mechanism
+from sim_backend.mechanisms.kinds import AddedBody, Mechanism, SecondImpact, Tones
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -237,3 +238,24 @@ def _forward(judge: Judge[FitOf], baseline: State[FitOf], candidates: tuple[Cand
 def name_of(mechanism: Mechanism) -> str:
     """Return what progress calls a mechanism."""
     return mechanism.id.replace("_", " ")
+
+
+def started(score: Score, weakest: float = 1e-6, strongest: float = math.inf) -> Term:
+    """Return the screened term with the strength that the score test found, in trial strengths between the two given.
+
+    Mass, stiffness and damping of an added body grow together; one without a strength has it in its inverse mass.
+    """
+    term, mechanism = score.term, score.term.mechanism
+    if isinstance(mechanism, SecondImpact | Tones):
+        return term
+    found = score.strength or 1.0
+    factor = math.copysign(min(max(abs(found), weakest), strongest), found)
+    strength, body = mechanism.strength, mechanism.body if isinstance(mechanism, AddedBody) else None
+    if strength is None:
+        if body is None or not term.phase_locked:
+            return term
+        return term.within({name: term.values[name] / abs(factor) for name in body})
+    log = next(q.log for q in mechanism.parameters if q.name == strength)
+    if body is not None and strength in body:
+        return term.within({name: term.values[name] * abs(factor) for name in body})
+    return term.within({strength: term.values[strength] * (abs(factor) if log else factor)})

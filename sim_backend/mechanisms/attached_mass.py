@@ -1,4 +1,4 @@
-"""A small part on a stiff mount rides on a body that a sensor sees: an accelerometer, a cable, a screw."""
+"""A small part on a mount rides on a body: an accelerometer, a cable, a screw."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import math
 
 from sim_backend.arrangement import Arrangement, Element, Parameter
 from sim_backend.mechanisms.kinds import AddedBody, Derived, Quantity, Scale, Values, geometric
-from sim_backend.mechanisms.places import Place, seen_bodies, unused_name
+from sim_backend.mechanisms.places import Place, every_body, unused_name
 
 MASS, STIFFNESS, DAMPING = "attached_mass_kg", "mount_stiffness_n_per_m", "mount_damping_n_s_per_m"
 TRIAL_RATIO = 0.02  # damping ratio of the mount that is tried
-TRIAL_SHARE = 1e-3  # of the body's mass: too little to change its motion other than in proportion
-LOWEST, HIGHEST = 3.0, 4.5  # resonances tried, from the lowest mode times this to the highest times this
-TRIED = 32  # resonances: neighbours lie within the width of a mount that is damped like the trial's
-LARGEST_KG = 0.05
+TRIAL_SHARE = 3e-4  # of the body's mass: too little to change its motion other than in proportion
+LOWEST, HIGHEST = 0.5, 4.5  # resonances tried, from the lowest mode times this to the highest times this
+TRIED = 64  # resonances
+LARGEST_KG = 1e3
 
 
 def extend(rig: Arrangement, values: Values, place: Place) -> Arrangement:
@@ -42,7 +42,7 @@ def damping_ratio(values: Values) -> float:
 
 
 def trials(scale: Scale) -> list[dict[str, float]]:
-    """Return light parts whose mounts resonate above the rig's lowest mode."""
+    """Return light parts whose mounts resonate from below the rig's lowest mode to above its highest."""
     mass = min(TRIAL_SHARE * scale.mass, LARGEST_KG)
     low = LOWEST * scale.frequency_hz[0]
     high = max(min(HIGHEST * scale.frequency_hz[1], scale.shown_hz), 2 * low)
@@ -63,7 +63,7 @@ MECHANISM = AddedBody(
     strength=MASS,
     trials=trials,
     extend=extend,
-    at=seen_bodies,
+    at=every_body,
     on_body=True,
     body=(MASS, STIFFNESS, DAMPING),
     derived=(

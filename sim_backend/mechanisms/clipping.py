@@ -33,6 +33,6 @@ MECHANISM = ChannelDistortion(
     distort=distort,
     at=channels_alike,
     statement=lambda values, name: (
-        f"The {name} is cut off at {100 * values[NAME]:.3g} % of the recorded peak, below the declared range."
+        f"What {name} shows is cut off at {100 * values[NAME]:.3g} % of the recorded peak, below the declared range."
     ),
 )

@@ -13,7 +13,9 @@ from sim_backend.mechanisms.places import Place, grounded_elements, unused_name
 MASS, STIFFNESS, DAMPING = "frame_mass_kg", "frame_stiffness_n_per_m", "frame_damping_n_s_per_m"
 TRIAL_RATIO = 0.02
 TRIAL_SHARE = 1e4  # of the body's mass: a frame so heavy hardly moves
-LEAST_KG, MOST_KG = 0.2, 1e5
+LOWEST, HIGHEST = 0.1, 4.5  # resonances tried, from the lowest mode times this to the highest times this
+TRIED = 64  # resonances
+LEAST_KG, MOST_KG = 1e-3, 1e5
 
 
 def extend(rig: Arrangement, values: Values, place: Place) -> Arrangement:
@@ -39,10 +41,10 @@ def frequency_hz(values: Values) -> float:
 
 
 def trials(scale: Scale) -> list[dict[str, float]]:
-    """Return heavy frames that resonate below the rig's lowest mode."""
+    """Return frames so heavy that they hardly move, which resonate from below the rig's lowest mode to above all."""
     mass = min(max(TRIAL_SHARE * scale.mass, LEAST_KG), MOST_KG)
-    lowest = scale.frequency_hz[0]
-    omegas = [2 * math.pi * f for f in geometric(0.1 * lowest, 0.85 * lowest, 12)]
+    low, high = scale.frequency_hz
+    omegas = [2 * math.pi * f for f in geometric(LOWEST * low, max(min(HIGHEST * high, scale.shown_hz), low), TRIED)]
     return [{MASS: mass, STIFFNESS: mass * w**2, DAMPING: 2 * TRIAL_RATIO * mass * w} for w in omegas]
 
 
@@ -55,13 +57,13 @@ MECHANISM = AddedBody(
     source="two-mass foundation model",
     parameters=(
         Quantity(MASS, "kg", LEAST_KG, MOST_KG, "mass that moves", log=True),
-        Quantity(STIFFNESS, "N/m", 1e-3, 1e11, "stiffness below it", log=True),
-        Quantity(DAMPING, "N s/m", 1e-9, 1e7, "damping below it", log=True),
+        Quantity(STIFFNESS, "N/m", 1e-3, 1e14, "stiffness below it", log=True),
+        Quantity(DAMPING, "N s/m", 1e-9, 1e9, "damping below it", log=True),
     ),
     strength=None,
     trials=trials,
     extend=extend,
-    at=lambda rig: grounded_elements(rig, ("spring", "joint")),
+    at=lambda rig: grounded_elements(rig, ("spring", "joint", "contact", "pendulum")),
     body=(MASS, STIFFNESS, DAMPING),
     phase_locked=True,
     derived=(COMPLIANCE,),

@@ -225,6 +225,8 @@ class AddedBody(Mechanism):
         Whether the added body is set going by the rig alone, so that its phase is that of the rig's modes.
     on_body
         Whether the place is the number of a body, not of an element.
+    shaken
+        Whether an acceleration of the base shakes the added body as it does the rig's own.
     """
 
     extend: Callable[[Arrangement, Values, Place], Arrangement]
@@ -232,6 +234,7 @@ class AddedBody(Mechanism):
     body: tuple[str, str, str] | None = None
     phase_locked: bool = False
     on_body: bool = False
+    shaken: bool = True
 
     def places(self, rig: Arrangement) -> list[Place]:
         """Return what ``at`` says."""

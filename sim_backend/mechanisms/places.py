@@ -18,7 +18,8 @@ def fitting_elements(
     Parameters
     ----------
     fits
-        Roles, likeliest first. Where the rig has an element of the first one, only such elements are returned.
+        Roles, likeliest first: so are the elements. One that carries the preload, which has laws of its own, is left
+        out where there are others, unless it has the first of the roles.
     preloaded
         Whether the element must carry the preload (True) or must not (False).
     undamped
@@ -34,8 +35,9 @@ def fitting_elements(
         own = [i for i in group if rig.elements[i].role in fits and preloaded in (None, rig.elements[i].preload)]
         if own:
             found.append(min(own, key=lambda i: fits.index(rig.elements[i].role)))
-    likeliest = [i for i in found if rig.elements[i].role == fits[0]]
-    return list(dict.fromkeys(_equal_to(rig, i) for i in likeliest or found))
+    found.sort(key=lambda i: fits.index(rig.elements[i].role))
+    own = [i for i in found if rig.elements[i].role == fits[0] or not rig.elements[i].preload]
+    return list(dict.fromkeys(_equal_to(rig, i) for i in own or found))
 
 
 def _equal_to(rig: Arrangement, element: int) -> Place:
@@ -43,10 +45,9 @@ def _equal_to(rig: Arrangement, element: int) -> Place:
     return (element,) if group is None else tuple(i for i, e in enumerate(rig.elements) if e.alike == group)
 
 
-def seen_bodies(rig: Arrangement) -> list[Place]:
-    """Return the bodies that sensors see by themselves, each once."""
-    alone = [s.row[0][0] for s in rig.sensors if len(s.row) == 1]
-    return [(rig.bodies.index(body),) for body in dict.fromkeys(alone)]
+def every_body(rig: Arrangement) -> list[Place]:
+    """Return all bodies."""
+    return [(i,) for i in range(len(rig.bodies))]
 
 
 def channels_alike(rig: Arrangement) -> list[Place]:
@@ -74,11 +75,8 @@ def each_input(rig: Arrangement) -> list[Place]:
 
 
 def grounded_elements(rig: Arrangement, roles: Sequence[Role]) -> list[Place]:
-    """Return elements between a body and the ground: of bodies that sensors see, where there are any."""
-    seen = {rig.bodies[body] for (body,) in seen_bodies(rig)}
-    found = [i for i, e in enumerate(rig.elements) if e.role in roles and len(e.row) == 1 and _is_number(e.row)]
-    of_seen = [i for i in found if rig.elements[i].row[0][0] in seen]
-    return [(i,) for i in of_seen or found]
+    """Return elements between a body and the ground."""
+    return [(i,) for i, e in enumerate(rig.elements) if e.role in roles and len(e.row) == 1 and _is_number(e.row)]
 
 
 def _is_number(row: Row) -> bool:

@@ -72,7 +72,7 @@ def trials(scale: Scale) -> list[dict[str, float]]:
 MECHANISM = AddedBody(
     id="rocking",
     component="lower mass",
-    summary="the mass turns; A and B differ with opposite sign",
+    summary="a body turns; its two sensors differ with opposite sign",
     source="rigid body with an eccentric contact",
     parameters=(
         Quantity(OFFSET, "1", -1.0, 1.0, "offset of what turns it over the accelerometers' distance from the axis"),
@@ -85,8 +85,9 @@ MECHANISM = AddedBody(
     at=at,
     body=(INERTIA, STIFFNESS, DAMPING),
     one_signed=False,
+    shaken=False,
     statement=lambda values, name: (
-        f"A body at the {name} turns as well as moves, held against turning by {values[STIFFNESS]:.3g} N/m at the "
-        "accelerometers: A and B differ with opposite sign, as of a contact off the axis."
+        f"A body at the {name}, which pushes off its axis, turns as well as moves, held against turning by "
+        f"{values[STIFFNESS]:.3g} N/m at its two sensors, which differ with opposite sign."
     ),
 )

@@ -68,8 +68,10 @@ def test_equal_springs_share_a_place_in_the_tester() -> None:
     [
         ("hertz_stiffness", [(2,)], []),  # needs a preload
         ("contact_loss", [(2,)], []),
-        ("guide_friction", [(3,)], [(4,)]),  # of all that could rub, the guide
-        ("attached_mass", [(1,)], [(0,), (1,)]),  # each body that a sensor sees
+        ("guide_friction", [(3,), (0, 1)], [(4,), (5,), (2,), (3,)]),  # the guide first; not the loaded contact
+        ("tube_spring_cubic", [(0, 1)], [(0,), (5,), (2,), (3,)]),  # the springs first
+        ("attached_mass", [(0,), (1,)], [(0,), (1,)]),  # each body, seen or not
+        ("frame_compliance", [(0,), (1,)], [(0,), (3,), (5,)]),  # whatever stands on the ground
         ("rocking", [(2, 0, 1)], []),  # needs two sensors on a body
         ("channel_skew", [(1,)], [(0,), (1,)]),
         ("clipping", [(0, 1)], [(0,), (1,)]),

@@ -23,9 +23,8 @@ from analysis.mismatch.recordings.noise import NoiseModel, Whitening, floor_of, 
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, UNUSED, Recorded, duration, level
 from analysis.mismatch.recordings.signatures import columns_of
 from analysis.mismatch.recordings.simulation import Own, Simulation
-from analysis.mismatch.recordings.start_values import start_values
+from analysis.mismatch.recordings.start_values import first_state, start_values
 from analysis.mismatch.rig_description import DescribedRig
-from analysis.session import AnalysisError
 from sim_backend.arrangement import Arrangement
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, Mechanism, Scale, SecondImpact, Tones
@@ -34,7 +33,7 @@ ROUGH_STEPS, FINE_STEPS = 30, 100
 ROUGH, FINE = 1e-4, 1e-8  # relative fall at which a fit that only ranks rivals ends, and one that is used
 FIRST_DAMPING, MOST_TRIES = 1e-3, 8
 SHOWN = 0.4  # of the sampling rate, up to which a recording shows what there is
-FIRST_PERIODS, FEWEST_FIRST = 4, 40  # of the highest mode (at least one of the lowest), samples: they tell the state
+RIGID = 1e-3  # of the highest mode, below which one is a rigid motion
 LEAST_NOISE = 1e-5  # of a channel's rms, that a recording is believed to have
 STAGES = (0.05, 0.15, 0.4)  # of a free decay: its phase is followed before all of it is fitted
 
@@ -47,6 +46,10 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
     ----------
     constants, highest_hz, states
         Starting values of all constants, highest mode (Hz), (2n,) state of each recording where fitting begins.
+    rivals
+        Other constants and states that spectra hardly tell from these.
+    plain
+        Whether residuals are compared with what mechanisms do as they are, and not whitened.
     """
 
     rig: DescribedRig
@@ -57,6 +60,8 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
     policy: SelectionPolicy = POLICY
     budget: ComputeBudget = field(default_factory=ComputeBudget, compare=False)
     noise_known: bool = False
+    rivals: tuple[tuple[Mapping[str, float], tuple[Real, ...]], ...] = ()
+    plain: bool = False
 
     @property
     def arrangement(self) -> Arrangement:  # type: ignore[override]
@@ -95,7 +100,11 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
         """
         recordings = tuple(replace(r, unit=_noise_of(by, i)) for i, r in enumerate(self.recordings))
         states = tuple(by.state(i) for i in range(len(by.own)))
-        return replace(self, recordings=recordings, constants=by.values, states=states)
+        return replace(self, recordings=recordings, constants=by.values, states=states, rivals=())
+
+    def starts(self) -> list[SimulatedRecordings]:
+        """Return it from each of the starting points that spectra hardly tell apart, the likeliest first."""
+        return [self, *(replace(self, constants=c, states=s) for c, s in self.rivals)]
 
     def allows(self, mechanism: Mechanism) -> bool:
         """Whether the recordings can show it: a band has no harmonics, which tell a bent scale from a bent spring."""
@@ -115,17 +124,25 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
         moved = float(np.mean(mass)) * speed**2 / reach
         stiffness = values[element.stiffness] if element.stiffness else 0.0
         static = self.rig.preload_n / stiffness if element.preload and stiffness else 0.0
-        hz = speed / reach / (2 * math.pi)
+        modes = self._modes_hz(values)
         longest = max(duration(r) for r in self.recordings)
         seen = self.arrangement.bodies.index(self.arrangement.sensors[0].row[0][0])
         return Scale(
-            reach, speed, static, max(stiffness * reach, moved), (hz, max(self.highest_hz, hz)), longest,
-            float(mass[seen]), SHOWN * min(r.rate_hz for r in self.recordings),
+            reach, speed, static, max(stiffness * reach, moved), (modes.min(), max(self.highest_hz, modes.max())),
+            longest, float(mass[seen]), SHOWN * min(r.rate_hz for r in self.recordings),
         )  # fmt: skip
+
+    def _modes_hz(self, values: Mapping[str, float]) -> Real:
+        """Return the undamped modes that are no rigid motion, Hz."""
+        mass, _, stiffness = self.arrangement.matrices(values)
+        hz = np.sqrt(np.abs(np.linalg.eigvals(stiffness / mass[:, None]))) / (2 * math.pi)
+        moving = hz[hz >= RIGID * self.highest_hz]
+        return np.asarray(moving if moving.size else [self.highest_hz], np.float64)
 
     def columns(self, fitted: SimulatedFit, terms: Sequence[Term], ringing: Sequence[Term]) -> list[Iterator[Columns]]:
         """Return the columns of all recordings, whitened by an autoregression of the residual."""
-        return [iter([columns_of(fitted, number, terms, ringing) for number in range(len(self.recordings))])]
+        every = range(len(self.recordings))
+        return [iter([columns_of(fitted, number, terms, ringing, self.plain) for number in every])]
 
     def precision(self, fitted: SimulatedFit) -> Real:
         """Return none: what is declared is not weighed against a residual whose noise is not known."""
@@ -294,6 +311,7 @@ def _spread(model: SimulationModel, found: Evaluation[Point], values: Mapping[st
     slopes = model.linearise(found, True)
     inverse = covariance(slopes.normal)
     inner = np.zeros(inverse.shape)
+    basis = slopes.basis
     for number, (recorded, tangent) in enumerate(zip(simulation.recordings, slopes.tangents, strict=True)):
         off, at = residual(simulation, point.x, point.own[number], number)
         used = np.isin(recorded.part[at], model.parts)
@@ -302,7 +320,7 @@ def _spread(model: SimulationModel, found: Evaluation[Point], values: Mapping[st
         inner += NoiseModel.of(simulation.rig, values, recorded, (off, used)).information(columns)
     for i, _, error in model.prior:
         inner[i, i] += model.noise / error**2 * model.noise
-    return np.asarray(inverse @ inner @ inverse, np.float64)
+    return np.asarray(basis @ inverse @ inner @ inverse @ basis.T, np.float64)
 
 
 def problem_of(rig: DescribedRig, recordings: Sequence[Recorded]) -> SimulatedRecordings:
@@ -313,33 +331,6 @@ def problem_of(rig: DescribedRig, recordings: Sequence[Recorded]) -> SimulatedRe
     AnalysisError
         The rig as described cannot have made them.
     """
-    values, highest = start_values(rig, list(recordings))
-    states = tuple(_first_state(rig, r, values, highest) for r in recordings)
-    return SimulatedRecordings(rig, tuple(recordings), values, highest, states)
-
-
-def _first_state(rig: DescribedRig, recorded: Recorded, values: Mapping[str, float], highest_hz: float) -> Real:
-    """Return the state (2n,) that the linear rig must have had for the first periods, by linear least squares."""
-    n = len(rig.arrangement.bodies)
-    if not recorded.free:
-        return np.zeros(2 * n)
-    mass, _, stiffness = rig.arrangement.matrices(values)
-    slow = float(np.sqrt(np.abs(np.linalg.eigvals(stiffness / mass[:, None])).min())) / (2 * math.pi)
-    periods = max(FIRST_PERIODS / highest_hz, 1 / max(slow, 1e-300))
-    count = min(max(round(periods * recorded.rate_hz), FEWEST_FIRST), recorded.samples - 2 * recorded.edge)
-    window = slice(recorded.edge, recorded.edge + count)
-    simulation = Simulation(rig, [recorded], values, highest_hz)
-    scale = np.repeat([1.0, 2 * math.pi * highest_hz], n)
-    columns = []
-    for j in range(2 * n):
-        own = simulation.own(np.eye(2 * n)[j] * scale)
-        shown, _ = simulation.run(simulation.begin(), own, 0, samples=window.stop + recorded.edge + 2)
-        columns.append((shown[:, window] / level(recorded)[:, None]).ravel())
-    target = (recorded.outputs[:, window] / level(recorded)[:, None]).ravel()
-    if not np.all(np.isfinite(columns)):
-        raise AnalysisError(
-            f"{recorded.source}: the rig {rig.name!r} as described runs away from any start: its constants or "
-            "its times are far from what was recorded; check their units"
-        )
-    found = np.linalg.lstsq(np.stack(columns, axis=1), target, rcond=1e-6)[0]
-    return np.asarray(found * scale, np.float64)
+    found, highest = start_values(rig, list(recordings))
+    first, *rivals = [(values, tuple(first_state(rig, r, values, highest) for r in recordings)) for values in found]
+    return SimulatedRecordings(rig, tuple(recordings), first[0], highest, first[1], rivals=tuple(rivals))

@@ -20,19 +20,21 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.blocks import independent_samples, likelihood_ratio, mean_of
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit, problem_of
+from analysis.mismatch.recordings.ranking import Ranking
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.recordings.regression import regressed
 from analysis.mismatch.recordings.start_check import better_unknown, with_unknown
 from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
 from analysis.mismatch.rig_description import Hold
-from analysis.mismatch.score_test import Score
-from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of
+from analysis.mismatch.score_test import Score, screen
+from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of, started
 from sim_backend.force_law import SLOTS
 from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
 
 STRONGEST_START, WEAKEST_START = 30.0, 0.1  # trial strengths that a fit begins with at most and at least
+LIGHTEST_START = 1e4  # the same, of a frame, whose trial is so many times as heavy as the rig
+UNLIKE_NOISE = 4.0  # mean square of what is missed, over that of what cannot be predicted, from which little is noise
 NEAR_LINEAR = 0.01  # mean square of what the linear rig misses, in levels of the channels, up to which it starts well
-VARIANTS = 3  # of a mechanism in a place, with other values of what is no parameter, that are fitted
 HOPELESS = 4.0  # times the best objective so far, from which a competing fit is given up
 CONSTANTS = 2  # that are tried with other values where the rig as described misses most
 AS_WELL = 4.0  # mean square over that of what is named, up to which another constant explains as well
@@ -91,17 +93,16 @@ class BlockJudge(Judge[SimulatedFit]):
     def candidates(self, state: State[SimulatedFit]) -> Candidates:
         """Fit the best screened mechanisms in full; those that rank first until they have converged."""
         policy = self.problem.policy
-        alike: dict[tuple[str, tuple[int, ...]], dict[frozenset[tuple[str, float]], Score]] = {}
-        for score in state.screening.scores:  # best first; what is no parameter has to be tried
-            variants = alike.setdefault(score.term.key, {})
-            variants.setdefault(frozenset(score.term.fixed.items()), score)
-        ranked = [list(variants.values())[:VARIANTS] for variants in alike.values()]
         near_linear = state.current.missed < NEAR_LINEAR
-        promising = ranked[0][0].gain * policy.promising_by_blocks if ranked and near_linear else 0.0
-        finalists = max(sum(s[0].gain >= promising for s in ranked[: policy.finalists_by_blocks]), policy.polished)
+        ranking = Ranking.of(state.screening.scores, policy, near_linear)
+        if state.current.scatter > UNLIKE_NOISE:
+            # a whitening that is made from the residual whitens away what it holds of a mechanism
+            known = [m for m in self.known if not (state.current.terms and self.problem.one_decay and with_time(m))]
+            plain = screen(replace(self.problem, plain=True), state.current, known)
+            ranking = Ranking.of(plain.scores, policy, near_linear).and_then(ranking, policy.finalists_by_blocks)
         # far from the truth a score test says little of size and sign: what is small in it may be large in full
         fits: list[tuple[Score, SimulatedFit]] = []
-        for scores in ranked[:finalists]:
+        for scores in ranking.scores[: ranking.finalists]:
             self.on_progress(f"fitting {name_of(scores[0].term.mechanism)}")
             best = min((f.objective for _, f in fits), default=math.inf)
             joined = [(score, self._joined(state.current, score, HOPELESS * best)) for score in scores]
@@ -115,7 +116,7 @@ class BlockJudge(Judge[SimulatedFit]):
             (c.score, fit(self.problem, c.fit.terms, c.fit, fine=True)) for c in found[: policy.polished] if c.fit
         ]
         rest = [(c.score, c.fit) for c in found[policy.polished :] if c.fit]
-        unfitted: Candidates = tuple(Candidate(scores[0], None, -math.inf) for scores in ranked[finalists:])
+        unfitted: Candidates = tuple(Candidate(s[0], None, -math.inf) for s in ranking.scores[ranking.finalists :])
         return (*self._judged(state, polished + rest), *unfitted)
 
     def _judged(
@@ -142,13 +143,13 @@ class BlockJudge(Judge[SimulatedFit]):
 
         A fit that comes too slowly nearer to an objective ``to_beat`` is given up.
         """
-        term = started(score)
+        strongest = STRONGEST_START if score.term.mechanism.strength else LIGHTEST_START
+        term = started(score, WEAKEST_START, strongest)
         terms = (*current.terms, term)
         tried = [fit(self.problem, terms, current, to_beat=to_beat)]
         if current.missed < NEAR_LINEAR:
             return tried[0]
-        if not current.terms and any(r.free for r in self.problem.recordings):
-            # the linear rig has lost the phase somewhere along the decay
+        if not current.terms:  # the linear rig has lost the phase somewhere along the recording
             tried.append(fit(self.problem, terms, current, staged=True, to_beat=to_beat))
         start = regressed(current.simulation, current.values, terms)
         if start is not None:
@@ -220,7 +221,7 @@ class BlockJudge(Judge[SimulatedFit]):
         return chosen > by_more or by_chance < policy.chance
 
     def after(self, state: State[SimulatedFit], accepted: Candidate[SimulatedFit]) -> tuple[State[SimulatedFit], bool]:
-        """Look at what an accepted mechanism leaves; nothing further once no share that counts is left."""
+        """Look at what an accepted mechanism leaves; nothing further once that is noise, or no share that counts."""
         if accepted.fit is None:
             return state, False
         base = mean_of(state.steps[0].before.by_block(CHOOSE))
@@ -228,7 +229,8 @@ class BlockJudge(Judge[SimulatedFit]):
             return State(accepted.fit, state.screening, state.steps), False
         self.on_progress("looking at what is left")
         known = [m for m in self.known if not (self.problem.one_decay and with_time(m))]
-        return State(accepted.fit, self.screen(accepted.fit, known), state.steps), True
+        left = self.screen(accepted.fit, known)
+        return State(accepted.fit, left, state.steps), left.p_value < self.problem.policy.level
 
     def outcome(self, baseline: State[SimulatedFit], state: State[SimulatedFit]) -> Selection[SimulatedFit]:
         """Return the selection: what goes with time may win, forces of any shape are tried beside it."""
@@ -332,17 +334,7 @@ class BlockJudge(Judge[SimulatedFit]):
 
 def _linear(problem: SimulatedRecordings) -> SimulatedFit:
     """Return the linear rig fitted to the fitting blocks."""
-    begun = fit(problem, fine=True)
+    begun = min((fit(start, fine=True) for start in problem.starts()), key=lambda f: f.objective)
     if begun.missed < NEAR_LINEAR or not any(r.free for r in problem.recordings):
         return begun
     return min(begun, fit(problem, staged=True, fine=True), key=lambda f: f.objective)
-
-
-def started(score: Score) -> Term:
-    """Return the screened term with the strength that the score test found, within what it can tell."""
-    term, m = score.term, score.term.mechanism
-    if m.strength is None:
-        return term
-    factor = math.copysign(min(max(abs(score.strength), WEAKEST_START), STRONGEST_START), score.strength)
-    q = next(q for q in m.parameters if q.name == m.strength)
-    return term.moved({q.name: min(max(term.values[q.name] * factor, q.low), q.high)})

@@ -16,7 +16,7 @@ from analysis.mismatch.least_squares import Evaluation, Linearisation, Tangent
 from analysis.mismatch.recordings.recorded import level
 from analysis.mismatch.recordings.simulation import Own, Simulation
 from sim_backend.arrays import Real
-from sim_backend.mechanisms.kinds import ForceLaw
+from sim_backend.mechanisms.kinds import AddedBody, ForceLaw
 
 STEP = 1e-6  # of differences
 LONG_STEP = 1e-3  # the same where a force jumps: at a point a jump that passes a sample would be all of the slope
@@ -86,7 +86,7 @@ class Point:
 class SimulationModel:
     """See `analysis.mismatch.least_squares.Fitted`; ``share`` of a free decay is fitted, of these parts."""
 
-    approximates, reuses = False, True
+    approximates, reuses, bends = False, True, True
 
     def __init__(self, simulation: Simulation, own: Sequence[Own], parts: Sequence[int], share: float):
         self.simulation, self.parts = simulation, tuple(parts)
@@ -95,11 +95,11 @@ class SimulationModel:
         self.low, self.high = np.array(low), np.array(high)
         self.fixed = np.zeros(self.low.size, bool)
         self.samples = [
-            None if share >= 1.0 or not r.free else math.ceil(share * (r.fitted.stop - r.fitted.start))
-            for r in simulation.recordings
+            None if share >= 1.0 else math.ceil(share * (r.fitted.stop - r.fitted.start)) for r in simulation.recordings
         ]
         self.prior = [(i, *p.prior) for i, p in enumerate(simulation.parameters) if p.prior is not None]
         self.noise = 1.0  # variance by which priors are weighed
+        self.basis = _basis(simulation)
 
     def used(self, x: Real, own: Own, number: int) -> Real:
         """Return minus the residual (c, m) at the samples that are fitted."""
@@ -113,7 +113,7 @@ class SimulationModel:
         return Evaluation(point, sum(float(np.vdot(r, r)) for r in rows) + penalty, float(penalty), rows)
 
     def linearise(self, at: Evaluation[Point], exact: bool) -> Linearisation:
-        """Return the derivatives of every recording, by differences."""
+        """Return the derivatives of every recording, by differences, with respect to steps in the basis."""
         x, k = at.point.x, at.point.x.size
         normal, tangents, step = np.zeros((k, k)), [], step_of(self.simulation)
         for number, (own, base) in enumerate(zip(at.point.own, at.residuals, strict=True)):
@@ -121,12 +121,12 @@ class SimulationModel:
             signs = np.where((reach > self.low) & (reach < self.high), 1.0, -1.0)
             changed = partial(self._changed, number, base)
             common, own_slopes = slopes(changed, x, own, step, signs, self.scales[number])
-            tangent = Tangent.of(np.arange(k), own_slopes, common)
+            tangent = Tangent.of(np.arange(k), own_slopes, common @ self.basis)
             normal += tangent.common.T @ tangent.common
             tangents.append(tangent)
         for i, _, error in self.prior:
             normal[i, i] += self.noise / error**2
-        return Linearisation(np.eye(k), normal, tuple(tangents))
+        return Linearisation(self.basis, normal, tuple(tangents))
 
     def _changed(self, number: int, base: Real, x: Real, own: Own) -> Real:
         return np.asarray(base - self.used(x, own, number), np.float64).ravel()
@@ -136,15 +136,33 @@ class SimulationModel:
         out = np.zeros(at.point.x.size)
         for i, mean, error in self.prior:
             out[i] = -self.noise * (at.point.x[i] - mean) / error**2
-        return out
+        return np.asarray(basis.T @ out, np.float64)
 
     def bounds(self, at: Evaluation[Point]) -> tuple[Real, Real]:
-        """Return how far each parameter may go."""
-        return self.low - at.point.x, self.high - at.point.x
+        """Return how far each step may go; what follows another one is cut off where it ends."""
+        follows = np.count_nonzero(self.basis, axis=1) > 1
+        low, high = self.low - at.point.x, self.high - at.point.x
+        return np.where(follows, -np.inf, low), np.where(follows, np.inf, high)
 
     def moved(self, at: Evaluation[Point], step: Real, own: Sequence[Real], iteration: int) -> Evaluation[Point] | None:
         """Return the evaluation after a step."""
-        x = np.clip(at.point.x + step, self.low, self.high)
+        x = np.clip(at.point.x + self.basis @ step, self.low, self.high)
         moved = [o.moved(s * scale) for o, s, scale in zip(at.point.own, own, self.scales, strict=True)]
         found = self.evaluate(Point(x, tuple(moved)))
         return found if math.isfinite(found.objective) else None
+
+
+def _basis(simulation: Simulation) -> Real:
+    """Return (k, k) what steps mean: a heavier added body keeps its frequency and damping ratio.
+
+    These the recordings tell far better than mass, stiffness and damping one by one.
+    """
+    at = {(p.owner, p.name): k for k, p in enumerate(simulation.parameters) if p.scope == "mechanism" and p.log}
+    basis = np.eye(len(simulation.parameters))
+    for i, term in enumerate(simulation.terms):
+        body = term.mechanism.body if isinstance(term.mechanism, AddedBody) else None
+        if body is not None and all((i, name) in at for name in body):
+            mass, stiffness, damping = (at[i, name] for name in body)
+            basis[stiffness, mass] = basis[damping, mass] = 1.0
+            basis[damping, stiffness] = 0.5
+    return basis

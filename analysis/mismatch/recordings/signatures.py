@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.mismatch.parameters import Term
+from analysis.mismatch.parameters import Term, lines_of
 from analysis.mismatch.problem import Columns
+from analysis.mismatch.recordings.inputs import at_rest_between_pulses
 from analysis.mismatch.recordings.model import residual, slopes, step_of
 from analysis.mismatch.recordings.noise import NoiseModel
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
-from analysis.mismatch.recordings.simulation import Own
+from analysis.mismatch.recordings.simulation import Own, Simulation
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import Tones
 
@@ -21,32 +22,45 @@ if TYPE_CHECKING:
     from analysis.mismatch.recordings.fit import SimulatedFit
 
 
-def columns_of(fitted: SimulatedFit, number: int, terms: Sequence[Term], ringing: Sequence[Term]) -> Columns:
-    """Return what a recording's residual is compared with; held-out samples take no part."""
-    simulation, recorded = fitted.simulation, fitted.problem.recordings[number]
+def columns_of(
+    fitted: SimulatedFit, number: int, terms: Sequence[Term], ringing: Sequence[Term], plain: bool = False
+) -> Columns:
+    """Return what a recording's residual is compared with, whitened unless ``plain``; held-out samples take no part."""
+    recorded = fitted.problem.recordings[number]
+    # the noise of a force cell is in the residual: in what a mechanism does to it, it would look like the mechanism
+    simulation = fitted.simulation.with_inputs(number, at_rest_between_pulses)
     own = fitted.own[number]
     off, at = fitted.off(number)
+    shown = off if simulation is fitted.simulation else residual(simulation, fitted.x, own, number)[0]
     used = np.isin(recorded.part[at], (FIT, CHOOSE))
     noise = NoiseModel.of(fitted.problem.rig, fitted.values, recorded, (off, used))
 
     def white(y: Real) -> Real:
-        return noise.white(y)[:, used].ravel()
+        return (y if plain else noise.white(y))[:, used].ravel()
 
     def changed(x: Real, moved: Own) -> Real:
-        return white(residual(simulation, x, moved, number)[0] - off)
+        return white(residual(simulation, x, moved, number)[0] - shown)
+
+    def with_term(term: Term) -> tuple[Simulation, Own]:
+        other = simulation.with_terms((*fitted.terms, term), fitted.values)
+        return other, replace(other.own(fitted.state(number)), tones=own.tones)
 
     def made(term: Term) -> Real:
-        other = simulation.with_terms((*fitted.terms, term), fitted.values)
-        state = replace(other.own(fitted.state(number)), tones=own.tones)
-        return white(residual(other, other.begin(), state, number)[0] - off)
+        other, state = with_term(term)
+        return white(residual(other, other.begin(), state, number)[0] - shown)
 
     def rings(index: int) -> tuple[Real, Real]:
-        term, none = ringing[index], np.zeros((0, int(used.sum()) * len(off)))
-        if isinstance(term.mechanism, Tones):
-            waves = simulation.waves(number, at, term.mechanism.lines(term.values))
-            rows = [white(np.where(np.arange(len(off))[:, None] == c, w, 0.0)) for c in range(len(off)) for w in waves]
-            return np.array(rows), np.zeros(none.shape[1])
-        return none, made(term)
+        if not isinstance(ringing[index].mechanism, Tones):
+            other, state = with_term(ringing[index])
+            begun = residual(other, other.begin(), state, number)[0]
+            scale = np.diag(other.own_scale(number, state))
+            starts = [i + j for i in (0, other.n) for j in range(simulation.n, other.n)]
+            moved = [residual(other, other.begin(), state.moved(scale[i]), number)[0] for i in starts]
+            made_by = white(begun - shown)
+            return np.array([white(y - begun) for y in moved]).reshape(len(starts), made_by.size), made_by
+        waves = simulation.waves(number, at, lines_of([ringing[index]]))
+        rows = [white(np.where(np.arange(len(off))[:, None] == c, w, 0.0)) for c in range(len(off)) for w in waves]
+        return np.array(rows), np.zeros(int(used.sum()) * len(off))
 
     forward = np.ones(fitted.x.size)
     scale = simulation.own_scale(number, own)

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from scipy import signal
-from scipy.fft import next_fast_len
 
 from analysis.mismatch.parameters import FreeParameter, Term, lines_of, with_values
+from analysis.mismatch.recordings.inputs import raised
 from analysis.mismatch.recordings.recorded import Recorded
 from analysis.mismatch.rig_description import DescribedRig
-from sim_backend.acting import extended, laws_in
+from sim_backend.acting import extended, laws_in, shaken
 from sim_backend.arrangement import DERIVATIVES, Row
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion
@@ -25,7 +25,6 @@ Values = Mapping[str, float]
 PER_PERIOD: Final = 56  # substeps in a period of the rig's highest mode, at least
 FEWEST_SUBSTEPS: Final = 3  # dry friction turns at once, however slow the rig
 MOST_SUBSTEPS: Final = 8
-MIRRORED: Final = 64  # samples put before and after an input so that its interpolation does not ring
 SHORTEST_FILTERED: Final = 60  # samples that a band's filter can be run over
 SINGULAR: Final = 1e9  # condition of a stiffness matrix that says nothing of where the rig rests
 
@@ -80,6 +79,7 @@ class Simulation:
         self.highest_hz = highest_hz
         self.arrangement = extended(rig.arrangement, terms)
         self.n = len(self.arrangement.bodies)
+        self._shaken = shaken(rig.arrangement, terms)
         self.constants = {**self.arrangement.declared(), **constants}
         self.lines = lines_of(terms)
         self.substeps = [self._substeps(r) for r in self.recordings]
@@ -96,6 +96,17 @@ class Simulation:
     def with_terms(self, terms: Sequence[Term], constants: Values) -> Simulation:
         """Return a simulation of the same recordings with other mechanisms and starting values."""
         return Simulation(self.rig, self.recordings, constants, self.highest_hz, terms)
+
+    def with_inputs(self, number: int, changed: Callable[[Real], Real]) -> Simulation:
+        """Return a simulation with other inputs of one recording; this one where nothing is changed."""
+        recorded = self.recordings[number]
+        rows = list(recorded.inputs)
+        inputs = [changed(u) for u in rows]
+        if all(a is b for a, b in zip(inputs, rows, strict=True)):
+            return self
+        recordings = list(self.recordings)
+        recordings[number] = replace(recorded, inputs=np.array(inputs))
+        return Simulation(self.rig, recordings, self.constants, self.highest_hz, self.terms)
 
     def _parameters(self) -> list[FreeParameter]:
         found = []
@@ -255,7 +266,7 @@ class Simulation:
 
     def _pushed(self, row: Row, base: bool, constants: Values, mass: Real) -> Real:
         vector = self.arrangement.vector(row, constants)
-        return np.asarray(-mass * vector if base else vector, np.float64)
+        return np.asarray(-mass * (vector + self._shaken) if base else vector, np.float64)
 
     def _between(self, recorded: Recorded, sub: int) -> Real:
         """Return the inputs at the substeps (at the samples where they are held)."""
@@ -265,7 +276,7 @@ class Simulation:
         at = np.arange((samples - 1) * sub + 1)
         if self.rig.hold == "first":
             return np.array([np.interp(at / sub, np.arange(samples), u) for u in recorded.inputs])
-        return np.array([_band_limited(u, sub)[: at.size] for u in recorded.inputs])
+        return np.array([raised(u, sub)[: at.size] for u in recorded.inputs])
 
     def _force(
         self,
@@ -328,15 +339,6 @@ def _sensible(mass: Real, damping: Real, stiffness: Real, rate: float) -> bool:
         return False
     fastest = math.sqrt(float(np.abs(stiffness / mass[:, None]).sum(axis=1).max()))
     return fastest < 40 * rate and float(np.abs(damping / mass[:, None]).sum(axis=1).max()) < 100 * rate
-
-
-def _band_limited(u: Real, sub: int) -> Real:
-    """Return an input at the substeps, such that straight lines between them have its spectrum up to half the rate."""
-    long = np.concatenate([2 * u[0] - u[MIRRORED:0:-1], u, 2 * u[-1] - u[-2 : -MIRRORED - 2 : -1]])
-    size = int(next_fast_len(long.size + 1, real=True))
-    long = np.concatenate([long, np.linspace(long[-1], long[0], size - long.size + 2)[1:-1]])
-    spectrum = np.fft.rfft(long) / np.sinc(np.fft.rfftfreq(size) / sub) ** 2
-    return np.asarray(signal.resample(np.fft.irfft(spectrum, size), size * sub)[MIRRORED * sub :], np.float64)
 
 
 def _rms(row: Real) -> float:

@@ -27,6 +27,8 @@ RELATIVE_NOISE: Final = 0.02  # that declared constants are weighed against
 POLYNOMIAL: Final = 3  # terms, in the frequency, of what begins and ends at samples and not at once
 MOST_EXPONENT: Final = 40.0
 LOGARITHMIC: Final = ("kg", "N/m", "N s/m")
+POWER_OF_TIME: Final = {"kg": 0, "N/m": 2, "N s/m": 1}  # by which constants of a faster rig are larger
+FASTER: Final = 0.7  # deviation of the logarithm of how fast rigs are that fits begin with
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +90,7 @@ class Unknowns:
         self.bent = [p for p in (*unknown, *uncertain) if p.unit in LOGARITHMIC]
         self.gains = [p for p in unknown if p.name in gains]
         size = usual_sizes(rig, centre)
-        told = [p in uncertain for p in self.bent]
+        self.told = told = [p in uncertain for p in self.bent]
         self.usual = np.array([math.log(p.value if t else size[p.unit]) for p, t in zip(self.bent, told, strict=True)])
         self.spread = np.array([p.uncertainty / p.value if t else 1.0 for p, t in zip(self.bent, told, strict=True)])
         self.weight = np.where(told, RELATIVE_NOISE, WEAK_PRIOR) / self.spread
@@ -104,9 +106,13 @@ class Unknowns:
         return [p.name for p in (*self.bent, *self.gains)]
 
     def drawn(self, random: np.random.Generator, count: int) -> list[Real]:
-        """Return starting points: the usual values, and others about them."""
-        each = [random.normal(0.0, 1.0, len(self.bent)) * self.spread * (i > 0) for i in range(count)]
-        return [np.concatenate([q, np.ones(len(self.gains))]) for q in each]
+        """Return starting points: the usual values, and others about them, each of a rig that is faster or slower."""
+        power = np.array([0 if told else POWER_OF_TIME[p.unit] for p, told in zip(self.bent, self.told, strict=True)])
+        each = random.normal(0.0, 1.0, (count, len(self.bent))) * self.spread
+        faster = random.normal(0.0, FASTER, (count, 1))
+        points = each + faster * power
+        points[0] = 0.0
+        return list(np.column_stack([points, np.ones((count, len(self.gains)))]))
 
     def constants(self, x: Real) -> dict[str, float]:
         """Return the values of all constants."""

@@ -1,4 +1,4 @@
-"""Starting values of a fit: unknown constants of the linear rig, from spectra of pieces of the recordings.
+"""Starting values of a fit: constants of the linear rig, from spectra of pieces of the recordings, and states.
 
 Pieces of recordings are weighed by ``exp(-alpha t)``. A large ``alpha`` makes resonances broad, and they are found from
 far away; it is then taken back until whole recordings are looked at.
@@ -7,30 +7,33 @@ far away; it is then taken back until whole recordings are looked at.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 
 from analysis.mismatch.recordings.recorded import Recorded, level
+from analysis.mismatch.recordings.simulation import Simulation
 from analysis.mismatch.recordings.spectral_model import Piece, SpectralModel, Unknowns
 from analysis.mismatch.rig_description import DescribedRig, Hold
 from analysis.session import AnalysisError
 from sim_backend.arrays import Complex, Real
 
 DRAWS: Final = 200  # random starting points
-ATTEMPTS: Final = ((10, 4, 2, 1), (30, 15, 8, 1), (30, 15, 8, 1))  # of them kept after each stage
-SAME: Final = 0.99  # of the best cost so far, below which an attempt found another minimum
+ATTEMPTS: Final = ((10, 4, 2, 2), (30, 15, 8, 4), (30, 15, 8, 4))  # of them kept after each stage
+SAME: Final = 0.999  # of a minimum's cost, below which one is another minimum
+AS_GOOD: Final = 4.0  # times the best cost, up to which spectra do not tell which of several minima is meant
 WHITE: Final = 2.5  # mean over median of the squares that noise leaves (2.2 of white noise), up to which a start is it
 STAGES: Final = (0.15, 0.03, 0.006, 0.0)  # weights alpha, of the spectra's mean angular frequency
 FADED: Final = 6.0  # time constants of the exponential that a piece is long
 PIECES: Final = 6  # that are looked at in a stage
 LINES, FEWEST_LINES = 400, 80  # of all pieces' spectra together, of each
+FIRST_PERIODS, FEWEST_FIRST = 4, 40  # of the highest mode (at least one of the lowest), samples: they tell the state
 SEED: Final = 7  # of the first attempt's starting points, then one more
 
 
-def start_values(rig: DescribedRig, recordings: Sequence[Recorded]) -> tuple[dict[str, float], float]:
-    """Return a value for every constant of the rig, and the highest frequency of it, Hz.
+def start_values(rig: DescribedRig, recordings: Sequence[Recorded]) -> tuple[list[dict[str, float]], float]:
+    """Return values for the constants of the rig, the likeliest first, and the highest frequency of it, Hz.
 
     Raises
     ------
@@ -38,7 +41,7 @@ def start_values(rig: DescribedRig, recordings: Sequence[Recorded]) -> tuple[dic
         The rig as described neither swings nor comes to rest.
     """
     values = _from_spectra(rig, recordings)
-    mass, damping, stiffness = rig.arrangement.matrices(values)
+    mass, damping, stiffness = rig.arrangement.matrices(values[0])
     highest = float(np.abs(_poles(mass, damping, stiffness)).max()) / (2 * math.pi)
     if not 0 < highest < math.inf:
         raise AnalysisError(
@@ -47,8 +50,8 @@ def start_values(rig: DescribedRig, recordings: Sequence[Recorded]) -> tuple[dic
     return values, min(highest, 0.5 * recordings[0].rate_hz)
 
 
-def _from_spectra(rig: DescribedRig, recordings: Sequence[Recorded]) -> dict[str, float]:
-    """Return the constants with which the linear rig is nearest to the recordings' spectra."""
+def _from_spectra(rig: DescribedRig, recordings: Sequence[Recorded]) -> list[dict[str, float]]:
+    """Return the constants with which the linear rig is nearest to the recordings' spectra, and others as near."""
     centre = _centre(recordings)
     unknowns = Unknowns(rig, centre)
     longest = max(r.samples / r.rate_hz for r in recordings)
@@ -56,20 +59,31 @@ def _from_spectra(rig: DescribedRig, recordings: Sequence[Recorded]) -> dict[str
     # all of it is a shorter piece than some ask for
     looked_at = [(k, alpha) for k, alpha in enumerate(alphas) if not alpha or alpha * longest >= FADED]
     stages = [(k, SpectralModel(unknowns, pieces_of(recordings, alpha, rig.hold), centre)) for k, alpha in looked_at]
-    whole, best, cost = stages[-1][1], np.zeros(0), math.inf
+    whole, found, least = stages[-1][1], list[Real](), math.inf
     for number, kept in enumerate(ATTEMPTS):
         points = unknowns.drawn(np.random.default_rng(SEED + number), DRAWS if unknowns.bent else 1)
         for k, model in stages:
             if len(points) > kept[0]:
                 points = sorted((model.begun(x) for x in points), key=model.cost)[: kept[0]]
-            points = sorted((model.improved(x) for x in points), key=model.cost)[: kept[k]]
+            points = _distinct(model, [model.improved(x) for x in points])[: kept[k]]
+        found += points
         squares = whole.evaluated(points[0])[0] ** 2
-        settled = bool(np.sum(squares) > SAME * cost or np.mean(squares) < WHITE * np.median(squares))
-        if np.sum(squares) < cost:
-            best, cost = points[0], float(np.sum(squares))
+        settled = bool(np.sum(squares) > SAME * least or np.mean(squares) < WHITE * np.median(squares))
+        least = min(least, float(np.sum(squares)))
         if settled or not unknowns.bent:
             break
-    return unknowns.constants(best)
+    return [unknowns.constants(x) for x in _distinct(whole, found) if whole.cost(x) <= AS_GOOD * least]
+
+
+def _distinct(model: SpectralModel, points: Sequence[Real]) -> list[Real]:
+    """Return points, the best first, without those that lie in the minimum of a better one."""
+    found: list[Real] = []
+    costs: list[float] = []
+    for cost, point in sorted(((model.cost(x), x) for x in points), key=lambda pair: pair[0]):
+        if not costs or costs[-1] < SAME * cost:
+            found.append(point)
+            costs.append(cost)
+    return found
 
 
 def _poles(mass: Real, damping: Real, stiffness: Real) -> Complex:
@@ -104,3 +118,30 @@ def _centre(recordings: Sequence[Recorded]) -> float:
         omega = 2 * math.pi * np.fft.rfftfreq(y.shape[1], 1 / recorded.rate_hz)
         total, moment = total + float(power.sum()), moment + float(omega @ power)
     return moment / max(total, 1e-300) or 1.0
+
+
+def first_state(rig: DescribedRig, recorded: Recorded, values: Mapping[str, float], highest_hz: float) -> Real:
+    """Return the state (2n,) that the linear rig must have had for the first periods, by linear least squares."""
+    n = len(rig.arrangement.bodies)
+    if not recorded.free:
+        return np.zeros(2 * n)
+    mass, _, stiffness = rig.arrangement.matrices(values)
+    slow = float(np.sqrt(np.abs(np.linalg.eigvals(stiffness / mass[:, None])).min())) / (2 * math.pi)
+    periods = max(FIRST_PERIODS / highest_hz, 1 / max(slow, 1e-300))
+    count = min(max(round(periods * recorded.rate_hz), FEWEST_FIRST), recorded.samples - 2 * recorded.edge)
+    window = slice(recorded.edge, recorded.edge + count)
+    simulation = Simulation(rig, [recorded], values, highest_hz)
+    scale = np.repeat([1.0, 2 * math.pi * highest_hz], n)
+    columns = []
+    for j in range(2 * n):
+        own = simulation.own(np.eye(2 * n)[j] * scale)
+        shown, _ = simulation.run(simulation.begin(), own, 0, samples=window.stop + recorded.edge + 2)
+        columns.append((shown[:, window] / level(recorded)[:, None]).ravel())
+    target = (recorded.outputs[:, window] / level(recorded)[:, None]).ravel()
+    if not np.all(np.isfinite(columns)):
+        raise AnalysisError(
+            f"{recorded.source}: the rig {rig.name!r} as described runs away from any start: its constants or "
+            "its times are far from what was recorded; check their units"
+        )
+    found = np.linalg.lstsq(np.stack(columns, axis=1), target, rcond=1e-6)[0]
+    return np.asarray(found * scale, np.float64)

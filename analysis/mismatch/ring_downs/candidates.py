@@ -16,36 +16,11 @@ from analysis.mismatch.ring_downs.coordinates import admissible
 from analysis.mismatch.ring_downs.fit import COMPETING_ITERATIONS, Complex, Start, Stop, fit, without_added
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
 from analysis.mismatch.score_test import Score, screen
-from analysis.mismatch.selection import Candidate
-from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism, SecondImpact, Tones
+from analysis.mismatch.selection import Candidate, started
+from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism, Tones
 
 Begin = tuple[Term, RingDownFit | None]
 """Values of a term, and the fit whose rig it starts from; None for the rig as declared."""
-
-
-def started(score: Score) -> Term:
-    """Return the screened term with the strength that the score test found."""
-    term, mechanism = score.term, score.term.mechanism
-    if isinstance(mechanism, SecondImpact | Tones):
-        return term
-    quantities = {q.name: q for q in mechanism.parameters}
-    values = dict(term.values)
-    strength = mechanism.strength
-    if strength is None:
-        if not term.phase_locked:
-            return term
-        factor = max(abs(score.strength), 1e-6)
-        return term.moved({k: v / factor for k, v in values.items()})
-    factor = score.strength if score.strength != 0 else 1.0
-    if isinstance(mechanism, AddedBody) and quantities[strength].log:
-        # a body of this strength: mass, stiffness and damping grow together
-        values = {k: v * abs(factor) if k in quantities else v for k, v in values.items()}
-    else:
-        value = values[strength] * factor
-        values[strength] = abs(value) if quantities[strength].log else value
-    for name, q in quantities.items():
-        values[name] = min(max(values[name], q.low), q.high)
-    return term.moved(values)
 
 
 def screened_evidence(score: Score) -> float:

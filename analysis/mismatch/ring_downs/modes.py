@@ -210,7 +210,7 @@ def sensitivities(constants: Constants, analog: StateSpace, experiment: Experime
         middle, *moved = rigs[g * len(moves) : (g + 1) * len(moves)]
         up, down = moved[:count], moved[count:]
         for i, (a, b) in enumerate(zip(up, down, strict=True)):
-            if not np.array_equal(a.weight, b.weight):
+            if not all(np.array_equal(moved.weight, middle.weight) for moved in (a, b)):
                 raise Overdamped(f"a mode stops oscillating where {names[i]} is {at[g, i]:g}")
         twice = 2 * step[g]
         found.append(

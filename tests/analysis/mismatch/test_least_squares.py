@@ -45,6 +45,7 @@ class Segments:
     precision: Real
     approximates: bool = False
     reuses: bool = False
+    bends: bool = False
     fixed: NDArray[np.bool_] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -133,22 +134,26 @@ def test_what_is_fixed_stays_and_the_rest_is_the_best_beside_it() -> None:
 
 @dataclass
 class Rosenbrock:
-    """Residuals ``10 (y - x^2)`` and ``1 - x``; y is the segment's own where ``projected``."""
+    """Residuals ``steepness (y - x^2)`` and ``1 - x``; y is the segment's own where ``projected``."""
 
     projected: bool
+    bends: bool = False
     approximates: bool = False
     reuses: bool = False
+    steepness: float = 10.0
+    linearised: int = 0
 
     @property
     def fixed(self) -> NDArray[np.bool_]:
         return np.zeros(1 if self.projected else 2, bool)
 
     def evaluate(self, xy: Real) -> Evaluation[Real]:
-        residual = np.array([10 * (xy[0] ** 2 - xy[1]), 1 - xy[0]])
+        residual = -np.array([self.steepness * (xy[1] - xy[0] ** 2), xy[0] - 1])
         return Evaluation(xy, float(residual @ residual), 0.0, (residual,))
 
     def linearise(self, at: Evaluation[Real], exact: bool) -> Linearisation:
-        slopes = np.array([[-20 * at.point[0], 10.0], [1.0, 0.0]])
+        self.linearised += 1
+        slopes = np.array([[-2 * self.steepness * at.point[0], self.steepness], [1.0, 0.0]])
         own, common = (slopes[:, 1:], slopes[:, :1]) if self.projected else (np.zeros((2, 0)), slopes)
         tangent = Tangent.of(np.arange(common.shape[1]), own, common)
         return Linearisation(np.eye(common.shape[1]), tangent.common.T @ tangent.common, (tangent,))
@@ -169,6 +174,16 @@ def test_a_narrow_curved_valley_is_followed_to_its_end(start: tuple[float, float
     model = Rosenbrock(projected)
     found, _ = minimise(model, model.evaluate(np.array(start)), UNTIL_CONVERGED, POLICY.race())
     np.testing.assert_allclose(found.point, [1.0, 1.0], atol=1e-6)
+
+
+@pytest.mark.parametrize("start", [(-1.2, 1.0), (3.0, -2.0), (0.0, 10.0)])
+def test_a_step_that_follows_a_bent_valley_needs_half_as_many_linearisations(start: tuple[float, float]) -> None:
+    models = [Rosenbrock(False, bends, steepness=1000.0) for bends in (False, True)]
+    for model in models:
+        stopping = Stopping(2000, 1e-9, damping=1e-3)
+        found, _ = minimise(model, model.evaluate(np.array(start)), stopping, POLICY.race())
+        np.testing.assert_allclose(found.point, [1.0, 1.0], atol=1e-4)
+    assert models[1].linearised < models[0].linearised / 2
 
 
 @given(st.floats(-0.95, 0.95), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-0.5, 0.5))

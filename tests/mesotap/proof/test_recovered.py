@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from analysis.mismatch.answer import Interval
-from analysis.mismatch.ring_downs.candidates import started
 from analysis.mismatch.ring_downs.fit import Stop, fit
 from analysis.mismatch.score_test import screen
+from analysis.mismatch.selection import started
 from daq.session_file import read_session
 from mesotap.proof.generator.scenarios import Scenario, make
 from mesotap.proof.parameters import true_parameters

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from analysis.mismatch.diagnosis import diagnose_recordings
 from daq.exchange import Recording
@@ -102,3 +103,30 @@ def test_friction_that_stops_a_decay_is_followed_to_where_it_sticks() -> None:
     assert [m.id for m in found.answer.mechanisms] == ["guide_friction"]
     force = found.answer.mechanisms[0].parameters["friction_force_n"]
     assert force.value == pytest.approx(friction, rel=0.02)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_noise_of_a_force_cell_is_no_filter_of_the_accelerometer(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    rate, samples, mass, stiffness, damping = 2000.0, 4000, 0.5, 31.6e3, 2.5
+    pieces = 20
+    fine = np.arange((samples - 1) * pieces + 1) / rate / pieces
+    push = np.zeros(fine.size)
+    for tap in range(5):
+        begun, peak = 0.05 + 0.38 * tap + random.uniform(0, 0.04), random.uniform(30, 60)
+        at = (fine > begun) & (fine < begun + 8e-3)
+        push[at] += peak * np.sin(np.pi * (fine[at] - begun) / 8e-3) ** 2
+    state = signal.lti([1 / mass, 0, 0], [1, damping / mass, stiffness / mass])
+    shown = signal.lsim(state, push, fine)[1][::pieces]
+    force = push[::pieces] + 2e-3 * push.max() * random.normal(size=samples)
+    shown = shown + 3e-3 * shown.std() * random.normal(size=samples)
+    rig = parse_rig("""
+bodies: {block: 0.5}
+springs: [{between: [block, ground], damping: unknown}]
+inputs: [{channel: 0, force_on: block}]
+sensors: [{channel: 1, of: block, shows: acceleration}]
+""")
+    found = diagnose_recordings(
+        [Recording(np.array([force, shown]), rate, ("0", "1"), "", "made")], rig, variants(catalogue())
+    ).answer
+    assert found.verdict == "consistent"

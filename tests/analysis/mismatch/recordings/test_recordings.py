@@ -170,3 +170,55 @@ def test_strong_noise_does_not_make_a_sound_rig_far_off(u: Real, pole: float) ->
     found = answer_of(rig, [recorded([u, y + y.std() * noise / noise.std()], RATE, 0.0)], KNOWN)
     assert found.verdict == "consistent"
     assert not found.far_off
+
+
+def test_a_part_that_resonates_between_the_modes_of_two_bodies_is_named() -> None:
+    known = [m for m in variants(catalogue()) if m.id in (*SHORT, "attached_mass", "frame_compliance", "channel_skew")]
+    mass = np.array([1.0, 0.6, 0.02])  # the part rides on the first, at 16 Hz between 11 and 23 Hz
+    k = np.array([[18e3, -8e3, 0], [-8e3, 8e3, 0], [0, 0, 0]])
+    c = np.array([[1.3, -0.5, 0], [-0.5, 0.5, 0], [0, 0, 0]])
+    for matrix, value in ((k, 202.0), (c, 0.08)):
+        matrix[np.ix_([0, 2], [0, 2])] += value * np.array([[1, -1], [-1, 1]])
+    recordings = []
+    for seed, loud in ((1, 1.0), (2, 0.35)):
+        start = [loud * v for v in (1e-3, -1.5e-3, 1e-3, 0.25, 0.12, 0.0)]
+        z = motion(lambda s, x, v: -(c @ v + k @ x) / mass, start, 1600, 400.0)
+        noise = np.random.default_rng(seed).normal(size=(2, 1600)) * 3e-3 * z[3:5].std(axis=1, keepdims=True)
+        recordings.append(Recording(z[3:5] + noise, 400.0, ("a", "b"), "", "made"))
+    rig = parse_rig("""
+bodies: {one: 1.0, two: 0.6}
+joints: [{name: lower, between: [one, ground]}, {name: upper, between: [two, one]}]
+sensors: [{channel: a, of: one, shows: velocity}, {channel: b, of: two, shows: velocity}]
+""")
+    found = answer_of(rig, recordings, known)
+    assert named(found) == ["attached_mass"]
+    part = found.mechanisms[0].parameters
+    assert part["attached_mass_kg"].value == pytest.approx(0.02, rel=0.1)
+    assert part["mount_frequency_hz"].value == pytest.approx(16.0, rel=0.01)
+
+
+def test_of_a_spring_and_a_pendulum_it_is_the_pendulum_that_is_bent() -> None:
+    known = [catalogue()[name][-1] for name in (*SHORT, "end_stop", "spring_asymmetry", "attached_mass")]
+    u = np.repeat([0.0, 5e-4, -4e-4, 3e-4], 500)
+
+    def rest(s: float, x: Real, v: Real) -> Real:
+        pendulum, spring = 333 * x[0] + 0.46 * v[0] + 1.1e11 * x[0] ** 3, 348 * (x[1] - x[0]) + 0.7 * (v[1] - v[0])
+        return np.array([(spring - pendulum) / 0.75, (s - spring) / 1.2])
+
+    z, at = [], np.zeros(4)
+    for level in u[::500]:  # held between steps, which a spline would ring at
+        z.append(motion(lambda s, x, v, push=level: rest(push, x, v), list(at), 501, 135.0))
+        at = z[-1][:, -1]
+    x, v = np.split(np.hstack([part[:, :-1] for part in z]), 2)
+    rows = [u, np.array([rest(s, *pair)[0] for s, *pair in zip(u, x.T, v.T, strict=True)])]
+    rig = parse_rig("""
+bodies: {one: 0.75, two: 1.2}
+pendulums: [{between: [one, ground]}]
+springs: [{between: [two, one], damping: unknown}]
+inputs: [{channel: 0, force_on: two}]
+recording: {hold: zero}
+sensors: [{channel: 1, of: one, shows: acceleration}]
+""")
+    found = answer_of(rig, [recorded(rows, 135.0, 1e-3)], known)
+    assert named(found) == ["tube_spring_cubic"]
+    assert found.mechanisms[0].parameters["cubic_stiffness_n_per_m3"].value == pytest.approx(1.1e11, rel=0.1)

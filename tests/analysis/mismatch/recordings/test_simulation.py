@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.recordings.simulation import Simulation
 from mesotap.configuration.rig_files import parse_rig
+from sim_backend.mechanisms.catalogue import catalogue
 from tests.analysis.mismatch.recordings.described_rigs import RATE, SAMPLES, recorded, sensor
 
 
@@ -48,3 +50,25 @@ def test_one_step_between_samples_is_exact_without_laws(hold: str, monkeypatch: 
     assert (one.substeps, seven.substeps) == ([1], [7])
     shown = [s.run(s.begin(), s.own(np.array([0.1, -0.2, 1.0, 3.0])), 0)[0] for s in (one, seven)]
     np.testing.assert_allclose(shown[0], shown[1], rtol=0, atol=1e-9 * np.abs(shown[1]).max())
+
+
+@pytest.mark.parametrize("name", ["attached_mass", "frame_compliance"])
+def test_a_base_shakes_what_is_added_to_a_rig_as_well(name: str) -> None:
+    rig = parse_rig(
+        "bodies: {mass: 2}\nsprings: [{between: [mass, ground], stiffness: 800, damping: 4}]\n"
+        "inputs: [{channel: 0, base_acceleration: true}]\n" + sensor("displacement")
+    )
+    t, omega = np.arange(SAMPLES) / RATE, 15.0
+    prepared = prepare(recorded([np.sin(omega * t), np.ones(SAMPLES) + t], RATE, 0.0), rig)
+    constants = {p.name: p.value for p in rig.arrangement.parameters}
+    mechanism = catalogue()[name][0]
+    k, c = 800 + 4j * omega, 150 + 20j * omega  # of the spring, and of what is added, whose mass is 0.3 kg
+    term = Term(mechanism, dict(zip((q.name for q in mechanism.parameters), (0.3, 150.0, 20.0), strict=True)), (0,))
+    added = {"attached_mass": [[k + c, -c], [-c, c]], "frame_compliance": [[k, -k], [-k, k + c]]}[name]
+    response = np.linalg.solve(np.array(added) - omega**2 * np.diag([2.0, 0.3]), [-2.0, -0.3])[0]
+    simulation = Simulation(rig, [prepared], constants, 4.0, [term])
+    shown, _ = simulation.run(simulation.begin(), simulation.own(np.zeros(2)), 0)
+    late = (t > 9) & (t < 11.8)
+    np.testing.assert_allclose(
+        shown[0, late], np.imag(response * np.exp(1j * omega * t[late])), atol=2e-3 * abs(response)
+    )

@@ -1,0 +1,58 @@
+"""Measured inputs: what they do between samples, and between pulses."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from scipy import signal
+from scipy.fft import next_fast_len
+
+from sim_backend.arrays import Real
+
+MIRRORED: Final = 64  # samples put before and after an input so that its interpolation does not ring
+NORMAL: Final = 1.4826  # standard deviation over the median of the magnitudes, of normal noise
+PEAK: Final = 30.0  # times the noise, that pulses reach
+STANDS_OUT: Final = 6.0  # times the noise, that noise does not reach
+MOST_AT_WORK: Final = 0.3  # of the samples, in pulses
+CORRELATED: Final = 0.3  # of neighbouring samples, from which on what lies between is no noise
+LEAST_MARGIN: Final = 5  # samples before and after a pulse, or as many as it is long
+
+
+def at_rest_between_pulses(u: Real) -> Real:
+    """Return an input (n,) that is its mean between pulses; as it is where it is not made of pulses.
+
+    Between pulses nothing acts, and what is recorded there is the noise of the force cell: this is the force window of
+    modal testing.
+
+    Examples
+    --------
+    >>> tap = np.zeros(1000)
+    >>> tap[100:110] = 50.0
+    >>> noisy = tap + 0.1 * np.random.default_rng(1).standard_normal(1000)
+    >>> float(np.ptp(at_rest_between_pulses(noisy)[300:])), at_rest_between_pulses(tap) is tap
+    (0.0, True)
+    """
+    off = np.abs(u - np.median(u))
+    noise = NORMAL * float(np.median(off))
+    if noise == 0 or off.max() < PEAK * noise:
+        return u
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], off > STANDS_OUT * noise, [False]])))
+    at_work = np.zeros(u.size, np.bool_)
+    for first, last in zip(ends[::2], ends[1::2], strict=True):
+        margin = max(LEAST_MARGIN, last - first)
+        at_work[max(first - margin, 0) : last + margin] = True
+    rest = u[~at_work] - u[~at_work].mean() if not at_work.all() else u
+    correlated = float(rest[1:] @ rest[:-1]) > CORRELATED * float(rest @ rest)
+    if np.mean(at_work) > MOST_AT_WORK or correlated:
+        return u
+    return np.where(at_work, u, u[~at_work].mean())
+
+
+def raised(u: Real, sub: int) -> Real:
+    """Return an input at the substeps, such that straight lines between them have its spectrum up to half the rate."""
+    long = np.concatenate([2 * u[0] - u[MIRRORED:0:-1], u, 2 * u[-1] - u[-2 : -MIRRORED - 2 : -1]])
+    size = int(next_fast_len(long.size + 1, real=True))
+    long = np.concatenate([long, np.linspace(long[-1], long[0], size - long.size + 2)[1:-1]])
+    spectrum = np.fft.rfft(long) / np.sinc(np.fft.rfftfreq(size) / sub) ** 2
+    return np.asarray(signal.resample(np.fft.irfft(spectrum, size), size * sub)[MIRRORED * sub :], np.float64)

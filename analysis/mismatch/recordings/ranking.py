@@ -1,0 +1,58 @@
+"""Which screened mechanisms are fitted to recordings, and from which of their trials."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+
+from analysis.mismatch.policy import SelectionPolicy
+from analysis.mismatch.score_test import Score
+from sim_backend.mechanisms.kinds import AddedBody
+
+VARIANTS = 3  # of a mechanism in a place, with other values of what is no parameter, that are fitted
+APART = 0.2  # of the logarithms of resonances of an added body that are fitted both
+
+
+@dataclass(frozen=True, slots=True)
+class Ranking:
+    """Scores of each mechanism in each place, the best first, ``finalists`` of which earn a fit."""
+
+    scores: tuple[tuple[Score, ...], ...]
+    finalists: int
+
+    @classmethod
+    def of(cls, scores: Sequence[Score], policy: SelectionPolicy, near_linear: bool) -> Ranking:
+        """Rank scores, which come best first; where little is missed, those that promise little earn no fit."""
+        alike: dict[tuple[str, tuple[int, ...]], list[Score]] = {}
+        for score in scores:
+            kept = alike.setdefault(score.term.key, [])
+            if len(kept) < VARIANTS and all(_another_start(score, other, policy.other_start) for other in kept):
+                kept.append(score)
+        ranked = tuple(map(tuple, alike.values()))
+        promising = ranked[0][0].gain * policy.promising_by_blocks if ranked and near_linear else 0.0
+        finalists = sum(s[0].gain >= promising for s in ranked[: policy.finalists_by_blocks])
+        return cls(ranked, max(finalists, policy.polished))
+
+    def and_then(self, other: Ranking, most: int) -> Ranking:
+        """Return two rankings as one, in turn from each; what earns a fit in either does, up to so many."""
+        a, b = self.scores, other.scores
+        pairs = zip_longest(a[: self.finalists], b[: other.finalists])
+        in_turn = [scores for pair in pairs for scores in pair if scores is not None]
+        found: dict[tuple[str, tuple[int, ...]], tuple[Score, ...]] = {}
+        for scores in (*in_turn, *a[self.finalists :], *b[other.finalists :]):
+            found.setdefault(scores[0].term.key, scores)
+        return Ranking(tuple(found.values()), min(len({scores[0].term.key for scores in in_turn}), most))
+
+
+def _another_start(score: Score, better: Score, share: float) -> bool:
+    """Whether what is no parameter has another value, or an added body another frequency and a share of the gain."""
+    one, other = score.term, better.term
+    if one.fixed != other.fixed:
+        return True
+    body = one.mechanism.body if isinstance(one.mechanism, AddedBody) else None
+    if body is None or score.gain < share * better.gain:
+        return False
+    apart = [math.log(t.values[body[1]] / t.values[body[0]]) / 2 for t in (one, other)]
+    return abs(apart[0] - apart[1]) > APART

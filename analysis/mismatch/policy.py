@@ -13,6 +13,7 @@ from analysis.mismatch.least_squares import Race
 PRACTICE = "the 44 practice sessions"
 SEALED = "blind validations with seeds 1 to 8"
 RECORDED = "Silverbox and the bolted beam"
+RECENT = "blind validation of described rigs with seed 808"
 DRAWN = "blind validations of described rigs with seeds 505 and 606"
 
 
@@ -39,6 +40,9 @@ class SelectionPolicy:
     finalists_by_blocks: int = _chosen(16, "candidates that are fitted to a recording", "candidates", RECORDED, 50)
     promising_by_blocks: float = _chosen(
         0.02, "share of the best score's gain that earns a fit where the linear rig misses little", "1", DRAWN, 86
+    )
+    unlike_noise: float = _chosen(
+        4.0, "mean square of what is missed, over what cannot be predicted of it, that is no noise", "1", RECENT, 87
     )
     polished: int = _chosen(3, "of them, fitted until converged", "candidates", RECORDED, 50)
     held_against_sweeps: int = _chosen(4, "of them, compared with steady responses", "candidates", RECORDED, 50)

@@ -33,7 +33,6 @@ from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
 
 STRONGEST_START, WEAKEST_START = 30.0, 0.1  # trial strengths that a fit begins with at most and at least
 LIGHTEST_START = 1e4  # the same, of a frame, whose trial is so many times as heavy as the rig
-UNLIKE_NOISE = 4.0  # mean square of what is missed, over that of what cannot be predicted, from which little is noise
 NEAR_LINEAR = 0.01  # mean square of what the linear rig misses, in levels of the channels, up to which it starts well
 HOPELESS = 4.0  # times the best objective so far, from which a competing fit is given up
 CONSTANTS = 2  # that are tried with other values where the rig as described misses most
@@ -93,13 +92,16 @@ class BlockJudge(Judge[SimulatedFit]):
     def candidates(self, state: State[SimulatedFit]) -> Candidates:
         """Fit the best screened mechanisms in full; those that rank first until they have converged."""
         policy = self.problem.policy
-        near_linear = state.current.missed < NEAR_LINEAR
-        ranking = Ranking.of(state.screening.scores, policy, near_linear)
-        if state.current.scatter > UNLIKE_NOISE:
+        unlike_noise = state.current.scatter > policy.unlike_noise
+        # where most of what is missed is noise, a fit gains what its score says
+        near_linear = policy.promising_by_blocks if unlike_noise else policy.close
+        promising = near_linear if state.current.missed < NEAR_LINEAR else 0.0
+        ranking = Ranking.of(state.screening.scores, policy, promising)
+        if unlike_noise:
             # a whitening that is made from the residual whitens away what it holds of a mechanism
             known = [m for m in self.known if not (state.current.terms and self.problem.one_decay and with_time(m))]
             plain = screen(replace(self.problem, plain=True), state.current, known)
-            ranking = Ranking.of(plain.scores, policy, near_linear).and_then(ranking, policy.finalists_by_blocks)
+            ranking = Ranking.of(plain.scores, policy, promising).and_then(ranking, policy.finalists_by_blocks)
         # far from the truth a score test says little of size and sign: what is small in it may be large in full
         fits: list[tuple[Score, SimulatedFit]] = []
         for scores in ranking.scores[: ranking.finalists]:

@@ -23,16 +23,15 @@ class Ranking:
     finalists: int
 
     @classmethod
-    def of(cls, scores: Sequence[Score], policy: SelectionPolicy, near_linear: bool) -> Ranking:
-        """Rank scores, which come best first; where little is missed, those that promise little earn no fit."""
+    def of(cls, scores: Sequence[Score], policy: SelectionPolicy, promising: float) -> Ranking:
+        """Rank scores, which come best first; those with less than a ``promising`` share of the best earn no fit."""
         alike: dict[tuple[str, tuple[int, ...]], list[Score]] = {}
         for score in scores:
             kept = alike.setdefault(score.term.key, [])
             if len(kept) < VARIANTS and all(_another_start(score, other, policy.other_start) for other in kept):
                 kept.append(score)
         ranked = tuple(map(tuple, alike.values()))
-        promising = ranked[0][0].gain * policy.promising_by_blocks if ranked and near_linear else 0.0
-        finalists = sum(s[0].gain >= promising for s in ranked[: policy.finalists_by_blocks])
+        finalists = sum(s[0].gain >= promising * ranked[0][0].gain for s in ranked[: policy.finalists_by_blocks])
         return cls(ranked, max(finalists, policy.polished))
 
     def and_then(self, other: Ranking, most: int) -> Ranking:
@@ -54,5 +53,6 @@ def _another_start(score: Score, better: Score, share: float) -> bool:
     body = one.mechanism.body if isinstance(one.mechanism, AddedBody) else None
     if body is None or score.gain < share * better.gain:
         return False
-    apart = [math.log(t.values[body[1]] / t.values[body[0]]) / 2 for t in (one, other)]
+    # where the mass is no parameter, it is the same
+    apart = [math.log(t.values[body[1]] / t.values.get(body[0], 1.0)) / 2 for t in (one, other)]
     return abs(apart[0] - apart[1]) > APART

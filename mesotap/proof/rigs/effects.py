@@ -96,7 +96,7 @@ def together(rig: Rig, i: int) -> tuple[str, ...]:
 def chosen(
     rig: Rig, sections: tuple[str, ...], rng: Rng, fits: Callable[[Element], bool] = lambda e: True
 ) -> int | None:
-    """Return an element of the first of the sections that the rig has, as the catalogue tries them; None of none."""
+    """Return any of the elements in these sections that fit; None of none."""
     found = [i for i, e in enumerate(rig.elements) if e.section in sections and fits(e)]
     return int(rng.choice(found)) if found else None
 

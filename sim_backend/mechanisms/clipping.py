@@ -25,7 +25,7 @@ MECHANISM = ChannelDistortion(
     component="sensor chain",
     summary="the input saturates below its declared range",
     source="saturation of the conditioner",
-    parameters=(Quantity(NAME, "1", 0.05, 1.0, "level beyond which nothing passes, over the peak"),),
+    parameters=(Quantity(NAME, "1", 0.05, 1.05, "level beyond which nothing passes, over the peak"),),
     strength=None,
     trials=lambda scale: [
         {NAME: share, "of_session": whole} for whole in (0.0, 1.0) for share in (0.98, 0.95, 0.9, 0.8, 0.6)

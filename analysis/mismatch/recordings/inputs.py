@@ -1,7 +1,8 @@
-"""Measured inputs: what they do between samples, and between pulses."""
+"""Measured inputs: what they do between samples and between pulses; peaks that distortions are measured by."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -56,3 +57,9 @@ def raised(u: Real, sub: int) -> Real:
     long = np.concatenate([long, np.linspace(long[-1], long[0], size - long.size + 2)[1:-1]])
     spectrum = np.fft.rfft(long) / np.sinc(np.fft.rfftfreq(size) / sub) ** 2
     return np.asarray(signal.resample(np.fft.irfft(spectrum, size), size * sub)[MIRRORED * sub :], np.float64)
+
+
+def peaks_of(rows: Sequence[Real]) -> dict[str, float]:
+    """Return the largest magnitude in rows of any shape, and their lowest and highest value about zero."""
+    low, high = min(float(r.min()) for r in rows), max(float(r.max()) for r in rows)
+    return {"peak": max(-low, high), "lowest": min(low, 0.0), "highest": max(high, 0.0)}

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import signal
 
 from analysis.mismatch.parameters import FreeParameter, Term, lines_of, with_values
-from analysis.mismatch.recordings.inputs import raised
+from analysis.mismatch.recordings.inputs import peaks_of, raised
 from analysis.mismatch.recordings.recorded import Recorded
 from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.acting import extended, laws_in, shaken
@@ -199,18 +199,21 @@ class Simulation:
         if moved is None:
             return np.full((len(self.rig.seen), last - first), np.nan), slice(first, last)
         shown = self._shown(constants, moved)
-        for term in terms:
+        for term in terms if np.all(np.isfinite(shown)) else ():
             m = term.mechanism
             if isinstance(m, ChannelDistortion) and m.of == "sensor":
                 rows = list(term.place)
-                low, high = float(recorded.outputs[rows].min()), float(recorded.outputs[rows].max())
-                peaks = {"peak": max(-low, high), "lowest": min(low, 0.0), "highest": max(high, 0.0)}
+                peaks = peaks_of([r.outputs[rows] for r in self._told_by(term, recorded)])
                 shown[rows] = m.distort(shown[rows], {**term.values, **peaks}, recorded.rate_hz)
         if self.lines:
             shown += own.tones @ self.waves(number, slice(first, last))
         if recorded.band is not None and np.all(np.isfinite(shown)) and shown.shape[1] > SHORTEST_FILTERED:
             shown = signal.sosfiltfilt(recorded.band, shown, axis=1)
         return shown, slice(first, last)
+
+    def _told_by(self, term: Term, recorded: Recorded) -> Sequence[Recorded]:
+        """Return the recordings whose peak a distortion is measured by: all, unless it says that it is each one's."""
+        return self.recordings if term.values.get("of_session", 1.0) else [recorded]
 
     def waves(self, number: int, at: slice, lines: Sequence[float] | None = None) -> Real:
         """Return (2 lines, n) cosines and sines of the tones at some samples of a recording."""
@@ -299,8 +302,8 @@ class Simulation:
             for term in terms:
                 m = term.mechanism
                 if isinstance(m, ChannelDistortion) and m.of == "input" and i in term.place:
-                    peak = float(np.abs(recorded.inputs[i]).max())
-                    u = m.distort(u[None], {**term.values, "peak": peak}, recorded.rate_hz * (1 if held else sub))[0]
+                    peaks = peaks_of([r.inputs[i] for r in self._told_by(term, recorded)])
+                    u = m.distort(u[None], {**term.values, **peaks}, recorded.rate_hz * (1 if held else sub))[0]
             force += np.outer(u, constants[drive.gain] * self._pushed(drive.row, drive.base, constants, mass))
         return force, held
 

@@ -10,7 +10,8 @@ from analysis.mismatch.diagnosis import diagnose_recordings
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.mechanisms.catalogue import catalogue, variants
-from tests.analysis.mismatch.recordings.described_rigs import motion
+from sim_backend.mechanisms.kinds import ChannelDistortion
+from tests.analysis.mismatch.recordings.described_rigs import motion, noise_input
 
 RATE, SAMPLES, SUBSTEPS = 1000.0, 6000, 40
 MASS, DAMPING, GAIN = 2.0, 8.0, 5.0  # kg, N s/m, N/V
@@ -130,3 +131,25 @@ sensors: [{channel: 1, of: block, shows: acceleration}]
         [Recording(np.array([force, shown]), rate, ("0", "1"), "", "made")], rig, variants(catalogue())
     ).answer
     assert found.verdict == "consistent"
+
+
+def test_an_amplifier_that_clips_the_louder_of_two_recordings_is_named() -> None:
+    rig = parse_rig("""
+bodies: {mass: 1}
+springs: [{between: [mass, ground], damping: unknown}]
+inputs: [{channel: 0, force_on: mass, gain: unknown}]
+sensors: [{channel: 1, of: mass, shows: velocity}]
+""")
+    omega, rate, samples = 2 * np.pi * 12, 200.0, 2000
+    shown = []
+    for seed, loud in ((1, 1.0), (2, 0.5)):
+        u = noise_input(samples, rate, 2, 25, seed)
+        y = motion(lambda s, x, v: 100 * s - omega**2 * x - 3 * v, [0.0, 0.0], samples, rate, loud * u)[1]
+        shown.append((loud * u, y + 0.02 * y.std() * np.random.default_rng(seed).normal(size=samples)))
+    level = 0.85 * np.abs(shown[0][1]).max()
+    known = [m for m in variants(catalogue()) if isinstance(m, ChannelDistortion) or m.id == "tube_spring_cubic"]
+    assert np.abs(shown[1][1]).max() < level
+    recordings = [Recording(np.array([u, np.clip(y, -level, level)]), rate, ("0", "1"), "", "made") for u, y in shown]
+    found = diagnose_recordings(recordings, rig, known).answer
+    assert [m.id for m in found.mechanisms] == ["clipping"]
+    assert found.mechanisms[0].parameters["clip_at_fraction_of_peak"].value == pytest.approx(1.0, abs=0.01)

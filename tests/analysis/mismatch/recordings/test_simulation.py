@@ -72,3 +72,19 @@ def test_a_base_shakes_what_is_added_to_a_rig_as_well(name: str) -> None:
     np.testing.assert_allclose(
         shown[0, late], np.imag(response * np.exp(1j * omega * t[late])), atol=2e-3 * abs(response)
     )
+
+
+def test_a_distortion_of_a_simulation_that_runs_away_is_lost_and_no_error() -> None:
+    rig = parse_rig(
+        "bodies: {mass: 2}\nsprings: [{between: [mass, ground], stiffness: 800, damping: 4}]\n"
+        "inputs: [{channel: 0, force_on: mass}]\n" + sensor("displacement")
+    )
+    prepared = prepare(recorded([np.ones(SAMPLES), np.arange(SAMPLES)], RATE, 0.0), rig)
+    constants = {p.name: p.value for p in rig.arrangement.parameters}
+    terms = [
+        Term(catalogue()["tube_spring_cubic"][0], {"cubic_stiffness_n_per_m3": -1e25}, (0,)),
+        Term(catalogue()["undeclared_filter"][0], {"corner_hz": 50.0}, (0,)),
+    ]
+    simulation = Simulation(rig, [prepared], constants, 3.2, terms)
+    shown, _ = simulation.run(simulation.begin(), simulation.own(np.array([1.0, 0.0])), 0)
+    assert not np.all(np.isfinite(shown))

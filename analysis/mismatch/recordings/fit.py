@@ -35,6 +35,7 @@ FIRST_DAMPING, MOST_TRIES = 1e-3, 8
 SHOWN = 0.4  # of the sampling rate, up to which a recording shows what there is
 RIGID = 1e-3  # of the highest mode, below which one is a rigid motion
 LEAST_NOISE = 1e-5  # of a channel's rms, that a recording is believed to have
+NEAR_LINEAR = 0.01  # mean square of what the linear rig misses, in levels of the channels, up to which it starts well
 STAGES = (0.05, 0.15, 0.4)  # of a free decay: its phase is followed before all of it is fitted
 
 
@@ -272,6 +273,14 @@ def fit(
         found, _ = minimise(model, model.evaluate(point), stopping, problem.policy.race())
         point = found.point
     return _finished(problem, model, found)
+
+
+def linear_fit(problem: SimulatedRecordings) -> SimulatedFit:
+    """Return the linear rig fitted to the fitting blocks."""
+    begun = min((fit(start, fine=True) for start in problem.starts()), key=lambda f: f.objective)
+    if begun.missed < NEAR_LINEAR or not any(r.free for r in problem.recordings):
+        return begun
+    return min(begun, fit(problem, staged=True, fine=True), key=lambda f: f.objective)
 
 
 def _finished(problem: SimulatedRecordings, model: SimulationModel, found: Evaluation[Point]) -> SimulatedFit:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import get_args
 
 import numpy as np
@@ -19,21 +19,20 @@ from analysis.mismatch.free_form import free_places, joint_term
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.blocks import independent_samples, likelihood_ratio, mean_of
-from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit, problem_of
+from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit, linear_fit, problem_of
 from analysis.mismatch.recordings.ranking import Ranking
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.recordings.regression import regressed
 from analysis.mismatch.recordings.start_check import better_unknown, with_unknown
 from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
 from analysis.mismatch.rig_description import Hold
-from analysis.mismatch.score_test import Score, screen
+from analysis.mismatch.score_test import Score, Screening, screen
 from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of, started
 from sim_backend.force_law import SLOTS
 from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
 
 STRONGEST_START, WEAKEST_START = 30.0, 0.1  # trial strengths that a fit begins with at most and at least
 LIGHTEST_START = 1e4  # the same, of a frame, whose trial is so many times as heavy as the rig
-NEAR_LINEAR = 0.01  # mean square of what the linear rig misses, in levels of the channels, up to which it starts well
 HOPELESS = 4.0  # times the best objective so far, from which a competing fit is given up
 CONSTANTS = 2  # that are tried with other values where the rig as described misses most
 AS_WELL = 4.0  # mean square over that of what is named, up to which another constant explains as well
@@ -63,6 +62,7 @@ class BlockJudge(Judge[SimulatedFit]):
     on_progress: OnProgress = silent
     sweeps: tuple[Sweep, ...] = ()
     steady: SteadyFit | None = None
+    screened: dict[tuple[int, int], tuple[SimulatedFit, Screening]] = field(default_factory=dict, compare=False)
 
     @classmethod
     def of(
@@ -74,7 +74,7 @@ class BlockJudge(Judge[SimulatedFit]):
     ) -> BlockJudge:
         """Fit the linear rig to the sweeps, if there are any, and to the recordings, to know their noise."""
         steady = fit_sweeps(problem.rig, sweeps) if sweeps else None
-        return cls(problem.weighed(_linear(problem)), known, on_progress, tuple(sweeps), steady)
+        return cls(problem.weighed(linear_fit(problem)), known, on_progress, tuple(sweeps), steady)
 
     @property
     def training(self) -> SimulatedRecordings:  # type: ignore[override]
@@ -83,7 +83,15 @@ class BlockJudge(Judge[SimulatedFit]):
 
     def baseline(self) -> SimulatedFit:
         """Return the linear rig fitted to the fitting blocks."""
-        return _linear(self.problem)
+        return linear_fit(self.problem)
+
+    def screen(self, fitted: SimulatedFit, known: Sequence[Mechanism] | None = None) -> Screening:
+        """Score mechanisms against what a fit leaves, once."""
+        known = self.known if known is None else known
+        key = (id(fitted), len(known))  # of the known ones those with time are left out, or none
+        if key not in self.screened:
+            self.screened[key] = fitted, screen(self.problem, fitted, known)
+        return self.screened[key][1]
 
     def exhausted(self) -> bool:
         """A recording is simulated as long as it takes."""
@@ -99,7 +107,7 @@ class BlockJudge(Judge[SimulatedFit]):
         ranking = Ranking.of(state.screening.scores, policy, promising)
         if unlike_noise:
             # a whitening that is made from the residual whitens away what it holds of a mechanism
-            known = [m for m in self.known if not (state.current.terms and self.problem.one_decay and with_time(m))]
+            known = self._further() if state.current.terms else self.known
             plain = screen(replace(self.problem, plain=True), state.current, known)
             ranking = Ranking.of(plain.scores, policy, promising).and_then(ranking, policy.finalists_by_blocks)
         # far from the truth a score test says little of size and sign: what is small in it may be large in full
@@ -222,6 +230,10 @@ class BlockJudge(Judge[SimulatedFit]):
         by_chance = float(student.sf(float(np.mean(change)) / max(spread, 1e-300), change.size - 1))
         return chosen > by_more or by_chance < policy.chance
 
+    def _further(self) -> list[Mechanism]:
+        """Return what may be at work beside another mechanism: of one decay, nothing that goes with time."""
+        return [m for m in self.known if not (self.problem.one_decay and with_time(m))]
+
     def after(self, state: State[SimulatedFit], accepted: Candidate[SimulatedFit]) -> tuple[State[SimulatedFit], bool]:
         """Look at what an accepted mechanism leaves; nothing further once that is noise, or no share that counts."""
         if accepted.fit is None:
@@ -230,8 +242,7 @@ class BlockJudge(Judge[SimulatedFit]):
         if mean_of(accepted.losses) < self.problem.policy.least_share * base:
             return State(accepted.fit, state.screening, state.steps), False
         self.on_progress("looking at what is left")
-        known = [m for m in self.known if not (self.problem.one_decay and with_time(m))]
-        left = self.screen(accepted.fit, known)
+        left = self.screen(accepted.fit, self._further())
         return State(accepted.fit, left, state.steps), left.p_value < self.problem.policy.level
 
     def outcome(self, baseline: State[SimulatedFit], state: State[SimulatedFit]) -> Selection[SimulatedFit]:
@@ -332,11 +343,3 @@ class BlockJudge(Judge[SimulatedFit]):
         if not added:
             return before
         return min(mean_of(fit(self.problem, (*current.terms, *added), current).by_block(CHOOSE)), before)
-
-
-def _linear(problem: SimulatedRecordings) -> SimulatedFit:
-    """Return the linear rig fitted to the fitting blocks."""
-    begun = min((fit(start, fine=True) for start in problem.starts()), key=lambda f: f.objective)
-    if begun.missed < NEAR_LINEAR or not any(r.free for r in problem.recordings):
-        return begun
-    return min(begun, fit(problem, staged=True, fine=True), key=lambda f: f.objective)

@@ -54,7 +54,8 @@ def columns_of(
             other, state = with_term(ringing[index])
             begun = residual(other, other.begin(), state, number)[0]
             scale = np.diag(other.own_scale(number, state))
-            starts = [i + j for i in (0, other.n) for j in range(simulation.n, other.n)]
+            # what nothing drives began somehow; what is driven was at rest, or has forgotten it
+            starts = [i + j for i in (0, other.n) for j in range(simulation.n, other.n) if recorded.free]
             moved = [residual(other, other.begin(), state.moved(scale[i]), number)[0] for i in starts]
             made_by = white(begun - shown)
             return np.array([white(y - begun) for y in moved]).reshape(len(starts), made_by.size), made_by

@@ -16,6 +16,7 @@ from typing import Any
 from usb.core import USBError, USBTimeoutError
 
 from rig import DeadWeights, Impactor
+from rig.errors import RigError
 from sim_backend.emulators.ports import PtyPort
 from sim_backend.emulators.rig import EmulatedRig
 from sim_backend.emulators.usb_bus import UsbBus
@@ -147,10 +148,19 @@ class Devices:
         self._lock = threading.Lock()
 
     def call(self, name: str, *arguments: Any) -> Any:
-        """Make one call; raises what it raised there, if that is of USB, else a RuntimeError."""
-        with self._lock:
-            self._connection.send((name, *arguments))
-            kind, answer = self._connection.recv()
+        """Make one call; raises what it raised there, if that is of USB, else a RuntimeError.
+
+        Raises
+        ------
+        RigError
+            The process is gone.
+        """
+        try:
+            with self._lock:
+                self._connection.send((name, *arguments))
+                kind, answer = self._connection.recv()
+        except (OSError, EOFError):
+            raise RigError("the process of the emulated devices has ended, and all of them with it") from None
         if kind == "usb":
             late, text, code, number = answer
             raise (USBTimeoutError if late else USBError)(text, code, number)

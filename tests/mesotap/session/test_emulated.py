@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,15 @@ import pytest
 
 from daq.journal import SessionFolder
 from mesotap.commands import session as commands
+from mesotap.configuration.config import parse_config
 from mesotap.session.bench import emulated_rig, simulated_rig
+from mesotap.session.emulated_devices import separate_rig
 from mesotap.session.runner import SessionRunner
 from mesotap.session.states import State
 from rig import RigError
 from rig.drivers.assembly import assemble
 from tests.mesotap.benches import Silent, new_runner, runner_in, small_config
+from tests.mesotap.session.separate import CONFIG
 from tests.mesotap.session.test_killed import accepted, child, content, finish, silent
 
 TCP = "rig.parts.load_cell={driver: modbus-tcp, preset: seneca-ze-sg3, host: 192.168.1.5}"
@@ -203,3 +207,15 @@ def test_a_hand_turned_rig_is_assembled_too():
     assert rig.stage.read().locked is False
     assert np.isnan(rig.stage.read().position_um)
     assert len(rig.drivers()) == 2
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # they outlive who started them
+def test_devices_that_ended_are_a_fault_of_the_rig_and_not_an_output_that_nobody_reads(tmp_path):
+    # a broken pipe would end the command without a word
+    rig = separate_rig(parse_config(CONFIG, "config.yaml"), Silent(), 5, tmp_path)
+    rig.end_devices()
+    with pytest.raises(RigError, match="has ended"):
+        for _ in range(200):
+            rig.devices.call("ports")
+            time.sleep(0.05)
+    rig.end_devices()

@@ -16,6 +16,7 @@ from daq.journal import JOURNAL, SessionFolder
 from mesotap.configuration.config import Config, parse_config
 from mesotap.session.guardian_process import SILENCE_S
 from mesotap.session.states import Event
+from rig import RigError
 from sim_backend.emulators.bench_process import Devices
 from tests.faults.bench import allowed_mn
 
@@ -166,7 +167,7 @@ class SeparateSession:
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait()
-        with contextlib.suppress(OSError, EOFError):  # it has ended with its session
+        with contextlib.suppress(RigError):  # it has ended with its session
             self.devices.call("end")
         self.devices.close()
 
@@ -181,7 +182,7 @@ def killed_and_resumed(folder: Path, seed: int, number: int, reach: tuple[str, i
             return False
         try:
             ended = session.end_by(number)
-        except (OSError, EOFError):  # it came to its end just then, and its devices with it
+        except RigError:  # it came to its end just then, and its devices with it
             assert session.process.wait(ENDING_S) == 0, session.said()
             return False
         if "session file" in session.said():

@@ -8,18 +8,33 @@ from sim_backend.mechanisms.kinds import ChannelDistortion, Quantity, Real, Valu
 from sim_backend.mechanisms.places import last_of_alike
 
 NAME = "delay_of_b_samples"
-TAPS = np.arange(-5, 6)
+TAPS = 11  # samples that an interpolation goes through
+OUTSIDE = 4  # samples that are extrapolated from beyond an end, by one sample at the most: more would swing
 
 
 def distort(rows: Real, values: Values, sample_rate_hz: float) -> Real:
-    """Delay the channel by a part of a sample: Lagrange's interpolation through eleven samples."""
-    delay = values[NAME]
-    whole = round(delay)
-    at = -(delay - whole)
-    weights = np.array([np.prod([(at - k) / (j - k) for k in TAPS if k != j]) for j in TAPS])
-    reach, count = abs(whole) + TAPS.size // 2, rows.shape[1] + TAPS.size - 1
-    padded = np.pad(rows, ((0, 0), (reach, reach)), mode="edge")[:, abs(whole) - whole :][:, :count]
-    return np.array([np.convolve(row, weights[::-1], mode="valid") for row in padded])
+    """Delay the channel by a part of a sample: Lagrange's interpolation through eleven samples, one-sided at an end."""
+    count = rows.shape[1]
+    at = np.arange(count) - values[NAME]
+    first = np.clip(np.arange(count) - round(values[NAME]) - TAPS // 2, 0, max(count - TAPS, 0))
+    inner = slice(*np.searchsorted(first, [1, max(count - TAPS, 1)]))
+    out = np.empty(rows.shape)
+    if inner.stop > inner.start:
+        weights = _weights(at[inner.start] - first[inner.start], min(TAPS, count))
+        used = rows[:, first[inner.start] : first[inner.stop - 1] + TAPS]
+        out[:, inner] = [np.convolve(row, weights[::-1], mode="valid") for row in used]
+    for k in (*range(inner.start), *range(inner.stop, count)):
+        beyond = at[k] < 0 or at[k] > count - 1
+        taps = min(OUTSIDE if beyond else TAPS, count)
+        begin = count - taps if at[k] > count - 1 else first[k]
+        out[:, k] = rows[:, begin : begin + taps] @ _weights(min(max(at[k], -1), count) - begin, taps)
+    return out
+
+
+def _weights(at: float, taps: int) -> Real:
+    """Return (taps,) Lagrange's weights of samples 0, 1, ... for the value in between."""
+    every = range(taps)
+    return np.array([np.prod([(at - k) / (j - k) for k in every if k != j]) for j in every])
 
 
 MECHANISM = ChannelDistortion(

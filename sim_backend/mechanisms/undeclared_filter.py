@@ -1,15 +1,21 @@
-"""The recorder or amplifier filters more than declared. Free ringing hides it: only a measured input shows it."""
+"""The recorder or amplifier filters more than declared.
+
+Free ringing hides it, unless channels that show other quantities or bodies are not filtered like that.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter
 
+from sim_backend.arrangement import Arrangement
 from sim_backend.mechanisms.kinds import ChannelDistortion, Quantity, Real, Values, geometric
-from sim_backend.mechanisms.places import each_channel
+from sim_backend.mechanisms.places import Place, channels_alike, each_channel
 
 NAME = "corner_hz"
 DEGREE = 5  # of the spline through the samples: straight lines lose 2 % at 13 samples a period
@@ -18,14 +24,33 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 
 def distort(rows: Real, values: Values, sample_rate_hz: float) -> Real:
-    """First-order low-pass, at rest before the first sample; exact for the spline through the samples."""
+    """First-order low-pass, exact for the spline through the samples; what was before them goes on smoothly."""
     z = 2 * math.pi * values[NAME] / sample_rate_hz
     at = np.arange(rows.shape[1], dtype=np.float64)
-    spline = make_interp_spline(at, rows.T, k=DEGREE)
+    mean = rows.mean(axis=1, keepdims=True)  # passes as it is
+    spline = make_interp_spline(at, (rows - mean).T, k=DEGREE)
     moments = [moment / math.factorial(m) for m, moment in enumerate(_moments(z))]
     driven = np.asarray(sum(moment * spline(at[:-1], m) for m, moment in enumerate(moments))).T
-    passed = lfilter([1.0], [1.0, -math.exp(-z)], np.concatenate([rows[:, :1], driven], axis=1), axis=1)
-    return np.asarray(passed, np.float64)
+    first = np.array([_settled([float(spline(0.0, m)[i]) / z**m for m in range(DEGREE + 1)]) for i in range(len(rows))])
+    passed = lfilter([1.0], [1.0, -math.exp(-z)], np.concatenate([first[:, None], driven], axis=1), axis=1)
+    return np.asarray(mean + passed, np.float64)
+
+
+def _settled(terms: Sequence[float]) -> float:
+    """Return what the filter shows where it has followed for long: an alternating series, as far as it converges.
+
+    Terms are taken in pairs: of an oscillation, every second one may be small by chance.
+    """
+    pairs = [terms[m] - terms[m + 1] for m in range(0, DEGREE, 2)]
+    sizes = [abs(terms[m]) + abs(terms[m + 1]) for m in range(0, DEGREE, 2)]
+    falling = sum(later < size / 2 for size, later in pairwise(sizes))
+    return sum(pairs[: falling + 1]) if sizes[1] < sizes[0] / 2 else terms[0]  # else it is slower than the motion
+
+
+def places(rig: Arrangement) -> list[Place]:
+    """Return what can be filtered: without a measured input, what shows something else than the other channels."""
+    groups = channels_alike(rig)
+    return each_channel(rig) if rig.inputs else groups if len(groups) > 1 else []
 
 
 def _moments(z: float) -> Real:
@@ -50,7 +75,7 @@ MECHANISM = ChannelDistortion(
         {NAME: min(max(f, 1.0), 1e6)} for f in geometric(scale.frequency_hz[1], 30 * scale.frequency_hz[1], 4)
     ],
     distort=distort,
-    at=lambda rig: each_channel(rig) if rig.inputs else [],
+    at=places,
     statement=lambda values, name: (
         f"{name[:1].upper()}{name[1:]} passes a low-pass filter that is not declared, with its corner at "
         f"{values[NAME]:.4g} Hz."

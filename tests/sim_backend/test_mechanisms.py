@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sim_backend.adopted import ANY_RIG, adopted
-from sim_backend.mechanisms import undeclared_filter
+from sim_backend.mechanisms import channel_skew, undeclared_filter
 from sim_backend.mechanisms.catalogue import PARTS, MechanismError, catalogue, load_file, placed, variants
 from sim_backend.mechanisms.conformance import benches, conformance, is_unit
 from sim_backend.mechanisms.kinds import ForceLaw
@@ -75,7 +76,7 @@ def test_equal_springs_share_a_place_in_the_tester() -> None:
         ("rocking", [(2, 0, 1)], []),  # needs two sensors on a body
         ("channel_skew", [(1,)], [(0,), (1,)]),
         ("clipping", [(0, 1)], [(0,), (1,)]),
-        ("undeclared_filter", [], [(0,), (1,)]),  # only a measured input shows it
+        ("undeclared_filter", [], [(0,), (1,)]),  # a measured input shows it
         ("input_curvature", [], [(0,)]),
         ("double_hit", [()], []),  # a measured input shows it
         ("mains_hum", [()], [()]),
@@ -109,6 +110,40 @@ def test_an_undeclared_filter_is_a_first_order_low_pass(rate: float, f: float, c
     h = 1 / (1 + 1j * f / corner)
     inner = slice(2000, -50)
     np.testing.assert_allclose(shown[inner], np.imag(h * np.exp(2j * np.pi * f * t[inner])), atol=error)
+
+
+@pytest.mark.parametrize(("w", "z", "error"), [(0.05, 2.0, 1e-7), (0.3, 2.0, 1e-3), (0.3, 50.0, 1e-5)])
+def test_an_undeclared_filter_has_followed_what_was_before_a_recording(w: float, z: float, error: float) -> None:
+    # a decay is loudest where it begins: a filter that is at rest there would be all that one sees of it
+    t, s = np.arange(200), -0.01 + 1j * w
+    shown = undeclared_filter.distort(30.0 + np.exp(s * t).real[None], {"corner_hz": z / (2 * np.pi)}, 1.0)[0]
+    np.testing.assert_allclose(shown[:9] - 30.0, (np.exp(s * t[:9]) * z / (z + s)).real, atol=error)
+
+
+def test_an_undeclared_filter_slower_than_the_motion_is_at_rest_before_it() -> None:
+    shown = undeclared_filter.distort(np.cos(np.arange(50.0))[None], {"corner_hz": 0.05 / (2 * np.pi)}, 1.0)[0]
+    assert shown[0] == 1.0
+    assert np.max(np.abs(shown)) <= 1.0
+
+
+@pytest.mark.parametrize(("w", "delay", "error"), [(0.3, 0.06, 2e-4), (0.3, -0.06, 1e-7), (0.3, -2.3, 1e-8), (1, 3, 0)])
+def test_a_delayed_channel_is_right_from_the_beginning_of_a_decay(w: float, delay: float, error: float) -> None:
+    t, s = np.arange(300), -0.01 + 1j * w
+    shown = channel_skew.distort(np.exp(s * t).real[None], {channel_skew.NAME: delay}, 1.0)[0]
+    first = max(int(np.ceil(delay)), 0) if delay > 1 else 0  # what was more than a sample before the first is not known
+    np.testing.assert_allclose(shown[first:280], np.exp(s * (t[first:280] - delay)).real, rtol=0, atol=error + 1e-9)
+
+
+@pytest.mark.parametrize("count", [1, 3, 11, 12, 25])
+def test_a_delayed_channel_may_be_short(count: int) -> None:
+    shown = channel_skew.distort(np.arange(count)[None] * 2.0, {channel_skew.NAME: 0.5}, 1.0)[0]
+    expected = 2.0 * np.arange(count) - 1.0 if count > 1 else [0.0]
+    np.testing.assert_allclose(shown, expected, atol=1e-9)
+
+
+def test_without_a_measured_input_a_filter_is_seen_where_channels_show_other_things() -> None:
+    rig = replace(SMALL, inputs=0)
+    assert undeclared_filter.MECHANISM.places(rig) == [(0,), (1,)]
 
 
 def test_a_shipped_file_is_the_programs_own_module() -> None:

@@ -74,10 +74,11 @@ class Read:
 
 def diagnose(files: Sequence[Path], asked: Asked, console: Console) -> None:
     """Diagnose session files of one rig, or recordings of a described one."""
-    from mesotap.commands.outputs import write_json
+    from mesotap.commands.outputs import make_ready, write_json
 
     known = known_mechanisms(asked.without, own_folders(asked.config))
     read = _read(files, asked.rig, console)
+    make_ready(asked.json, asked.report)
     began = time.monotonic()
     found = diagnosed(read, known, console)
     content = diagnosis_json(found.answer, time.monotonic() - began, asked.contract)

@@ -10,12 +10,30 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from daq.durable import cause_of, write_whole
+from daq.durable import cause_of, make_folder, write_error, write_whole
 from daq.errors import RecordingError, UnwrittenError
 from daq.regular import read_head
 from daq.session_file import read_session
 
 DEVICE_FOLDERS = (Path("/dev"), Path("/dev/fd").resolve(), Path("/proc/self/fd").resolve())
+
+
+def make_ready(file: Path | None, folder: Path | None) -> None:
+    """Find out before anything is computed whether a file can be written, and make a folder that is asked for.
+
+    Raises
+    ------
+    UnwrittenError
+        One of them cannot be written.
+    """
+    if file is not None and not file.parent.is_dir():
+        raise UnwrittenError(file, "the folder does not exist")
+    if folder is None:
+        return
+    try:
+        make_folder(folder)
+    except OSError as error:
+        raise write_error(folder, error) from error
 
 
 def write_json(path: Path | None, answer: Any) -> None:

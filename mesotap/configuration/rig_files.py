@@ -259,6 +259,12 @@ class RigFile(Section):
             raise ValueError("recording.band_hz is for recordings without a measured input")
         if not any(getattr(self, kind) for kind in ELEMENTS):
             raise ValueError(f"nothing holds the bodies: give at least one of {', '.join(ELEMENTS)}")
+        told = {body for kind in ELEMENTS for e in getattr(self, kind) for body in e.between}
+        told |= {u.force_on for u in self.inputs} | {self.tapped}
+        told |= {body for s in self.sensors for body in ((s.of,) if isinstance(s.of, str) else s.of)}
+        for body in self.bodies:
+            if body not in told:
+                raise ValueError(f"bodies.{body}: nothing holds, pushes or shows it; connect it or leave it out")
         return self
 
     def _check(self, where: str, body: str, ground: bool = False) -> None:

@@ -26,7 +26,7 @@ from mesotap.answers.adoption import AdoptedModel, read_diagnosis, with_model
 from mesotap.answers.results_files import _cell
 from mesotap.commands import outputs, recordings, recover
 from mesotap.commands import session as commands
-from mesotap.commands.outputs import write_json
+from mesotap.commands.outputs import make_ready, write_json
 from mesotap.configuration.config import Config, ConfigError
 from mesotap.report.report import figure_folder, write_report
 from mesotap.session import emulated_devices
@@ -46,6 +46,16 @@ def silent() -> Console:
 def test_an_answer_goes_into_no_folder(path: str) -> None:
     with pytest.raises(UnwrittenError, match="cannot be written: it is a folder; name a file"):
         write_json(Path(path), {})
+
+
+def test_where_an_answer_cannot_go_is_told_before_it_is_computed(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    make_ready(tmp_path / "answer.json", tmp_path / "new" / "page")
+    assert (tmp_path / "new" / "page").is_dir()
+    with pytest.raises(UnwrittenError, match="the folder does not exist"):
+        make_ready(tmp_path / "nowhere" / "answer.json", None)
+    with pytest.raises(UnwrittenError, match="a part of the path is a file"):
+        make_ready(None, tmp_path / "file" / "page")
 
 
 def test_the_root_gives_no_file_its_name() -> None:

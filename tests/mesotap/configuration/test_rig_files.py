@@ -59,6 +59,7 @@ def test_a_constant_with_an_uncertainty_is_held_by_it():
         ("bodies: {m: 1}\n" + SENSOR, "nothing holds the bodies"),
         ("bodies: {m: heavy}\n" + SPRING + SENSOR, "line 1: bodies.m is 'heavy'"),
         ("bodies: {m: 0}\n" + SPRING + SENSOR, "bodies.m: a mass must be above 0"),
+        ("bodies: {m: 1, n: 2}\n" + SPRING + SENSOR, "bodies.n: nothing holds, pushes or shows it"),
         ("bodies: {m: unknown}\n" + SPRING + SENSOR, "at least one body's mass"),
         ("bodies: {ground: 1}\n" + SPRING + SENSOR, "ground is what does not move"),
         ("bodies: {m: 1}\nsprings: [{between: [x, ground]}]\n" + SENSOR, "'x', which is not a body; bodies are m"),
@@ -122,7 +123,8 @@ def test_springs_that_are_alike_share_a_place() -> None:
 
 @pytest.mark.parametrize(("said", "struck"), [("", "m"), ("tapped: n\n", "n")])
 def test_the_first_body_is_tapped_unless_another_is_named(said: str, struck: str) -> None:
-    assert parse_rig("bodies: {m: 1, n: 1}\n" + SPRING + SENSOR + said).arrangement.tapped == struck
+    held = "springs: [{between: [m, ground]}, {between: [n, ground]}]\n"
+    assert parse_rig("bodies: {m: 1, n: 1}\n" + held + SENSOR + said).arrangement.tapped == struck
 
 
 def test_the_shipped_tester_is_eq_9() -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -41,10 +40,13 @@ def _settled(terms: Sequence[float]) -> float:
 
     Terms are taken in pairs: of an oscillation, every second one may be small by chance.
     """
-    pairs = [terms[m] - terms[m + 1] for m in range(0, DEGREE, 2)]
-    sizes = [abs(terms[m]) + abs(terms[m + 1]) for m in range(0, DEGREE, 2)]
-    falling = sum(later < size / 2 for size, later in pairwise(sizes))
-    return sum(pairs[: falling + 1]) if sizes[1] < sizes[0] / 2 else terms[0]  # else it is slower than the motion
+    found, last = 0.0, math.inf
+    for even, odd in zip(terms[::2], terms[1::2], strict=True):
+        size = abs(even) + abs(odd)
+        if size > last / 2:
+            break
+        found, last = found + even - odd, size
+    return found if last < abs(terms[0]) + abs(terms[1]) else terms[0]  # else it is slower than the motion
 
 
 def places(rig: Arrangement) -> list[Place]:

@@ -14,9 +14,9 @@ OUTSIDE = 4  # samples that are extrapolated from beyond an end, by one sample a
 
 def distort(rows: Real, values: Values, sample_rate_hz: float) -> Real:
     """Delay the channel by a part of a sample: Lagrange's interpolation through eleven samples, one-sided at an end."""
-    count = rows.shape[1]
-    at = np.arange(count) - values[NAME]
-    first = np.clip(np.arange(count) - round(values[NAME]) - TAPS // 2, 0, max(count - TAPS, 0))
+    count, delay = rows.shape[1], values[NAME] / values.get("thinned", 1.0)
+    at = np.arange(count) - delay
+    first = np.clip(np.arange(count) - round(delay) - TAPS // 2, 0, max(count - TAPS, 0))
     inner = slice(*np.searchsorted(first, [1, max(count - TAPS, 1)]))
     out = np.empty(rows.shape)
     if inner.stop > inner.start:

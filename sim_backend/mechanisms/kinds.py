@@ -254,7 +254,7 @@ class ChannelDistortion(Mechanism):
     distort
         From the rows (k, n) of the channels in its place, the values and the sampling rate in Hz to (k, n). Among the
         values is ``peak``, the largest magnitude in the recordings; of recordings of a described rig also ``lowest``
-        and ``highest``, the extremes of their values about zero.
+        and ``highest``, the extremes of their values about zero, and ``thinned``, the recorder's samples for each one.
     at
         Places in a rig: channels, or an input.
     of

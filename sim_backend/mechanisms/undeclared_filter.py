@@ -6,7 +6,6 @@ Free ringing hides it, unless channels that show other quantities or bodies are 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -23,30 +22,14 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 
 def distort(rows: Real, values: Values, sample_rate_hz: float) -> Real:
-    """First-order low-pass, exact for the spline through the samples; what was before them goes on smoothly."""
+    """First-order low-pass, at rest before the first sample; exact for the spline through the samples."""
     z = 2 * math.pi * values[NAME] / sample_rate_hz
     at = np.arange(rows.shape[1], dtype=np.float64)
-    mean = rows.mean(axis=1, keepdims=True)  # passes as it is
-    spline = make_interp_spline(at, (rows - mean).T, k=DEGREE)
+    spline = make_interp_spline(at, rows.T, k=DEGREE)
     moments = [moment / math.factorial(m) for m, moment in enumerate(_moments(z))]
     driven = np.asarray(sum(moment * spline(at[:-1], m) for m, moment in enumerate(moments))).T
-    first = np.array([_settled([float(spline(0.0, m)[i]) / z**m for m in range(DEGREE + 1)]) for i in range(len(rows))])
-    passed = lfilter([1.0], [1.0, -math.exp(-z)], np.concatenate([first[:, None], driven], axis=1), axis=1)
-    return np.asarray(mean + passed, np.float64)
-
-
-def _settled(terms: Sequence[float]) -> float:
-    """Return what the filter shows where it has followed for long: an alternating series, as far as it converges.
-
-    Terms are taken in pairs: of an oscillation, every second one may be small by chance.
-    """
-    found, last = 0.0, math.inf
-    for even, odd in zip(terms[::2], terms[1::2], strict=True):
-        size = abs(even) + abs(odd)
-        if size > last / 2:
-            break
-        found, last = found + even - odd, size
-    return found if last < abs(terms[0]) + abs(terms[1]) else terms[0]  # else it is slower than the motion
+    passed = lfilter([1.0], [1.0, -math.exp(-z)], np.concatenate([rows[:, :1], driven], axis=1), axis=1)
+    return np.asarray(passed, np.float64)
 
 
 def places(rig: Arrangement) -> list[Place]:

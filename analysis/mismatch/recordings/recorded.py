@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -54,6 +54,8 @@ class Recorded:
         Held-out stretches by name.
     unit
         (channels,) that residuals are in: the channels' rms, or what is known of their noise.
+    every
+        Samples of the recording for one of these.
     """
 
     source: str
@@ -68,6 +70,7 @@ class Recorded:
     fitted: slice
     stretches: tuple[tuple[str, slice], ...]
     unit: Real
+    every: int = 1
 
     @property
     def samples(self) -> int:
@@ -106,7 +109,7 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
             f"{source}: the band of {rig.name}, {rig.band_hz[0]:g} to {rig.band_hz[1]:g} Hz, is too narrow for "
             f"{(last - first) / rate:.3g} s: its filter takes longer; give recording.band_hz in Hz, and wider"
         )
-    band, edge = None, 0
+    band, edge, factor = None, 0, 1
     if rig.drives:
         outputs, inputs = outputs[:, first:last], inputs[:, first:last]
     else:
@@ -131,7 +134,7 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
         if outputs.shape[1] < FEWEST // 2 + 2 * edge:
             raise AnalysisError(f"{source}: too little is left of the recording after its largest deflection")
     rows = np.ascontiguousarray(outputs), np.ascontiguousarray(inputs)
-    return _divided(source, (rate, first / rate), rows, (band, edge), rig)
+    return replace(_divided(source, (rate, first / rate), rows, (band, edge), rig), every=factor)
 
 
 def _refuse_what_sessions_tell(rig: DescribedRig, source: str) -> None:

@@ -12,6 +12,7 @@ from scipy import signal
 
 from analysis.mismatch.parameters import FreeParameter, Term, lines_of, with_values
 from analysis.mismatch.recordings.inputs import peaks_of, raised
+from analysis.mismatch.recordings.motion import Motion
 from analysis.mismatch.recordings.recorded import Recorded
 from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.acting import extended, laws_in, shaken
@@ -45,15 +46,6 @@ class Own:
         """Return it after a step (size,)."""
         n = self.state.size
         return Own(self.state + step[:n], self.tones + step[n:].reshape(self.tones.shape))
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """At the samples: states (n, 2 bodies), extra forces (n, elements), inputs' forces on the bodies (n, bodies)."""
-
-    states: Real
-    extra: Real
-    force: Real
 
 
 class Simulation:
@@ -198,13 +190,17 @@ class Simulation:
         moved = self.motion(x, own, number, slice(first, last), whole)
         if moved is None:
             return np.full((len(self.rig.seen), last - first), np.nan), slice(first, last)
+        distortions = [(t, t.mechanism) for t in terms if isinstance(t.mechanism, ChannelDistortion)]
+        if distortions and recorded.free:  # some remember what was before
+            moved = moved.begun_earlier(*self.arrangement.matrices(constants), recorded.rate_hz)
         shown = self._shown(constants, moved)
-        for term in terms if np.all(np.isfinite(shown)) else ():
-            m = term.mechanism
-            if isinstance(m, ChannelDistortion) and m.of == "sensor":
+        for term, m in distortions if np.all(np.isfinite(shown)) else ():
+            if m.of == "sensor":
                 rows = list(term.place)
                 peaks = peaks_of([r.outputs[rows] for r in self._told_by(term, recorded)])
-                shown[rows] = m.distort(shown[rows], {**term.values, **peaks}, recorded.rate_hz)
+                told = {**term.values, **peaks, "thinned": recorded.every}
+                shown[rows] = m.distort(shown[rows], told, recorded.rate_hz)
+        shown = shown[:, shown.shape[1] - (last - first) :]
         if self.lines:
             shown += own.tones @ self.waves(number, slice(first, last))
         if recorded.band is not None and np.all(np.isfinite(shown)) and shown.shape[1] > SHORTEST_FILTERED:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -72,6 +74,34 @@ def test_a_base_shakes_what_is_added_to_a_rig_as_well(name: str) -> None:
     np.testing.assert_allclose(
         shown[0, late], np.imag(response * np.exp(1j * omega * t[late])), atol=2e-3 * abs(response)
     )
+
+
+DECAYS = [
+    ("undeclared_filter", "displacement", {"corner_hz": 8.0}, lambda s: 16 * np.pi / (16 * np.pi + s)),
+    ("undeclared_filter", "acceleration", {"corner_hz": 50.0}, lambda s: 100 * np.pi / (100 * np.pi + s)),
+    ("channel_skew", "velocity", {"delay_of_b_samples": 1.6}, lambda s: np.exp(-1.6 * s / RATE)),
+    ("channel_skew", "displacement", {"delay_of_b_samples": -0.3}, lambda s: np.exp(0.3 * s / RATE)),
+]
+
+
+@pytest.mark.parametrize(("name", "shows", "values", "response"), DECAYS)
+def test_a_distortion_is_right_from_the_first_sample_of_a_decay(
+    name: str, shows: str, values: dict[str, float], response: Callable[[complex], complex]
+) -> None:
+    # a decay is loudest where it begins: what is wrong there is all that one sees of a distortion
+    rig = parse_rig(
+        "bodies: {mass: 2}\nsprings: [{between: [mass, ground], stiffness: 800, damping: 4}]\n" + sensor(shows, 0)
+    )
+    t, s = np.arange(SAMPLES) / RATE, complex(-1.0, np.sqrt(399.0))  # of 2 s^2 + 4 s + 800 = 0
+    prepared = prepare(recorded([np.exp(s * t).real], RATE, 0.0), rig)  # every third sample of it
+    assert prepared.every == 3
+    t = t * 3
+    constants = {p.name: p.value for p in rig.arrangement.parameters}
+    simulation = Simulation(rig, [prepared], constants, 3.2, [Term(catalogue()[name][0], values, (0,))])
+    shown, at = simulation.run(simulation.begin(), simulation.own(np.array([1.0, s.real])), 0)
+    order = {"displacement": 0, "velocity": 1, "acceleration": 2}[shows]
+    expected = (s**order * response(s) * np.exp(s * t[: at.stop - at.start])).real
+    np.testing.assert_allclose(shown[0], expected, atol=1e-6 * np.abs(expected).max())
 
 
 def test_a_distortion_of_a_simulation_that_runs_away_is_lost_and_no_error() -> None:

@@ -80,6 +80,11 @@ class Account(ABC, Generic[FitOf]):
     def loudest_tone(self, fitted: FitOf) -> tuple[float, float, str]:
         """Return amplitude, standard error and unit of the loudest tone of a fit, as the recordings hold it."""
 
+    def read_off(self, fitted: FitOf, term: Term) -> tuple[float, float, str] | None:
+        """Return value, standard error and unit of a strength that is no parameter of the fit; None where it is one."""
+        tones = isinstance(term.mechanism, Tones) and term.mechanism.strength is not None
+        return self.loudest_tone(fitted) if tones else None
+
     @abstractmethod
     def compared(self, candidate: Candidate[FitOf], best: Candidate[FitOf]) -> str:
         """Say in a sentence how a rival compares with the best candidate."""
@@ -114,10 +119,11 @@ class Account(ABC, Generic[FitOf]):
     def parameters(self, fitted: FitOf, number: int) -> tuple[Term, dict[str, Interval]]:
         """Return a term of a fit, and its parameters with their intervals; how loud tones are is read off."""
         term = fitted.terms[number]
-        if isinstance(term.mechanism, Tones) and term.mechanism.strength is not None:
-            value, error, unit = self.loudest_tone(fitted)
+        read, name = self.read_off(fitted, term), term.mechanism.strength
+        if read is not None and name is not None:
+            value, error, unit = read
             known = Interval(value, value - NORMAL_95 * error, value + NORMAL_95 * error, unit)
-            return term.moved({term.mechanism.strength: value}), {term.mechanism.strength: known}
+            return term.moved({name: value}), {name: known}
         return term, {k: replace(v, unit=self.unit(v.unit)) for k, v in intervals(fitted, number).items()}
 
     def named(self, fitted: FitOf, number: int) -> Named:

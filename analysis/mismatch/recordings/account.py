@@ -18,13 +18,14 @@ from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge, with_time
 from analysis.mismatch.recordings.noise import floor_of, innovation_rms
 from analysis.mismatch.recordings.recorded import CHOOSE
+from analysis.mismatch.recordings.second_impact import impulse_share
 from analysis.mismatch.recordings.start_check import better_unknown
 from analysis.mismatch.remainder import frequency_words
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.score_test import Screening
 from analysis.mismatch.selection import Candidate, SelectionStep
 from sim_backend.arrays import Real
-from sim_backend.mechanisms.kinds import ForceLaw
+from sim_backend.mechanisms.kinds import ForceLaw, SecondImpact
 
 MOST_ENERGY = 0.9  # of a residual, by which it is located
 STRONGER = 3.0  # tap over the one made, that parts amplitude from time
@@ -96,7 +97,14 @@ class BlockAccount(Account[SimulatedFit]):
 
     def element(self, term: Term, name: str) -> str | None:
         """Return the rig's own name of the channel or body."""
-        return name
+        struck = isinstance(term.mechanism, SecondImpact)
+        return self.described.arrangement.bodies[term.place[0]] if struck else name
+
+    def read_off(self, fitted: SimulatedFit, term: Term) -> tuple[float, float, str] | None:
+        """Return value, standard error and unit of tones and second impacts, which are each recording's own."""
+        if isinstance(term.mechanism, SecondImpact):
+            return *impulse_share(fitted, term), "1"
+        return super(BlockAccount, self).read_off(fitted, term)
 
     def weights(self, number: int) -> Weights:
         """Return how likely the candidates of a step are, and what is not listed."""

@@ -19,12 +19,15 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import POLICY, SelectionPolicy
 from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Problem
 from analysis.mismatch.recordings.model import Point, SimulationModel, residual
-from analysis.mismatch.recordings.noise import NoiseModel, Whitening, floor_of, innovation_rms
-from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, UNUSED, Recorded, duration, level
+from analysis.mismatch.recordings.motion import Own
+from analysis.mismatch.recordings.noise import NoiseModel, floor_of, innovation_rms, noise_of
+from analysis.mismatch.recordings.recorded import FIT, HELD, UNUSED, Recorded, duration, level
+from analysis.mismatch.recordings.second_impact import second_impact_score
 from analysis.mismatch.recordings.signatures import columns_of
-from analysis.mismatch.recordings.simulation import Own, Simulation
+from analysis.mismatch.recordings.simulation import Simulation
 from analysis.mismatch.recordings.start_values import first_state, start_values
 from analysis.mismatch.rig_description import DescribedRig
+from analysis.mismatch.score_test import Score
 from sim_backend.arrangement import Arrangement
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, Mechanism, Scale, SecondImpact, Tones
@@ -34,7 +37,6 @@ ROUGH, FINE = 1e-4, 1e-8  # relative fall at which a fit that only ranks rivals 
 FIRST_DAMPING, MOST_TRIES = 1e-3, 8
 SHOWN = 0.4  # of the sampling rate, up to which a recording shows what there is
 RIGID = 1e-3  # of the highest mode, below which one is a rigid motion
-LEAST_NOISE = 1e-5  # of a channel's rms, that a recording is believed to have
 NEAR_LINEAR = 0.01  # mean square of what the linear rig misses, in levels of the channels, up to which it starts well
 STAGES = (0.05, 0.15, 0.4)  # of a free decay: its phase is followed before all of it is fitted
 
@@ -99,7 +101,8 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
 
         A loud recording has little noise beside what it shows and a faint one much, and so have channels.
         """
-        recordings = tuple(replace(r, unit=_noise_of(by, i)) for i, r in enumerate(self.recordings))
+        units = (noise_of(r, *by.error(i)) for i, r in enumerate(self.recordings))
+        recordings = tuple(replace(r, unit=unit) for r, unit in zip(self.recordings, units, strict=True))
         states = tuple(by.state(i) for i in range(len(by.own)))
         return replace(self, recordings=recordings, constants=by.values, states=states, rivals=())
 
@@ -109,9 +112,13 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
 
     def allows(self, mechanism: Mechanism) -> bool:
         """Whether the recordings can show it: a band has no harmonics, which tell a bent scale from a bent spring."""
-        if isinstance(mechanism, SecondImpact):
-            return False  # when the first impact was, such a recording does not tell
-        return not (self.banded and isinstance(mechanism, ChannelDistortion | Tones | AddedBody))
+        if isinstance(mechanism, SecondImpact) and not all(r.free for r in self.recordings):
+            return False
+        return not (self.banded and isinstance(mechanism, ChannelDistortion | Tones | AddedBody | SecondImpact))
+
+    def second_impact(self, fitted: SimulatedFit, mechanism: SecondImpact) -> Score:
+        """Return the score of a second impact in free decays."""
+        return second_impact_score(fitted, mechanism, self.plain)
 
     def scale_of(self, fitted: SimulatedFit, place: int) -> Scale:
         """Return how far an element moves in the recordings."""
@@ -261,6 +268,8 @@ def fit(
     own = [simulation.own(s) for s in states]
     if begin is not None and begin.simulation.lines == simulation.lines:
         own = [replace(o, tones=b.tones) for o, b in zip(own, begin.own, strict=True)]
+    if begin is not None and simulation.struck is not None:
+        own = [replace(o, impact=b.impact) for o, b in zip(own, begin.own, strict=True)]
     model = SimulationModel(simulation, own, parts, 1.0)
     point = Point(np.clip(simulation.begin(), model.low, model.high), tuple(own))
     most, share = (FINE_STEPS, FINE) if fine else (ROUGH_STEPS, ROUGH)
@@ -303,15 +312,6 @@ def _finished(problem: SimulatedRecordings, model: SimulationModel, found: Evalu
         terms, simulation.arrangement, constants, found.residuals, sums, found.penalty, spread, tuple(covariances),
         problem, simulation, point.x, point.own, scatter,
     )  # fmt: skip
-
-
-def _noise_of(fitted: SimulatedFit, number: int) -> Real:
-    """Return (c,) the rms of what cannot be predicted of a recording's residual, in the channels' units."""
-    recorded = fitted.problem.recordings[number]
-    off, at = fitted.error(number)
-    used = np.isin(recorded.part[at], (FIT, CHOOSE))
-    found = np.array([float(Whitening.of(row[None], used, floor_of(recorded)).noise[0]) for row in off])
-    return np.asarray(np.maximum(found, LEAST_NOISE * level(recorded)), np.float64)
 
 
 def _spread(model: SimulationModel, found: Evaluation[Point], values: Mapping[str, float]) -> Real:

@@ -23,13 +23,14 @@ from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, Simulate
 from analysis.mismatch.recordings.ranking import Ranking
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.recordings.regression import regressed
+from analysis.mismatch.recordings.second_impact import where_it_fell
 from analysis.mismatch.recordings.start_check import better_unknown, with_unknown
 from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
 from analysis.mismatch.rig_description import Hold
 from analysis.mismatch.score_test import Score, Screening, screen
 from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of, started
 from sim_backend.force_law import SLOTS
-from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
+from sim_backend.mechanisms.kinds import ForceLaw, Mechanism, SecondImpact
 
 STRONGEST_START, WEAKEST_START = 30.0, 0.1  # trial strengths that a fit begins with at most and at least
 LIGHTEST_START = 1e4  # the same, of a frame, whose trial is so many times as heavy as the rig
@@ -156,6 +157,8 @@ class BlockJudge(Judge[SimulatedFit]):
         strongest = STRONGEST_START if score.term.mechanism.strength else LIGHTEST_START
         term = started(score, WEAKEST_START, strongest)
         terms = (*current.terms, term)
+        if isinstance(term.mechanism, SecondImpact):
+            return where_it_fell(current, term, lambda begun: fit(self.problem, terms, begun, to_beat=to_beat))
         tried = [fit(self.problem, terms, current, to_beat=to_beat)]
         if current.missed < NEAR_LINEAR:
             return tried[0]

@@ -13,8 +13,9 @@ from functools import partial
 import numpy as np
 
 from analysis.mismatch.least_squares import Evaluation, Linearisation, Tangent
+from analysis.mismatch.recordings.motion import Own
 from analysis.mismatch.recordings.recorded import level
-from analysis.mismatch.recordings.simulation import Own, Simulation
+from analysis.mismatch.recordings.simulation import Simulation
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody, ForceLaw
 

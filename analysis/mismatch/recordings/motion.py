@@ -1,9 +1,9 @@
-"""How a described rig moves at the samples of a recording, and before the first of them."""
+"""How a described rig moves at the samples of a recording and before the first of them, and what sets it going."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import expm
@@ -12,6 +12,38 @@ from sim_backend.arrays import Real
 
 BEFORE = 32  # samples before the first that what remembers is shown
 GROWTH = 10.0  # of a motion followed backwards, up to which it is: what has died out cannot be told
+
+
+def _none() -> Real:
+    return np.zeros(0)
+
+
+@dataclass(frozen=True, slots=True)
+class Own:
+    """What is each recording's own.
+
+    Attributes
+    ----------
+    state, tones
+        The state (2n,) where fitting begins, and (channels, 2 lines) of tones.
+    impact
+        Time (s, from the first sample) of a second impact and how much faster (m/s) the body is that it strikes; empty
+        without one.
+    """
+
+    state: Real
+    tones: Real
+    impact: Real = field(default_factory=_none)
+
+    @property
+    def size(self) -> int:
+        """Numbers in it."""
+        return self.state.size + self.tones.size + self.impact.size
+
+    def moved(self, step: Real) -> Own:
+        """Return it after a step (size,)."""
+        n, m = self.state.size, self.state.size + self.tones.size
+        return Own(self.state + step[:n], self.tones + step[n:m].reshape(self.tones.shape), self.impact + step[m:])
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,10 +56,7 @@ class Motion:
 
     def begun_earlier(self, mass: Real, damping: Real, stiffness: Real, rate_hz: float) -> Motion:
         """Return a free decay with samples before its first, as the linear rig (n,), (n, n), (n, n) came there."""
-        n = mass.size
-        back = np.zeros((2 * n, 2 * n))
-        back[:n, n:] = -np.eye(n) / rate_hz
-        back[n:, :n], back[n:, n:] = stiffness / mass[:, None] / rate_hz, damping / mass[:, None] / rate_hz
+        back = backwards(mass, damping, stiffness) / rate_hz
         growth = float(np.linalg.eigvals(back).real.max())
         count = BEFORE if growth * BEFORE <= math.log(GROWTH) else int(math.log(GROWTH) / growth)
         step, states = expm(back), [self.states[0]]
@@ -39,3 +68,35 @@ class Motion:
             np.concatenate([still[0], self.extra]),
             np.concatenate([still[1], self.force]),
         )
+
+
+def backwards(mass: Real, damping: Real, stiffness: Real) -> Real:
+    """Return (2n, 2n) the slope of a free linear rig's state when time runs backwards, 1/s."""
+    n = mass.size
+    out = np.zeros((2 * n, 2 * n))
+    out[:n, n:], out[n:, :n], out[n:, n:] = -np.eye(n), stiffness / mass[:, None], damping / mass[:, None]
+    return out
+
+
+def with_impulse(force: Real, substep: float, body: int, size: float) -> Real:
+    """Return forces (substeps, bodies) with an impulse on a body, as a pulse no longer than two substeps.
+
+    Parameters
+    ----------
+    substep
+        When, in substeps from the first; one beyond either end adds nothing.
+    size
+        The impulse over the length of a substep, N.
+
+    Examples
+    --------
+    >>> with_impulse(np.zeros((4, 1)), 1.25, 0, 2.0)[:, 0].tolist()
+    [0.0, 1.5, 0.5, 0.0]
+    """
+    first = math.floor(substep)
+    if not 0 <= first < len(force) - 1:
+        return force
+    out = force.copy()
+    out[first, body] += size * (1 - substep + first)
+    out[first + 1, body] += size * (substep - first)
+    return out

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.fft import next_fast_len
 
-from analysis.mismatch.recordings.recorded import Recorded
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, level
 from analysis.mismatch.recordings.spectral_model import responses
 from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.arrays import Complex, Real
@@ -31,6 +31,7 @@ COUNTS: Final = 0.01  # of a channel's residual, from which on the inputs' noise
 LEAST_WHITE: Final = 0.01  # of a channel's residual that is its own noise at least
 ROUNDED: Final = 1e-12  # of a signal's power, that rounding leaves white
 FILTERED: Final = 1e-4  # likewise, that a filtered signal is taken to have (chosen on the bolted beam)
+LEAST_NOISE: Final = 1e-5  # of a channel's rms, that a recording is believed to have
 SAMPLES_OF_A_TAP: Final = 20  # that a recording has at least, of each of its channels
 
 
@@ -212,3 +213,10 @@ def correlation(row: Real) -> float:
     r = r / r[0] if r[0] > 0 else np.ones(1)
     end = int(np.argmax(np.abs(r) < MOST_CORRELATED)) or r.size
     return max(1.0, 1 + 2 * float(np.sum(r[1 : max(4 * end, 2)] ** 2)))
+
+
+def noise_of(recorded: Recorded, error: Real, at: slice) -> Real:
+    """Return (c,) the rms of what cannot be predicted of an error (c, n) at some samples, in the channels' units."""
+    used = np.isin(recorded.part[at], (FIT, CHOOSE))
+    found = np.array([float(Whitening.of(row[None], used, floor_of(recorded)).noise[0]) for row in error])
+    return np.asarray(np.maximum(found, LEAST_NOISE * level(recorded)), np.float64)

@@ -56,6 +56,8 @@ class Recorded:
         (channels,) that residuals are in: the channels' rms, or what is known of their noise.
     every
         Samples of the recording for one of these.
+    rang_s
+        How long the rig had been free before the first sample, as far as the recording tells.
     """
 
     source: str
@@ -71,6 +73,7 @@ class Recorded:
     stretches: tuple[tuple[str, slice], ...]
     unit: Real
     every: int = 1
+    rang_s: float = 0.0
 
     @property
     def samples(self) -> int:
@@ -109,7 +112,7 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
             f"{source}: the band of {rig.name}, {rig.band_hz[0]:g} to {rig.band_hz[1]:g} Hz, is too narrow for "
             f"{(last - first) / rate:.3g} s: its filter takes longer; give recording.band_hz in Hz, and wider"
         )
-    band, edge, factor = None, 0, 1
+    band, edge, factor, rang = None, 0, 1, 0.0
     if rig.drives:
         outputs, inputs = outputs[:, first:last], inputs[:, first:last]
     else:
@@ -128,13 +131,15 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
             outputs = signal.sosfiltfilt(band, outputs, axis=1)
             edge = round(EDGE_PERIODS * rate / (rig.band_hz[1] - rig.band_hz[0]))
         if rig.from_s is None:
-            first = max(_after_impact(outputs[:, :last], edge), first)
+            impact, free = _after_impact(outputs[:, :last], edge)
+            first = max(free, first)
+            rang = (first - impact) / rate
         outputs = outputs[:, first:last]
         inputs = inputs[:, : outputs.shape[1]]
         if outputs.shape[1] < FEWEST // 2 + 2 * edge:
             raise AnalysisError(f"{source}: too little is left of the recording after its largest deflection")
     rows = np.ascontiguousarray(outputs), np.ascontiguousarray(inputs)
-    return replace(_divided(source, (rate, first / rate), rows, (band, edge), rig), every=factor)
+    return replace(_divided(source, (rate, first / rate), rows, (band, edge), rig), every=factor, rang_s=rang)
 
 
 def _refuse_what_sessions_tell(rig: DescribedRig, source: str) -> None:
@@ -191,16 +196,17 @@ def thinned(rows: Real, factor: int) -> Real:
     return np.asarray(signal.oaconvolve(rows, kernel[None] / kernel.sum(), "same", axes=1)[:, ::factor], np.float64)
 
 
-def _after_impact(outputs: Real, edge: int) -> int:
-    """Return the sample from which on a decay is free: after the largest deflection and the filter's edge.
+def _after_impact(outputs: Real, edge: int) -> tuple[int, int]:
+    """Return the sample of the impact, and that from which on a decay is free: after the filter's edge.
 
-    Modes that beat may be largest long after a recording began in mid-decay: then it is free from where it first comes
-    near to that.
+    The impact was at the largest deflection, or before a recording that began in mid-decay. Modes that beat may be
+    largest long after it began: then it is free from where it first comes near to that.
     """
     level = np.abs(outputs / np.abs(outputs).max(axis=1, keepdims=True)).max(axis=0)
     near = level >= NEAR_LARGEST
     begun = np.any(level[: max(level.size // 50, 1)] >= LOUD_START)
-    return int(np.argmax(near if begun else level)) + edge + 1
+    loud = int(np.argmax(near if begun else level))
+    return 0 if begun else loud, loud + edge + 1
 
 
 def _divided(

@@ -12,9 +12,10 @@ from analysis.mismatch.parameters import Term, lines_of
 from analysis.mismatch.problem import Columns
 from analysis.mismatch.recordings.inputs import at_rest_between_pulses
 from analysis.mismatch.recordings.model import residual, slopes, step_of
+from analysis.mismatch.recordings.motion import Own
 from analysis.mismatch.recordings.noise import NoiseModel
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
-from analysis.mismatch.recordings.simulation import Own, Simulation
+from analysis.mismatch.recordings.simulation import Simulation
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import Tones
 
@@ -43,7 +44,7 @@ def columns_of(
 
     def with_term(term: Term) -> tuple[Simulation, Own]:
         other = simulation.with_terms((*fitted.terms, term), fitted.values)
-        return other, replace(other.own(fitted.state(number)), tones=own.tones)
+        return other, replace(other.own(fitted.state(number)), tones=own.tones, impact=own.impact)
 
     def made(term: Term) -> Real:
         other, state = with_term(term)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -12,13 +12,13 @@ from scipy import signal
 
 from analysis.mismatch.parameters import FreeParameter, Term, lines_of, with_values
 from analysis.mismatch.recordings.inputs import peaks_of, raised
-from analysis.mismatch.recordings.motion import Motion
+from analysis.mismatch.recordings.motion import Motion, Own, with_impulse
 from analysis.mismatch.recordings.recorded import Recorded
 from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.acting import extended, laws_in, shaken
 from sim_backend.arrangement import DERIVATIVES, Row
 from sim_backend.arrays import Real
-from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion
+from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion, SecondImpact
 from sim_backend.propagate import Clock, Given, Laws, Rigs, laws_of, propagate
 
 Values = Mapping[str, float]
@@ -28,24 +28,6 @@ FEWEST_SUBSTEPS: Final = 3  # dry friction turns at once, however slow the rig
 MOST_SUBSTEPS: Final = 8
 SHORTEST_FILTERED: Final = 60  # samples that a band's filter can be run over
 SINGULAR: Final = 1e9  # condition of a stiffness matrix that says nothing of where the rig rests
-
-
-@dataclass(frozen=True, slots=True)
-class Own:
-    """What is each recording's own: the state (2n,) where fitting begins, and of tones (channels, 2 lines)."""
-
-    state: Real
-    tones: Real
-
-    @property
-    def size(self) -> int:
-        """Numbers in it."""
-        return self.state.size + self.tones.size
-
-    def moved(self, step: Real) -> Own:
-        """Return it after a step (size,)."""
-        n = self.state.size
-        return Own(self.state + step[:n], self.tones + step[n:].reshape(self.tones.shape))
 
 
 class Simulation:
@@ -74,13 +56,15 @@ class Simulation:
         self._shaken = shaken(rig.arrangement, terms)
         self.constants = {**self.arrangement.declared(), **constants}
         self.lines = lines_of(terms)
+        self.struck = next((t.place[0] for t in terms if isinstance(t.mechanism, SecondImpact)), None)
         self.substeps = [self._substeps(r) for r in self.recordings]
         self.parameters = tuple(self._parameters())
         self._inputs = [self._between(r, s) for r, s in zip(self.recordings, self.substeps, strict=True)]
 
     def _substeps(self, recorded: Recorded) -> int:
         """Return the steps between two samples: one where the step is exact, of a linear rig under straight lines."""
-        if not laws_in(self.terms) and (recorded.free or self.rig.hold != "band-limited"):
+        straight = recorded.free or self.rig.hold != "band-limited"
+        if straight and self.struck is None and not laws_in(self.terms):
             return 1
         steps = math.ceil(PER_PERIOD * self.highest_hz / recorded.rate_hz)
         return min(max(steps, FEWEST_SUBSTEPS), MOST_SUBSTEPS)
@@ -126,7 +110,7 @@ class Simulation:
                 low = 0.0
             found.append(FreeParameter(p.name, p.unit, scale, p.positive, low, prior=prior))
         for i, term in enumerate(self.terms):
-            if term.nonlinear:
+            if term.nonlinear and not isinstance(term.mechanism, SecondImpact):  # that is each recording's own
                 found += [FreeParameter.of(q, i, term.values[q.name]) for q in term.mechanism.parameters]
         return found
 
@@ -144,7 +128,8 @@ class Simulation:
         reach = float(np.std(recorded.outputs[0])) / gain / (2 * math.pi * self.highest_hz) ** order
         size = max(float(np.abs(own.state[: self.n]).max()), reach, 1e-300)
         speed = max(float(np.abs(own.state[self.n :]).max()), size * 2 * math.pi * self.highest_hz)
-        return np.concatenate([np.repeat([size, speed], self.n), np.ones(own.tones.size)])
+        impact = [1 / (2 * math.pi * self.highest_hz), speed][: own.impact.size]
+        return np.concatenate([np.repeat([size, speed], self.n), np.ones(own.tones.size), impact])
 
     def own(self, state: Real) -> Own:
         """Return what is a recording's own, for a state of the rig without the terms' bodies."""
@@ -241,6 +226,9 @@ class Simulation:
         pushed = force if held else force[::sub]
         if self.rig.hold == "band-limited" and not recorded.free:  # what is in between is raised against straight lines
             pushed, _ = self._force(constants, mass, terms, number, at, at_samples=True)
+        if self.struck is not None and own.impact.size:
+            substep, change = (own.impact[0] * recorded.rate_hz - at.start) * sub, own.impact[1] / h
+            force = with_impulse(force, substep, self.struck, mass[self.struck] * change)
         start = own.state
         if whole and recorded.fitted.start > 0:
             start = self._at_rest(constants, mass, stiffness, number)

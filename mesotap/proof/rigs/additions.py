@@ -8,7 +8,7 @@ import numpy as np
 
 from mesotap.proof.rigs.description import GROUND
 from mesotap.proof.rigs.draw import Wants
-from mesotap.proof.rigs.effects import Effect, Hidden, Rng, chosen, grounded, together, unit, wider
+from mesotap.proof.rigs.effects import Array, Effect, Hidden, Rng, chosen, grounded, together, unit, wider
 from mesotap.proof.rigs.plant import Branch, Relaxing
 from mesotap.proof.rigs.trial import Altered, Trial
 
@@ -179,8 +179,19 @@ def _second_impact(trial: Trial, rng: Rng) -> Hidden:
     def add(altered: Altered, s: float) -> Altered:
         return replace(altered, kick=(sample, np.append(np.zeros(bodies), s * unit(bodies, tapped))))
 
+    # over the impulse that would have given the body the energy that the recordings begin with
+    begun = trial.records[0].start
+    first = np.sqrt(2 * _energy(trial, begun) / rig.masses[tapped].true) / float(np.max(np.abs(start)))
     places = (rig.body(tapped), "impactor")
-    return Hidden("double_hit", places, "impactor", add, lambda s: {"second_impulse_fraction": s})
+    return Hidden("double_hit", places, "impactor", add, lambda s: {"second_impulse_fraction": s / float(first)})
+
+
+def _energy(trial: Trial, state: Array) -> float:
+    """Energy of the linear rig (J) with displacements and velocities (2 bodies,)."""
+    rig = trial.rig
+    x, v = np.split(state, 2)
+    stored = [e.stiffness.true * float(rig.shape(e) @ x) ** 2 for e in rig.elements if e.stiffness]
+    return 0.5 * (float(np.sum([m.true for m in rig.masses] * v**2)) + sum(stored))
 
 
 ADDITIONS = (

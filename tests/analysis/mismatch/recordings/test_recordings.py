@@ -197,6 +197,42 @@ sensors: [{channel: a, of: one, shows: velocity}, {channel: b, of: two, shows: v
     assert part["mount_frequency_hz"].value == pytest.approx(16.0, rel=0.01)
 
 
+@pytest.mark.parametrize(("share", "seed"), [(0.2, 1), (0.02, 2), (0.0, 3)])
+def test_a_second_impact_on_one_of_two_bodies_is_named_with_its_size(share: float, seed: int) -> None:
+    known = [m for m in variants(catalogue()) if m.id in (*SHORT, "attached_mass", "double_hit")]
+    mass, rate = np.array([1.0, 0.6]), 400.0
+    k, c = np.array([[18e3, -8e3], [-8e3, 8e3]]), np.array([[1.3, -0.5], [-0.5, 0.5]])
+    a = np.block([[np.zeros((2, 2)), np.eye(2)], [-k / mass[:, None], -c / mass[:, None]]])
+    recordings, random = [], np.random.default_rng(seed)
+    for loud, when in ((1.0, 0.231), (0.4, 1.337)):  # s
+        start = np.array([0.0, 0.0, 0.0, loud])
+        t = np.arange(1600) / rate
+        y = _decay(a, start, t)[2:] + (t > when) * _decay(a, share * start, np.maximum(t - when, 0.0))[2:]
+        noise = 3e-3 * random.normal(size=y.shape) * y.std(axis=1, keepdims=True)
+        recordings.append(Recording(y + noise, rate, ("a", "b"), "", "made"))
+    rig = parse_rig("""
+bodies: {one: 1.0, two: 0.6}
+joints: [{name: lower, between: [one, ground]}, {name: upper, between: [two, one]}]
+sensors: [{channel: a, of: one, shows: velocity}, {channel: b, of: two, shows: velocity}]
+""")
+    found = answer_of(rig, recordings, known)
+    assert named(found) == (["double_hit"] if share else [])
+    if share:
+        size = found.mechanisms[0].parameters["second_impulse_fraction"]
+        assert found.mechanisms[0].element == "two"
+        assert size.value == pytest.approx(share, rel=0.05)
+        assert size.low < share < size.high
+    else:
+        limits = {limit.id: limit.value for limit in found.upper_limits}
+        assert limits["double_hit"] < 0.02
+
+
+def _decay(a: Real, start: Real, t: Real) -> Real:
+    """Return (states, n) of ``z' = a z`` by its eigenvectors."""
+    values, vectors = np.linalg.eig(a)
+    return np.asarray((vectors * np.linalg.solve(vectors, start)) @ np.exp(np.outer(values, t)), complex).real
+
+
 def test_of_a_spring_and_a_pendulum_it_is_the_pendulum_that_is_bent() -> None:
     known = [catalogue()[name][-1] for name in (*SHORT, "end_stop", "spring_asymmetry", "attached_mass")]
     u = np.repeat([0.0, 5e-4, -4e-4, 3e-4], 500)

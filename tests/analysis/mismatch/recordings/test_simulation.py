@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -102,6 +103,27 @@ def test_a_distortion_is_right_from_the_first_sample_of_a_decay(
     order = {"displacement": 0, "velocity": 1, "acceleration": 2}[shows]
     expected = (s**order * response(s) * np.exp(s * t[: at.stop - at.start])).real
     np.testing.assert_allclose(shown[0], expected, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("after", [100, 100.3, 1020.75])  # samples
+@pytest.mark.parametrize("shows", ["displacement", "acceleration"])
+def test_a_second_impact_is_the_response_to_one_from_when_it_falls(shows: str, after: float) -> None:
+    rig = parse_rig(
+        "bodies: {mass: 2}\nsprings: [{between: [mass, ground], stiffness: 800, damping: 4}]\n" + sensor(shows, 0)
+    )
+    t, s = np.arange(SAMPLES) / RATE, complex(-1.0, np.sqrt(399.0))  # of 2 s^2 + 4 s + 800 = 0
+    prepared = replace(prepare(recorded([np.exp(s * t).real], RATE, 0.0), rig), rate_hz=RATE)
+    constants = {p.name: p.value for p in rig.arrangement.parameters}
+    simulation = Simulation(rig, [prepared], constants, 3.2, [Term(catalogue()["double_hit"][0], {}, (0,))])
+    own = replace(simulation.own(np.array([1.0, s.real])), impact=np.array([after / RATE, 0.7]))
+    shown, at = simulation.run(simulation.begin(), own, 0)
+    t = t[: at.stop - at.start]
+    late = np.maximum(t - after / RATE, 0.0)
+    order = {"displacement": 0, "acceleration": 2}[shows]
+    once = (s**order * np.exp(s * t)).real
+    again = 0.7 * (s**order * np.exp(s * late)).imag / s.imag * (late > 0)
+    clear = np.abs(t * RATE - after) > 0.5  # while the pulse lasts, it is one
+    np.testing.assert_allclose(shown[0, clear], (once + again)[clear], atol=1e-3 * np.abs(once).max())
 
 
 def test_a_distortion_of_a_simulation_that_runs_away_is_lost_and_no_error() -> None:

@@ -1,0 +1,248 @@
+"""A second impact in free decays: when it fell, on which body, and how large it was beside the first.
+
+When it fell is looked for sample by sample: the response to an impact is the same one wherever it falls.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.signal import oaconvolve
+from scipy.stats import chi2
+
+from analysis.mismatch.limits import upper_bound
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.recordings.model import residual, slopes, step_of
+from analysis.mismatch.recordings.motion import GROWTH, Own, backwards
+from analysis.mismatch.recordings.noise import NoiseModel
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT
+from analysis.mismatch.score_test import Score
+from sim_backend.arrays import Real
+from sim_backend.mechanisms.kinds import SecondImpact
+
+if TYPE_CHECKING:
+    from analysis.mismatch.recordings.fit import SimulatedFit
+
+LEAST_BEHIND: Final = 40  # samples of a recording after a second impact
+LEAST_LEFT: Final = 1e-3  # share of its response that a rig without it could not show as well
+SAME_TO: Final = 1e-9  # of the largest singular value of what is free: less is no direction of its own
+TRIED: Final = 2  # times of a second impact from which it is fitted
+LOOKED_AGAIN: Final = 3  # times that it is looked for beside the fit before
+STEP: Final = 1e-6  # of differences
+
+
+@dataclass(frozen=True, slots=True)
+class _Along:
+    """A second impact at every sample (n,) of a recording.
+
+    Attributes
+    ----------
+    gain
+        (bodies, n) chi-squared that it would take away.
+    change, error
+        (bodies, n) speed that it would add, m/s, and its standard error.
+    """
+
+    gain: Real
+    change: Real
+    error: Real
+
+    @property
+    def choice(self) -> float:
+        """Chi-squared that choosing among so many times takes."""
+        return 2 * math.log(max(int(np.count_nonzero(self.gain[0])), 1))
+
+
+@dataclass(frozen=True, slots=True)
+class _Free:
+    """What is free in a recording: whitened changes, (c, n) each, of the constants and of its own numbers, masked."""
+
+    constants: Real
+    own: Real
+    residual: Real
+    used: Real
+    scale: Real
+
+    def columns(self) -> Real:
+        """Return (c n, k) all of them, as they are used."""
+        return (
+            (np.concatenate([self.own, self.constants]) * self.used).reshape(len(self.own) + len(self.constants), -1).T
+        )
+
+    @classmethod
+    def of(cls, fitted: SimulatedFit, number: int, plain: bool = False) -> _Free:
+        """Return what is free in a recording, whitened as its noise asks unless ``plain``."""
+        simulation, own, recorded = fitted.simulation, fitted.own[number], fitted.problem.recordings[number]
+        off, at = fitted.off(number)
+        used = np.isin(recorded.part[at], (FIT, CHOOSE))
+        noise = NoiseModel.of(fitted.problem.rig, fitted.values, recorded, (off, used))
+
+        def white(y: Real) -> Real:
+            return y if plain else noise.white(y)
+
+        def changed(x: Real, moved: Own) -> Real:
+            return white(residual(simulation, x, moved, number)[0] - off).ravel()
+
+        scale = simulation.own_scale(number, own)
+        common, begun = slopes(changed, fitted.x, own, step_of(simulation), np.ones(fitted.x.size), scale)
+        shape = (-1, *off.shape)
+        return cls(
+            common.T.reshape(shape), begun.T.reshape(shape), -white(off) * used, used.astype(np.float64), scale,
+        )  # fmt: skip
+
+
+def _along(fitted: SimulatedFit, number: int, plain: bool) -> _Along:
+    """Return what a second impact on any of the rig's own bodies would explain at each sample of a recording."""
+    free = _Free.of(fitted, number, plain)
+    simulation, bodies = fitted.simulation, len(fitted.problem.arrangement.bodies)
+    columns = free.columns()
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    left, singular, _ = np.linalg.svd(columns, full_matrices=False)
+    q = left[:, singular > SAME_TO * singular[0]]
+    channels, samples = free.residual.shape
+    flat = free.residual.ravel() - q @ (q.T @ free.residual.ravel())
+    variance = float(flat @ flat) / max(channels * np.count_nonzero(free.used) - q.shape[1], 1)
+    rows = np.concatenate([flat[None], q.T]).reshape(-1, channels, samples)
+    found = []
+    for b in range(bodies):
+        h = free.own[simulation.n + b]
+        seen = _correlated(rows, h)
+        power = _correlated(np.broadcast_to(free.used, (1, channels, samples)), h**2)[0]
+        beside = power - np.sum(seen[1:] ** 2, axis=0)
+        sound = beside > LEAST_LEFT * power.max()
+        sound[[0]], sound[samples - LEAST_BEHIND :] = False, False
+        beside = np.where(sound, beside, np.inf)
+        scale = free.scale[simulation.n + b]
+        gain = seen[0] ** 2 / beside / max(variance, 1e-300)
+        found.append((gain, seen[0] / beside * scale, np.sqrt(variance / beside) * scale))
+    return _Along(*(np.array(rows) for rows in zip(*found, strict=True)))
+
+
+def _correlated(rows: Real, h: Real) -> Real:
+    """Return (k, n) the products of rows (k, c, n) with a response (c, n) that begins at each sample."""
+    samples = h.shape[1]
+    parts = [oaconvolve(rows[:, c], h[c, ::-1][None], axes=1)[:, samples - 1 :] for c in range(len(h))]
+    return np.asarray(np.sum(parts, axis=0), np.float64)
+
+
+def second_impact_score(fitted: SimulatedFit, mechanism: SecondImpact, plain: bool = False) -> Score:
+    """Score a second impact on the body, and in each decay at the time, that explain most.
+
+    Its gain is what is left of chi-squared after the price of choosing the time.
+    """
+    along = [_along(fitted, i, plain) for i in range(len(fitted.own))]
+    net = np.array([[max(float(row.max()) - a.choice, 0.0) for row in a.gain] for a in along])
+    body = int(np.argmax(net.sum(axis=0)))
+    best = max(float(a.gain.max()) for a in along)
+    tests = sum(np.count_nonzero(a.gain) for a in along)
+    p_value = min(1.0, tests * float(chi2.sf(best, 1)))
+    shares, bounds = [], []
+    for number, a in enumerate(along):
+        at = int(np.argmax(a.gain[body]))
+        first = _speed_begun(fitted, fitted.own[number].state, body, fitted.problem.recordings[number].rang_s)
+        shares.append(abs(float(a.change[body, at])) / first)
+        bounds.append(upper_bound(abs(float(a.change[body, at])), float(a.error[body, at])) / first)
+    strength = max(shares)
+    term = Term(mechanism, {mechanism.parameters[0].name: min(strength, 1.0)}, (body,))
+    bound = max(bounds)
+    return Score(term, float(net[:, body].sum()), 1, strength, p_value, bound=bound if bound < 1 else math.nan)
+
+
+def where_it_fell(current: SimulatedFit, term: Term, refit: Callable[[SimulatedFit], SimulatedFit]) -> SimulatedFit:
+    """Return the best fit with a second impact, from the times that explain most, looked for again beside each fit."""
+    best = min((refit(b) for b in _begun(current, term)), key=lambda f: f.scatter, default=None)
+    if best is None:
+        return refit(current)
+    for _ in range(LOOKED_AGAIN):
+        bare = replace(best, own=tuple(replace(o, impact=np.zeros(0)) for o in best.own))
+        again = min((refit(b) for b in _begun(bare, term)[:1]), key=lambda f: f.scatter, default=best)
+        if not again.scatter < best.scatter:
+            break
+        best = again
+    return best
+
+
+def _begun(fitted: SimulatedFit, term: Term) -> list[SimulatedFit]:
+    """Return a fit with second impacts at the times that explain most of each recording, as it is and whitened.
+
+    A whitening that is made from the residual whitens away much of what an impact does.
+    """
+    body, found = term.place[0], []
+    for plain in (True, False):
+        starts: list[list[Own]] = [[] for _ in range(TRIED)]
+        for number, own in enumerate(fitted.own):
+            a, recorded = _along(fitted, number, plain), fitted.problem.recordings[number]
+            gain, apart = a.gain[body].copy(), max(int(recorded.rate_hz / fitted.problem.highest_hz), 1)
+            for k in range(TRIED):
+                at = int(np.argmax(gain))
+                impact = np.array([(at + recorded.fitted.start) / recorded.rate_hz, a.change[body, at]])
+                clear = gain[at] > a.choice
+                starts[k].append(replace(own, impact=impact) if clear else starts[0][number] if k else own)
+                gain[max(at - apart, 0) : at + apart + 1] = 0.0
+        found += [replace(fitted, own=tuple(s)) for s in starts if any(o.impact.size for o in s)]
+    return found
+
+
+def _speed_begun(fitted: SimulatedFit, state: Real, body: int, before_s: float = 0.0) -> float:
+    """Return how fast (m/s) an impact on a body alone would leave it, that put as much energy into the linear rig.
+
+    As it was some time before it had this state; what has died out by then cannot be told.
+    """
+    mass, damping, stiffness = fitted.problem.arrangement.matrices(fitted.values)
+    n, m = mass.size, fitted.simulation.n
+    back = backwards(mass, damping, stiffness)
+    growth = float(np.linalg.eigvals(back).real.max())
+    before_s = min(before_s, math.log(GROWTH) / growth) if growth > 0 else before_s
+    x, v = np.split(expm(back * before_s) @ np.concatenate([state[:n], state[m : m + n]]), 2)
+    return math.sqrt(max(float(x @ stiffness @ x + v**2 @ mass), 1e-300) / float(mass[body]))
+
+
+def impulse_share(fitted: SimulatedFit, term: Term) -> tuple[float, float]:
+    """Return the impulse of a second impact over that of the first, and its standard error.
+
+    The weighted mean of all recordings that have one. How large the first one was, the energy tells that the rig began
+    with.
+    """
+    found = [_share_of(fitted, number, term.place[0]) for number, own in enumerate(fitted.own) if own.impact.size]
+    if not found:
+        return 0.0, 0.0
+    shares, errors = np.array(found).T
+    weights = 1 / np.maximum(errors, 1e-300) ** 2
+    return float(np.average(shares, weights=weights)), float(1 / math.sqrt(weights.sum()))
+
+
+def _share_of(fitted: SimulatedFit, number: int, body: int) -> tuple[float, float]:
+    """Return the share in one recording and its standard error."""
+    own, free = fitted.own[number], _Free.of(fitted, number)
+
+    def share(of: Own) -> float:
+        return abs(float(of.impact[1])) / _speed_begun(fitted, of.state, body, fitted.problem.recordings[number].rang_s)
+
+    columns, used = free.columns(), int(np.count_nonzero(free.used)) * len(free.residual)
+    variance = float(np.sum(free.residual**2)) / max(used - columns.shape[1], 1)
+    spread = np.linalg.pinv(columns.T @ columns, rcond=SAME_TO, hermitian=True)[: own.size, : own.size] * variance
+    units = STEP * np.diag(free.scale)
+    slope = np.array([(share(own.moved(unit / 2)) - share(own.moved(-unit / 2))) / STEP for unit in units])
+    within = share(own) * _faded_where_unseen(fitted, number, free.used) / 2
+    return share(own), math.sqrt(max(float(slope @ spread @ slope), 0.0) + within**2)
+
+
+def _faded_where_unseen(fitted: SimulatedFit, number: int, used: Real) -> float:
+    """Return by which share the motion fades over the held-out stretch in which a second impact lies, 0 in none.
+
+    When it fell in that, what comes after tells only to within a period: earlier and stronger, or later and weaker.
+    """
+    recorded, own = fitted.problem.recordings[number], fitted.own[number]
+    at = min(max(int(own.impact[0] * recorded.rate_hz) - recorded.fitted.start, 0), used.size - 1)
+    seen = np.flatnonzero(used)
+    first, last = seen[seen <= at].max(initial=0), seen[seen > at].min(initial=used.size - 1)
+    moved = fitted.simulation.motion(fitted.x, replace(own, impact=np.zeros(0)), number, recorded.fitted, whole=False)
+    if last - first < 2 or moved is None:
+        return 0.0
+    begun, ended = (_speed_begun(fitted, moved.states[i], 0) for i in (first, last))
+    return 1 - min(ended / begun, 1.0)

@@ -38,7 +38,7 @@ def recover_folder(folder: Path, output: Path | None, json_path: Path | None, co
     state = "complete" if session.complete else "not complete, as far as can be proven"
     console.print(
         f"{escape(str(target))}: {len(session.impacts)} impacts, {accepted} of them accepted; {state}; "
-        f"{len(found.losses) or 'no'} {'thing was' if len(found.losses) == 1 else 'things were'} amiss",
+        f"{_counted(len(found.losses))} amiss",
         highlight=False,
         soft_wrap=True,
     )
@@ -55,3 +55,7 @@ def recover_folder(folder: Path, output: Path | None, json_path: Path | None, co
             "losses": list(found.losses),
         },
     )
+
+
+def _counted(losses: int) -> str:
+    return "nothing was" if not losses else "1 thing was" if losses == 1 else f"{losses} things were"

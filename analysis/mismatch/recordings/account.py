@@ -142,8 +142,9 @@ class BlockAccount(Account[SimulatedFit]):
         """Return the evidence of each candidate over the accepted one, with that of steady responses where they are."""
         own_steady = step.steady.get(step.candidates.index(accepted), 0.0)
         found: dict[str, float] = {}
+        by_itself = self.judge.problem.one_decay and not isinstance(accepted.mechanism, SecondImpact)
         for i, c in enumerate(step.candidates):
-            if c.fit is None or (with_time(c.mechanism) and self.judge.problem.one_decay):
+            if c.fit is None or (by_itself and with_time(c.mechanism)):
                 continue  # time is weighed by itself
             if step.steady and i not in step.steady:
                 continue  # too far behind to be held against the steady responses

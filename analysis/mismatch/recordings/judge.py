@@ -324,8 +324,9 @@ class BlockJudge(Judge[SimulatedFit]):
 
     def rival_in_time(self, steps: Sequence[SelectionStep[SimulatedFit]]) -> Candidate[SimulatedFit] | None:
         """Return the best candidate that goes with time, where amplitude and time are confounded."""
-        if not self.problem.one_decay or not steps:
-            return None
+        first = steps[0].accepted if steps else None
+        if not self.problem.one_decay or not steps or (first is not None and isinstance(first.mechanism, SecondImpact)):
+            return None  # an impact goes with neither
         return next((c for c in steps[0].candidates if c.fit is not None and with_time(c.mechanism)), None)
 
     def _time_wins(self, current: SimulatedFit, rival: Candidate[SimulatedFit]) -> bool:

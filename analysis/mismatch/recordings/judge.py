@@ -108,7 +108,7 @@ class BlockJudge(Judge[SimulatedFit]):
         ranking = Ranking.of(state.screening.scores, policy, promising)
         if unlike_noise:
             # a whitening that is made from the residual whitens away what it holds of a mechanism
-            known = self._further() if state.current.terms else self.known
+            known = self._further(state.current) if state.current.terms else self.known
             plain = screen(replace(self.problem, plain=True), state.current, known)
             ranking = Ranking.of(plain.scores, policy, promising).and_then(ranking, policy.finalists_by_blocks)
         # far from the truth a score test says little of size and sign: what is small in it may be large in full
@@ -233,9 +233,10 @@ class BlockJudge(Judge[SimulatedFit]):
         by_chance = float(student.sf(float(np.mean(change)) / max(spread, 1e-300), change.size - 1))
         return chosen > by_more or by_chance < policy.chance
 
-    def _further(self) -> list[Mechanism]:
-        """Return what may be at work beside another mechanism: of one decay, nothing that goes with time."""
-        return [m for m in self.known if not (self.problem.one_decay and with_time(m))]
+    def _further(self, beside: SimulatedFit) -> list[Mechanism]:
+        """Return what may be at work beside a fit: one second impact, and of one decay nothing that goes with time."""
+        timeless = [m for m in self.known if not (self.problem.one_decay and with_time(m))]
+        return [m for m in timeless if beside.simulation.struck is None or not isinstance(m, SecondImpact)]
 
     def after(self, state: State[SimulatedFit], accepted: Candidate[SimulatedFit]) -> tuple[State[SimulatedFit], bool]:
         """Look at what an accepted mechanism leaves; nothing further once that is noise, or no share that counts."""
@@ -245,7 +246,7 @@ class BlockJudge(Judge[SimulatedFit]):
         if mean_of(accepted.losses) < self.problem.policy.least_share * base:
             return State(accepted.fit, state.screening, state.steps), False
         self.on_progress("looking at what is left")
-        left = self.screen(accepted.fit, self._further())
+        left = self.screen(accepted.fit, self._further(accepted.fit))
         return State(accepted.fit, left, state.steps), left.p_value < self.problem.policy.level
 
     def outcome(self, baseline: State[SimulatedFit], state: State[SimulatedFit]) -> Selection[SimulatedFit]:

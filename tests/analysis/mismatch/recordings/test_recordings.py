@@ -197,7 +197,7 @@ sensors: [{channel: a, of: one, shows: velocity}, {channel: b, of: two, shows: v
     assert part["mount_frequency_hz"].value == pytest.approx(16.0, rel=0.01)
 
 
-@pytest.mark.parametrize(("share", "seed"), [(0.2, 1), (0.02, 2), (0.0, 3)])
+@pytest.mark.parametrize(("share", "seed"), [(0.02, 2), (0.0, 3)])
 def test_a_second_impact_on_one_of_two_bodies_is_named_with_its_size(share: float, seed: int) -> None:
     known = [m for m in variants(catalogue()) if m.id in (*SHORT, "attached_mass", "double_hit")]
     mass, rate = np.array([1.0, 0.6]), 400.0
@@ -225,6 +225,22 @@ sensors: [{channel: a, of: one, shows: velocity}, {channel: b, of: two, shows: v
     else:
         limits = {limit.id: limit.value for limit in found.upper_limits}
         assert limits["double_hit"] < 0.02
+
+
+def test_where_there_were_three_impacts_one_is_named_once_and_the_rest_is_left_over() -> None:
+    known = [m for m in variants(catalogue()) if m.id in ("tube_spring_cubic", "double_hit")]
+    a, t = np.array([[0.0, 1.0], [-(OMEGA**2), -1.0]]), np.arange(1600) / 400.0
+    y = _decay(a, np.array([0.0, 1.0]), t)[1]
+    for share, when in ((0.3, 0.4312), (0.2, 1.7779)):
+        y += (t > when) * _decay(a, np.array([0.0, share]), np.maximum(t - when, 0.0))[1]
+    y += 2e-3 * np.random.default_rng(4).normal(size=y.size)
+    rig = parse_rig(
+        "bodies: {mass: 1}\njoints: [{between: [mass, ground]}]\nsensors: [{channel: a, of: mass, shows: velocity}]\n"
+    )
+    found = answer_of(rig, [Recording(y[None], 400.0, ("a",), "", "made")], known)
+    assert found.verdict != "consistent"
+    assert named(found).count("double_hit") <= 1
+    assert found.remainder.p_value < 0.01
 
 
 def _decay(a: Real, start: Real, t: Real) -> Real:

@@ -169,8 +169,12 @@ class BlockAccount(Account[SimulatedFit]):
         return tuple(sorted(found))
 
     def _remark(self, step: SelectionStep[SimulatedFit], number: int) -> str:
-        """Say whether amplitude is told from time."""
+        """Say whether amplitude is told from time, and when a second impact fell."""
         rival, accepted = self.rival, step.accepted
+        if accepted is not None and isinstance(accepted.mechanism, SecondImpact):
+            pairs = zip(self.judge.problem.recordings, self.selection.best.own, strict=True)
+            times = [f"{r.start_s + o.impact[0]:.4g}" for r, o in pairs if o.impact.size]
+            return f" It fell {', '.join(times)} s after the first sample." if times else ""
         if accepted is None or number or not self.judge.problem.one_decay:
             return ""
         if rival is not None and accepted.id != rival.id:

@@ -220,6 +220,7 @@ sensors: [{channel: a, of: one, shows: velocity}, {channel: b, of: two, shows: v
     if share:
         size = found.mechanisms[0].parameters["second_impulse_fraction"]
         assert found.mechanisms[0].element == "two"
+        assert found.mechanisms[0].statement.endswith("It fell 0.231, 1.337 s after the first sample.")
         assert size.value == pytest.approx(share, rel=0.05)
         assert size.low < share < size.high
     else:

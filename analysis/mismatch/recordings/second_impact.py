@@ -133,8 +133,12 @@ def _correlated(rows: Real, h: Real) -> Real:
 def second_impact_score(fitted: SimulatedFit, mechanism: SecondImpact, plain: bool = False) -> Score:
     """Score a second impact on the body, and in each decay at the time, that explain most.
 
-    Its gain is what is left of chi-squared after the price of choosing the time.
+    Its gain is what is left of chi-squared after the price of choosing the time. Beside a rig that is far from the one
+    recorded there is none: how that one rings is not known.
     """
+    name = mechanism.parameters[0].name
+    if fitted.far_off():
+        return Score(Term(mechanism, {name: 0.0}, (0,)), 0.0, 1, 0.0, 1.0)
     along = [_along(fitted, i, plain) for i in range(len(fitted.own))]
     net = np.array([[max(float(row.max()) - a.choice, 0.0) for row in a.gain] for a in along])
     body = int(np.argmax(net.sum(axis=0)))
@@ -148,14 +152,18 @@ def second_impact_score(fitted: SimulatedFit, mechanism: SecondImpact, plain: bo
         shares.append(abs(float(a.change[body, at])) / first)
         bounds.append(upper_bound(abs(float(a.change[body, at])), float(a.error[body, at])) / first)
     strength = max(shares)
-    term = Term(mechanism, {mechanism.parameters[0].name: min(strength, 1.0)}, (body,))
+    term = Term(mechanism, {name: min(strength, 1.0)}, (body,))
     bound = max(bounds)
     return Score(term, float(net[:, body].sum()), 1, strength, p_value, bound=bound if bound < 1 else math.nan)
 
 
 def where_it_fell(current: SimulatedFit, term: Term, refit: Callable[[SimulatedFit], SimulatedFit]) -> SimulatedFit:
-    """Return the best fit with a second impact, from the times that explain most, looked for again beside each fit."""
-    best = min((refit(b) for b in _begun(current, term)), key=lambda f: f.scatter, default=None)
+    """Return the best fit with a second impact, from the times that explain most, looked for again beside each fit.
+
+    Beside a rig that is far from the one recorded none is looked for.
+    """
+    begun = [] if current.far_off() else _begun(current, term)
+    best = min((refit(b) for b in begun), key=lambda f: f.scatter, default=None)
     if best is None:
         return refit(current)
     for _ in range(LOOKED_AGAIN):

@@ -174,7 +174,9 @@ class BlockAccount(Account[SimulatedFit]):
         if accepted is not None and isinstance(accepted.mechanism, SecondImpact):
             pairs = zip(self.judge.problem.recordings, self.selection.best.own, strict=True)
             times = [f"{r.start_s + o.impact[0]:.4g}" for r, o in pairs if o.impact.size]
-            return f" It fell {', '.join(times)} s after the first sample." if times else ""
+            body = self.described.arrangement.bodies[accepted.score.term.place[0]]
+            gave = f"the impulse that would have given {body} the energy with which the decay began"
+            return f" It struck {body} {', '.join(times)} s after the first sample; its size is over {gave}."
         if accepted is None or number or not self.judge.problem.one_decay:
             return ""
         if rival is not None and accepted.id != rival.id:

@@ -199,14 +199,14 @@ def thinned(rows: Real, factor: int) -> Real:
 def _after_impact(outputs: Real, edge: int) -> tuple[int, int]:
     """Return the sample of the impact, and that from which on a decay is free: after the filter's edge.
 
-    The impact was at the largest deflection, or before a recording that began in mid-decay. Modes that beat may be
+    The impact was when the recording first became loud, or before one that began in mid-decay. Modes that beat may be
     largest long after it began: then it is free from where it first comes near to that.
     """
     level = np.abs(outputs / np.abs(outputs).max(axis=1, keepdims=True)).max(axis=0)
     near = level >= NEAR_LARGEST
-    begun = np.any(level[: max(level.size // 50, 1)] >= LOUD_START)
-    loud = int(np.argmax(near if begun else level))
-    return 0 if begun else loud, loud + edge + 1
+    ringing = level >= LOUD_START
+    begun = np.any(ringing[: max(level.size // 50, 1)])
+    return 0 if begun else int(np.argmax(ringing)), int(np.argmax(near if begun else level)) + edge + 1
 
 
 def _divided(

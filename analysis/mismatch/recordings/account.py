@@ -18,7 +18,7 @@ from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge, with_time
 from analysis.mismatch.recordings.noise import floor_of, innovation_rms
 from analysis.mismatch.recordings.recorded import CHOOSE
-from analysis.mismatch.recordings.second_impact import impulse_share
+from analysis.mismatch.recordings.second_impact import impulse_share, said_of, struck
 from analysis.mismatch.recordings.start_check import better_unknown
 from analysis.mismatch.remainder import frequency_words
 from analysis.mismatch.rig_description import DescribedRig
@@ -172,11 +172,8 @@ class BlockAccount(Account[SimulatedFit]):
         """Say whether amplitude is told from time, and when a second impact fell."""
         rival, accepted = self.rival, step.accepted
         if accepted is not None and isinstance(accepted.mechanism, SecondImpact):
-            pairs = zip(self.judge.problem.recordings, self.selection.best.own, strict=True)
-            times = [f"{r.start_s + o.impact[0]:.4g}" for r, o in pairs if o.impact.size]
-            body = self.described.arrangement.bodies[accepted.score.term.place[0]]
-            gave = f"the impulse that would have given {body} the energy with which the decay began"
-            return f" It struck {body} {', '.join(times)} s after the first sample; its size is over {gave}."
+            term = accepted.score.term
+            return said_of(struck(self.selection.best, term), self.described.arrangement.bodies[term.place[0]])
         if accepted is None or number or not self.judge.problem.one_decay:
             return ""
         if rival is not None and accepted.id != rival.id:

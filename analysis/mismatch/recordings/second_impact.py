@@ -33,6 +33,7 @@ LEAST_LEFT: Final = 1e-3  # share of its response that a rig without it could no
 SAME_TO: Final = 1e-9  # of the largest singular value of what is free: less is no direction of its own
 TRIED: Final = 2  # times of a second impact from which it is fitted
 LOOKED_AGAIN: Final = 3  # times that it is looked for beside the fit before
+CLEAR: Final = 4.0  # standard errors, beyond which an impact at any of some thousand samples is no chance
 STEP: Final = 1e-6  # of differences
 
 
@@ -218,18 +219,50 @@ def _speed_begun(fitted: SimulatedFit, state: Real, body: int, before_s: float =
     return math.sqrt(max(float(x @ stiffness @ x + v**2 @ mass), 1e-300) / float(mass[body]))
 
 
+@dataclass(frozen=True, slots=True)
+class Struck:
+    """A second impact in a recording: which one, when (s after its first sample), its share and standard error."""
+
+    recording: int
+    time_s: float
+    share: float
+    error: float
+
+
+def struck(fitted: SimulatedFit, term: Term) -> list[Struck]:
+    """Return the second impacts that stand out of the noise; of a fit's impacts some may not."""
+    found = []
+    for number, own in enumerate(fitted.own):
+        if own.impact.size:
+            share, error = _share_of(fitted, number, term.place[0])
+            time_s = fitted.problem.recordings[number].start_s + float(own.impact[0])
+            found.append(Struck(number, time_s, share, error))
+    return [s for s in found if s.share > CLEAR * s.error] or found
+
+
 def impulse_share(fitted: SimulatedFit, term: Term) -> tuple[float, float]:
     """Return the impulse of a second impact over that of the first, and its standard error.
 
-    The weighted mean of all recordings that have one. How large the first one was, the energy tells that the rig began
-    with.
+    The weighted mean of the recordings that have one, if they agree, else the largest. How large the first one was, the
+    energy tells that the rig began with.
     """
-    found = [_share_of(fitted, number, term.place[0]) for number, own in enumerate(fitted.own) if own.impact.size]
+    found = struck(fitted, term)
     if not found:
         return 0.0, 0.0
-    shares, errors = np.array(found).T
-    weights = 1 / np.maximum(errors, 1e-300) ** 2
-    return float(np.average(shares, weights=weights)), float(1 / math.sqrt(weights.sum()))
+    shares = np.array([s.share for s in found])
+    weights = np.array([max(s.error, 1e-300) for s in found]) ** -2.0
+    mean = float(np.average(shares, weights=weights))
+    if np.all(np.abs(shares - mean) * np.sqrt(weights) < CLEAR):
+        return mean, float(1 / math.sqrt(weights.sum()))
+    largest = max(found, key=lambda s: s.share)
+    return largest.share, largest.error
+
+
+def said_of(impacts: Sequence[Struck], body: str) -> str:
+    """Say what was struck, when, and what the size is over."""
+    times = ", ".join(f"{i.time_s:.4g} s in recording {i.recording + 1} ({100 * i.share:.2g} %)" for i in impacts)
+    size = f"over the impulse that alone would have given '{body}' the energy with which the decay began"
+    return f" It struck '{body}' after {times}. Its size is {size}."
 
 
 def _share_of(fitted: SimulatedFit, number: int, body: int) -> tuple[float, float]:

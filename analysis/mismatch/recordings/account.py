@@ -103,7 +103,7 @@ class BlockAccount(Account[SimulatedFit]):
     def read_off(self, fitted: SimulatedFit, term: Term) -> tuple[float, float, str] | None:
         """Return value, standard error and unit of tones and second impacts, which are each recording's own."""
         if isinstance(term.mechanism, SecondImpact):
-            return *impulse_share(fitted, term), "1"
+            return *impulse_share(struck(fitted, term)), "1"
         return super(BlockAccount, self).read_off(fitted, term)
 
     def weights(self, number: int) -> Weights:

@@ -230,7 +230,10 @@ class Struck:
 
 
 def struck(fitted: SimulatedFit, term: Term) -> list[Struck]:
-    """Return the second impacts that stand out of the noise; of a fit's impacts some may not."""
+    """Return the second impacts of a fit that stand out of the noise; all of them where none does.
+
+    How large the first one was, the energy tells that the rig began with.
+    """
     found = []
     for number, own in enumerate(fitted.own):
         if own.impact.size:
@@ -240,21 +243,27 @@ def struck(fitted: SimulatedFit, term: Term) -> list[Struck]:
     return [s for s in found if s.share > CLEAR * s.error] or found
 
 
-def impulse_share(fitted: SimulatedFit, term: Term) -> tuple[float, float]:
+def impulse_share(impacts: Sequence[Struck]) -> tuple[float, float]:
     """Return the impulse of a second impact over that of the first, and its standard error.
 
-    The weighted mean of the recordings that have one, if they agree, else the largest. How large the first one was, the
-    energy tells that the rig began with.
+    The weighted mean of the recordings that have one, if they agree, else the largest.
+
+    Examples
+    --------
+    >>> share, error = impulse_share([Struck(0, 0.1, 0.050, 0.003), Struck(1, 0.2, 0.054, 0.003)])
+    >>> round(share, 4), round(error, 4)
+    (0.052, 0.0021)
+    >>> impulse_share([Struck(0, 0.1, 0.0009, 0.0001), Struck(1, 0.2, 0.17, 0.001)])
+    (0.17, 0.001)
     """
-    found = struck(fitted, term)
-    if not found:
+    if not impacts:
         return 0.0, 0.0
-    shares = np.array([s.share for s in found])
-    weights = np.array([max(s.error, 1e-300) for s in found]) ** -2.0
+    shares = np.array([s.share for s in impacts])
+    weights = np.array([max(s.error, 1e-300) for s in impacts]) ** -2.0
     mean = float(np.average(shares, weights=weights))
     if np.all(np.abs(shares - mean) * np.sqrt(weights) < CLEAR):
         return mean, float(1 / math.sqrt(weights.sum()))
-    largest = max(found, key=lambda s: s.share)
+    largest = max(impacts, key=lambda s: s.share)
     return largest.share, largest.error
 
 

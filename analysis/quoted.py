@@ -152,7 +152,7 @@ def _measured(numbers: dict[str, Any]) -> list[Quoted]:
     rows = []
     quoted = numbers["quoted"]["flat_stiffness"]
     power = np.polynomial.Polynomial.fit(np.log(flat.load_mn), np.log(flat.contact_stiffness_n_per_m * 1e-6), 1)
-    for load, stiffness in zip(quoted["load_mn"], quoted["contact_stiffness_mn_per_m"], strict=True):
+    for load, stiffness in zip(quoted["load_mn"], quoted["contact_stiffness_n_per_um"], strict=True):
         row = Quoted(
             "Sec. 4.2.1",
             f"flats, {load:g} mN",
@@ -168,7 +168,7 @@ def _measured(numbers: dict[str, Any]) -> list[Quoted]:
     row = Quoted(
         "Sec. 4.2.2",
         "flats, dry, 500 mN",
-        conditions["dry"]["contact_stiffness_mn_per_m"],
+        conditions["dry"]["contact_stiffness_n_per_um"],
         "MN/m",
         0.005,
         "Eq. 11, between rows of Table 5",

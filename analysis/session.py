@@ -23,6 +23,7 @@ from analysis.modal.tester import (
     identify_impacts,
     system_resonance_hz,
 )
+from analysis.moving_masses import MovingMasses, moving_masses
 from analysis.results import ImpactResult, LoadResult, SessionResults, Spectrum
 from analysis.settings import AnalysisSettings
 from analysis.statistics import box_statistics, combine
@@ -41,6 +42,7 @@ from daq.contact_force import contact_force
 from daq.records import Impact, RigDescription, Session
 from rig.errors import MesotapError
 from rig.settings import Masses, Springs
+from rig.tube import OwnMode
 
 CALM_SAMPLES = 5  # after the first one used, by which the last of the pulse and of the low-pass is gone
 GUARD_SAMPLES = 8  # before the trigger that may already belong to the tap
@@ -67,7 +69,8 @@ class KnownRig:
 
     ``covariance`` is that of (m1, m2, k1, k2): springs that were measured through the system mode follow the masses.
     ``tube_damping`` is a viscous damper beside each tube spring, N s/m, which Eq. 9 leaves out: zero unless the system
-    mode is seen to decay. Its share is taken off k_c and c_c, and counts in part as uncertain.
+    mode is seen to decay. Its share is taken off k_c and c_c, and counts in part as uncertain. ``m1`` and ``m2`` are
+    the masses at rest; the tube springs' ``own_mode`` adds to them with the frequency.
     """
 
     m1: Estimate
@@ -76,6 +79,7 @@ class KnownRig:
     k2: Estimate
     covariance: NDArray[np.float64]
     tube_damping: float = 0.0
+    own_mode: OwnMode | None = None
 
     def contact(self, mode: ModeEstimate) -> ContactEstimate:
         """k_c and c_c of one impact."""
@@ -93,12 +97,13 @@ class KnownRig:
 
     def _without_tubes(self, f2: Estimate, zeta2: Estimate, covariance: NDArray[np.float64]) -> ContactEstimate:
         """k_c and c_c by Eq. 10, less what dampers beside the tube springs add: each k_i becomes k_i + c s."""
-        plain = contact_estimate(f2, zeta2, self.m1, self.m2, self.k1, self.k2, covariance)
+        m1, m2 = MovingMasses(self.m1, self.m2, self.covariance[:2, :2], self.own_mode).at(f2.value)
+        plain = contact_estimate(f2, zeta2, m1, m2, self.k1, self.k2, covariance)
         if self.tube_damping == 0.0:
             return plain
         s = pole(f2.value, zeta2.value)
-        a = self.m1.value * s * s + self.tube_damping * s + self.k1.value
-        b = self.m2.value * s * s + self.tube_damping * s + self.k2.value
+        a = m1.value * s * s + self.tube_damping * s + self.k1.value
+        b = m2.value * s * s + self.tube_damping * s + self.k2.value
         interface = -a * b / (a + b)
         damping = interface.imag / s.imag
         stiffness = interface.real - damping * s.real
@@ -242,34 +247,37 @@ def _known_rig(
 ) -> tuple[KnownRig, list[str]]:
     """Masses as declared; springs as declared, or from the system mode of this session (Eq. 10)."""
     rig = session.rig
-    m1, m2 = Estimate(rig.m1_kg, masses.uncertainty_kg), Estimate(rig.m2_kg, masses.uncertainty_kg)
-    covariance = np.diag([masses.uncertainty_kg**2] * 2 + [0.0, 0.0])
+    moving, notes = moving_masses(rig, masses, springs)
+    m1, m2, own_mode = moving.m1, moving.m2, moving.own_mode
+    covariance = np.zeros((4, 4))
+    covariance[:2, :2] = moving.covariance
     systems = [m.system.frequency_hz for m in modes.values() if m.system is not None]
     f1 = combine([e.value for e in systems], [e.standard_error for e in systems])
     if settings.springs == "declared" or f1 is None:
         errors = [k * springs.uncertainty_percent / 100 for k in (rig.k1_n_per_m, rig.k2_n_per_m)]
         covariance[2, 2], covariance[3, 3] = errors[0] ** 2, errors[1] ** 2
         k1, k2 = Estimate(rig.k1_n_per_m, errors[0]), Estimate(rig.k2_n_per_m, errors[1])
-        note = [] if settings.springs == "declared" else ["no system mode was found: the springs are the declared ones"]
-        return KnownRig(m1, m2, k1, k2, covariance), note
+        if settings.springs != "declared":
+            notes.append("no system mode was found: the springs are the declared ones")
+        return KnownRig(m1, m2, k1, k2, covariance, own_mode=own_mode), notes
     ratio = rig.k2_n_per_m / rig.k1_n_per_m
-    values = _spring_values(session, modes, f1.value, ratio)
+    values = _spring_values(moving, modes, f1.value, ratio)
+    mass = sum(m.value for m in moving.at(f1.value))
     # k = (m1 + m2) omega1^2 / 2 each; the split between them is not seen
-    by_mass = np.array([[k / (m1.value + m2.value)] * 2 for k in values])
+    by_mass = np.array([[k / mass] * 2 for k in values])
     mass_part = by_mass @ covariance[:2, :2]
     by_f1 = np.array([2 * k / f1.value for k in values]) * f1.standard_error
     split = np.array([values[0], -values[1]]) * settings.spring_asymmetry_percent / 100 / math.sqrt(2)
     covariance[2:, :2], covariance[:2, 2:] = mass_part, mass_part.T
     covariance[2:, 2:] = mass_part @ by_mass.T + np.outer(by_f1, by_f1) + np.outer(split, split)
     k1, k2 = (Estimate(k, math.sqrt(covariance[i, i])) for i, k in enumerate(values, start=2))
-    notes = []
     declared = (rig.k1_n_per_m + rig.k2_n_per_m) / sum(values) - 1
     if abs(declared) > 3 * springs.uncertainty_percent / 100:
         notes.append(
             f"the declared springs are {100 * declared:+.1f} % off what the system mode of this session says; "
             "its own are used"
         )
-    return KnownRig(m1, m2, k1, k2, covariance, _tube_damping(modes, m1.value + m2.value, f1.value, notes)), notes
+    return KnownRig(m1, m2, k1, k2, covariance, _tube_damping(modes, mass, f1.value, notes), own_mode), notes
 
 
 def _tube_damping(modes: dict[int, ImpactModes], mass: float, f1: float, notes: list[str]) -> float:
@@ -286,22 +294,22 @@ def _tube_damping(modes: dict[int, ImpactModes], mass: float, f1: float, notes: 
     return zeta1.value * 2 * math.pi * f1 * mass
 
 
-def _spring_values(session: Session, modes: dict[int, ImpactModes], f1: float, ratio: float) -> tuple[float, float]:
+def _spring_values(moving: MovingMasses, modes: dict[int, ImpactModes], f1: float, ratio: float) -> tuple[float, float]:
     """k1, k2 from the system mode, for the finite k_c of this session."""
-    rig = session.rig
-    k1, k2 = springs_from_system_mode(f1, math.inf, rig.m1_kg, rig.m2_kg, ratio)
+    m1, m2 = (m.value for m in moving.at(f1))
+    k1, k2 = springs_from_system_mode(f1, math.inf, m1, m2, ratio)
     stiffness = []
     for found in modes.values():
         if found.contact is not None:
             try:
                 frequency, damping = found.contact.frequency_hz, found.contact.damping_ratio
                 at = pole(frequency.value, damping.value)
-                stiffness.append(contact_from_pole(at, rig.m1_kg, rig.m2_kg, k1, k2)[0])
+                stiffness.append(contact_from_pole(at, m1, m2, k1, k2)[0])
             except ResonanceError:
                 continue
     if not stiffness:
         return k1, k2
-    return springs_from_system_mode(f1, float(np.median(stiffness)), rig.m1_kg, rig.m2_kg, ratio)
+    return springs_from_system_mode(f1, float(np.median(stiffness)), m1, m2, ratio)
 
 
 def _gauge_reading_error(impacts: Sequence[Impact]) -> float:

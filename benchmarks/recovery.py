@@ -32,7 +32,7 @@ SPHERE_CHANGES = [
     "rig.limits.load_mn=1200",
     "analysis.contact=paper-sphere",
     f"sim_backend.contact.load_mn={SPHERE}",
-    "sim_backend.contact.contact_stiffness_mn_per_m=[0.591, 0.680, 0.920, 0.973, 1.232, 1.380, 1.544, 1.768]",
+    "sim_backend.contact.contact_stiffness_n_per_um=[0.591, 0.680, 0.920, 0.973, 1.232, 1.380, 1.544, 1.768]",
     "sim_backend.contact.damping_ratio=[0.18, 0.14, 0.10, 0.09, 0.06, 0.05, 0.035, 0.03]",
     "mesotap.load_tolerance_mn=5",
 ]

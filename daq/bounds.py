@@ -48,6 +48,9 @@ ANY = Bound(1e-30, 1e30, "of its unit", "no sensor gives this; scale it")
 BOUNDS = {
     "m1_kg": MASS,
     "m2_kg": MASS,
+    "tube_added_kg": MASS,
+    "tube_mode_kg": MASS,
+    "tube_mode_hz": CORNER,
     "k1_n_per_m": STIFFNESS,
     "k2_n_per_m": STIFFNESS,
     "sample_rate_hz": RATE,

@@ -10,11 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.hardware_log import Repetition
+from rig.tube import OwnMode
 
 
 @dataclass(frozen=True, slots=True)
 class RigDescription:
-    """The rig as `/rig` of the session file holds it; NaN (or an empty family) where unknown."""
+    """The rig as `/rig` of the session file holds it; NaN (or an empty family) where unknown.
+
+    The last three say what of the tube springs is in the masses, and are 0 where nothing of them was declared:
+    ``tube_added_kg`` is in m1_kg and m2_kg each, ``tube_mode_kg`` and ``tube_mode_hz`` are their own mode
+    (`rig.tube.OwnMode`), which adds to both as the frequency grows.
+    """
 
     m1_kg: float = math.nan
     m2_kg: float = math.nan
@@ -28,6 +34,14 @@ class RigDescription:
     filter_family: str = "none"
     full_scale_m_s2: float = math.nan
     bits: int = 0
+    tube_added_kg: float = 0.0
+    tube_mode_kg: float = 0.0
+    tube_mode_hz: float = 0.0
+
+    @property
+    def tube_mode(self) -> OwnMode | None:
+        """Own mode of the tube springs, None where none is declared."""
+        return OwnMode(self.tube_mode_kg, self.tube_mode_hz) if self.tube_mode_kg and self.tube_mode_hz else None
 
     @property
     def is_tester(self) -> bool:

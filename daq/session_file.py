@@ -38,6 +38,9 @@ FAMILIES = ("butterworth", "none", "")
 RATE_TOLERANCE = 0.01
 """Relative difference between the rig's sampling rate and an impact's that a recorder's clock may explain."""
 
+TUBES = ("tube_added_kg", "tube_mode_kg", "tube_mode_hz")
+"""Attributes of /rig beside the format, there where the tube springs' inertia was declared."""
+
 _TEXTS = ("created", "operator", "specimen", "title", "software")
 
 
@@ -119,7 +122,7 @@ def _image(session: Session, compress: bool) -> bytes:
         rig = file.create_group("rig")
         for item in fields(RigDescription):
             value = getattr(session.rig, item.name)
-            if item.name != "filter_family" or value:
+            if item.name not in ("filter_family", *TUBES) or value:
                 rig.attrs[item.name] = value
         for when, points in (("pre", session.pre), ("post", session.post)):
             if points is not None:
@@ -209,6 +212,7 @@ def _read_rig(node: Node) -> RigDescription:
         for name in ("m1_kg", "m2_kg", "k1_n_per_m", "k2_n_per_m", "sample_rate_hz", "full_scale_m_s2")
     }
     corner = {name: node.number(name, required=False, least=0.0) for name in ("highpass_hz", "lowpass_hz")}
+    tubes = {name: node.number(name, required=False, least=0.0) for name in TUBES}
     most = {"highpass_order": MOST_POLES, "lowpass_order": MOST_POLES, "bits": MOST_BITS}
     count = {name: _known_count(node, name, most[name]) for name in most}
     return RigDescription(
@@ -224,6 +228,7 @@ def _read_rig(node: Node) -> RigDescription:
         filter_family=family or "",
         full_scale_m_s2=positive["full_scale_m_s2"],
         bits=count["bits"],
+        **{name: 0.0 if math.isnan(value) else value for name, value in tubes.items()},
     )
 
 

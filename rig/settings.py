@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -10,6 +11,7 @@ from pydantic import Field, model_validator
 from rig.drivers.settings import NewportStage
 from rig.parts import Parts
 from rig.section import Finite, NonNegative, Positive, Section
+from rig.tube import OwnMode, Tube
 
 __all__ = [
     "STANDARD_GRAVITY",
@@ -24,35 +26,100 @@ __all__ = [
     "RigSettings",
     "Section",
     "Springs",
+    "TubeInertia",
+    "TubeSettings",
     "Wiring",
 ]
 
 STANDARD_GRAVITY = 9.80665  # m/s2
+THICKEST_WALL = 0.1  # of the outer diameter: thicker rings shear and stretch by percents of their bending
 SAFE_CLEARANCES = 2.0  # clearance over the travel that the springs need for the load limit: contacts are soft
 
 
 class Masses(Section):
-    """Upper and lower mass with everything screwed to them, kg."""
+    """Upper and lower mass with everything screwed to them but the tube springs, kg; what a scale does not know."""
 
     m1_kg: Positive = 0.107
     m2_kg: Positive = 0.108
     uncertainty_kg: NonNegative = 0.00005
 
 
+class TubeSettings(Section):
+    """A tube spring, from which the mass that moves with each block is computed (`rig.tube`)."""
+
+    youngs_modulus_gpa: Positive = 193.0
+    poisson_ratio: Annotated[float, Field(gt=-1, lt=0.5)] = 0.29
+    density_kg_per_m3: Positive = 7900.0
+    outer_diameter_mm: Positive = 19.0
+    wall_mm: Positive = 0.5
+    length_mm: Positive = 30.0
+
+    @model_validator(mode="after")
+    def _thin(self) -> TubeSettings:
+        if self.wall_mm > THICKEST_WALL * self.outer_diameter_mm:
+            raise ValueError(
+                f"wall_mm of {self.wall_mm:g} is more than {THICKEST_WALL:.0%} of outer_diameter_mm: no thin ring; "
+                "give added_mass_kg instead"
+            )
+        return self
+
+    def tube(self) -> Tube:
+        """Return it in SI units."""
+        return Tube(
+            self.youngs_modulus_gpa * 1e9,
+            self.poisson_ratio,
+            self.density_kg_per_m3,
+            (self.outer_diameter_mm - self.wall_mm) / 2 * 1e-3,
+            self.wall_mm * 1e-3,
+            self.length_mm * 1e-3,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class TubeInertia:
+    """What the tube springs add to Eq. 9: kg to each mass at rest, its standard error, and the tubes' own mode."""
+
+    added_kg: float
+    uncertainty_kg: float
+    own_mode: OwnMode | None = None
+
+    def added_mass(self, f_hz: float) -> float:
+        """Return what moves with each block at ``f_hz``, kg."""
+        return self.added_kg + (0.0 if self.own_mode is None else self.own_mode.added_mass(f_hz))
+
+
 class Springs(Section):
-    """Stiffness of the tube springs: given, or identified from the system resonance (k1 = k2)."""
+    """Tube springs: their stiffness, given or identified from the system resonance (k1 = k2), and their inertia.
+
+    The inertia, of which Eq. 9 has none, follows from ``tube``, or is ``added_mass_kg`` for each block; without either
+    the springs count as massless. Its uncertainty is common to both blocks.
+    """
 
     system_resonance_hz: Positive | None = None
     k1_n_per_m: Positive | None = None
     k2_n_per_m: Positive | None = None
     uncertainty_percent: NonNegative = 1.0
+    tube: TubeSettings | None = None
+    added_mass_kg: NonNegative | None = None
+    added_mass_uncertainty_percent: NonNegative = 5.0  # a seat 2 mm wide, which no thin line is, moves this much more
 
     @model_validator(mode="after")
     def _one_way(self) -> Springs:
         given = (self.k1_n_per_m is not None) + (self.k2_n_per_m is not None)
         if given == 1 or (given == 2) == (self.system_resonance_hz is not None):
             raise ValueError("give either system_resonance_hz, or both k1_n_per_m and k2_n_per_m")
+        if self.tube is not None and self.added_mass_kg is not None:
+            raise ValueError("give either tube, from which the added mass follows, or added_mass_kg")
         return self
+
+    def inertia(self) -> TubeInertia | None:
+        """Return what the tube springs add to the masses; None where neither key says it."""
+        share = self.added_mass_uncertainty_percent / 100
+        if self.tube is not None:
+            tube = self.tube.tube()
+            added = tube.added_mass(0.0)
+            return TubeInertia(added, share * added, tube.own_mode())
+        return None if self.added_mass_kg is None else TubeInertia(self.added_mass_kg, share * self.added_mass_kg)
 
 
 class Channel(Section):
@@ -219,6 +286,14 @@ class RigSettings(Section):
         springs, masses = self.springs, self.masses
         if springs.k1_n_per_m is not None and springs.k2_n_per_m is not None:
             return springs.k1_n_per_m, springs.k2_n_per_m
-        omega = 2 * math.pi * (springs.system_resonance_hz or math.nan)
-        k = (masses.m1_kg + masses.m2_kg) / 2 * omega**2
+        f1 = springs.system_resonance_hz or math.nan
+        inertia = springs.inertia()
+        moving = masses.m1_kg + masses.m2_kg + (0.0 if inertia is None else 2 * inertia.added_mass(f1))
+        k = moving / 2 * (2 * math.pi * f1) ** 2
         return k, k
+
+    def moving_masses(self) -> tuple[float, float]:
+        """Return m1, m2 of Eq. 9 in kg: the blocks, with what the tube springs add to them at rest."""
+        inertia = self.springs.inertia()
+        added = 0.0 if inertia is None else inertia.added_kg
+        return self.masses.m1_kg + added, self.masses.m2_kg + added

@@ -16,6 +16,7 @@ FOLDERS = "mechanisms"
 Rate = Annotated[float, Field(ge=0, le=1)]
 
 
+STIFFNESS, OLD_STIFFNESS = "contact_stiffness_n_per_um", "contact_stiffness_mn_per_m"
 LAWS: Final = {"hertz": ("hertz_stiffness",), "exponential": ("rough_surface_stiffness",)}
 
 
@@ -29,7 +30,7 @@ class SimulatedContact(Section):
 
     stiffness: Literal["table", "theory"] = "table"
     load_mn: tuple[Positive, ...] = (264.9, 348.3, 431.6, 524.8, 549.4, 627.8, 784.8, 927.0)
-    contact_stiffness_mn_per_m: tuple[Positive, ...] = (3.95, 5.87, 7.03, 7.59, 8.04, 8.90, 9.50, 10.32)
+    contact_stiffness_n_per_um: tuple[Positive, ...] = (3.95, 5.87, 7.03, 7.59, 8.04, 8.90, 9.50, 10.32)
     damping_ratio: tuple[Positive, ...] = (0.028, 0.012, 0.005, 0.0018, 0.0017, 0.0016, 0.0016, 0.0016)
     stiffness_scatter_percent: NonNegative = 0.04
     damping_scatter_percent: NonNegative = 2.0
@@ -46,11 +47,21 @@ class SimulatedContact(Section):
             raise ValueError(f"law and can_part are no settings of the contact: leave them out, and {instead}")
         return given
 
+    @model_validator(mode="before")
+    @classmethod
+    def _one_meaning_of_mn(cls, given: Any) -> Any:
+        """Read the key that once had MN/m as mn, which everywhere else is millinewton."""
+        if not isinstance(given, dict) or OLD_STIFFNESS not in given:
+            return given
+        if STIFFNESS in given:
+            raise ValueError(f"{OLD_STIFFNESS} is the former name of {STIFFNESS} (1 N/um is 1 MN/m): give one of them")
+        return {STIFFNESS if key == OLD_STIFFNESS else key: value for key, value in given.items()}
+
     @model_validator(mode="after")
     def _table(self) -> SimulatedContact:
         n = len(self.load_mn)
-        if n < 2 or len(self.contact_stiffness_mn_per_m) != n or len(self.damping_ratio) != n:
-            raise ValueError("load_mn, contact_stiffness_mn_per_m and damping_ratio need one length, at least 2")
+        if n < 2 or len(self.contact_stiffness_n_per_um) != n or len(self.damping_ratio) != n:
+            raise ValueError("load_mn, contact_stiffness_n_per_um and damping_ratio need one length, at least 2")
         if any(b <= a for a, b in zip(self.load_mn, self.load_mn[1:], strict=False)):
             raise ValueError("load_mn must grow")
         return self

@@ -53,7 +53,7 @@ class ContactTable:
 
     def __init__(self, settings: SimulatedContact):
         load = np.array(settings.load_mn) * 1e-3
-        self._stiffness = PowerLaw(load, np.array(settings.contact_stiffness_mn_per_m) * 1e6)
+        self._stiffness = PowerLaw(load, np.array(settings.contact_stiffness_n_per_um) * 1e6)
         self._damping_ratio = PowerLaw(load, settings.damping_ratio)
         self._largest_ratio = max(LARGEST_DAMPING_RATIO, *settings.damping_ratio)
 

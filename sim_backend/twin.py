@@ -13,16 +13,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from rig.errors import RigError
+from rig.tube import OwnMode
 from sim_backend.acting import Acting, extended, laws_in
 from sim_backend.arrangement import LOWER, UPPER, Arrangement, Element, Parameter, tester
 from sim_backend.arrays import Real
 from sim_backend.force_law import SLOTS
+from sim_backend.mechanisms import tube_mode
 from sim_backend.mechanisms.kinds import AtRest, ChannelDistortion
 from sim_backend.modal_response import respond, step_weights
 from sim_backend.propagate import Clock, Given, Laws, Motion, Rigs, laws_of, propagate
 from sim_backend.pulses import Pulse
 from sim_backend.state_space import StateSpace, exact_response, pairs
-from sim_backend.two_mass import TwoMass
+from sim_backend.two_mass import TUBE_MODE_DAMPING, TwoMass
 
 SUBSTEPS = 16  # of a sample
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)  # of quadrature between the knots of a pulse
@@ -127,7 +129,10 @@ def given_pulse(pulse: Pulse, onset_s: float, h: float, steps: int) -> Given:
 
 def _arrangement(rig: TwoMass, found: Sequence[Acting]) -> Arrangement:
     """Build Eq. 9 as a fit has it, with dampers beside the springs where there are any, and what mechanisms add."""
-    out = tester(rig.m1, rig.m2, rig.k1, rig.k2, rig.kc, rig.cc, mass_uncertainty=0.0, spring_uncertainty=0.0)
+    m1, m2, own = rig.m1, rig.m2, rig.tube_mode
+    if own is not None:
+        m1, m2 = m1 - own.mass_kg, m2 - own.mass_kg
+    out = tester(m1, m2, rig.k1, rig.k2, rig.kc, rig.cc, mass_uncertainty=0.0, spring_uncertainty=0.0)
     if rig.c1 or rig.c2:
         out = out.extended(
             elements=(
@@ -136,7 +141,14 @@ def _arrangement(rig: TwoMass, found: Sequence[Acting]) -> Arrangement:
             ),
             parameters=(Parameter("c1", "N s/m", rig.c1), Parameter("c2", "N s/m", rig.c2)),
         )
-    return extended(out, found)
+    return extended(out, found if own is None else [_own_mode(own, out), *found])
+
+
+def _own_mode(own: OwnMode, rig: Arrangement) -> Acting:
+    """Return the declared own mode of the tube springs as the mechanism that it is."""
+    damping = 2 * TUBE_MODE_DAMPING * math.sqrt(own.mass_kg * own.stiffness)
+    values = dict(zip(tube_mode.MECHANISM.body or (), (own.mass_kg, own.stiffness, damping), strict=True))
+    return Acting(tube_mode.MECHANISM, values, tube_mode.at(rig)[0])
 
 
 class _Rig:

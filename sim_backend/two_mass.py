@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.tube import OwnMode
 from sim_backend.state_space import StateSpace
 
+TUBE_MODE_DAMPING = 2e-3  # ratio of a steel tube between set screws; nobody has measured it
 PAIRING_TOLERANCE = 1e-9  # |Im s| / |s| below which a pole counts as real
 
 
@@ -27,6 +29,8 @@ class TwoMass:
         Contact stiffness, N/m, and contact damping, N s/m.
     c1, c2
         Dampers beside the tube springs, N s/m. Eq. 9 has none.
+    tube_mode
+        Own mode of each tube spring, on top of what the masses hold of it at rest. Eq. 9 has none.
     """
 
     m1: float
@@ -37,20 +41,28 @@ class TwoMass:
     cc: float
     c1: float = 0.0
     c2: float = 0.0
+    tube_mode: OwnMode | None = None
 
     def state_matrix(self) -> NDArray[np.float64]:
         """Return the (4, 4) matrix of Eq. 9 for the state x1, x2 (m), v1, v2 (m/s).
 
-        The contact pushes the lower mass with k_c (x1 - x2) + c_c (v1 - v2) and the upper one back.
+        The contact pushes the lower mass with k_c (x1 - x2) + c_c (v1 - v2) and the upper one back. With own modes of
+        the tube springs it is (8, 8): two more places after x2, two more velocities at the end.
         """
-        return np.array(
-            [
-                [0.0, 0.0, 1.0, 0.0],
-                [0.0, 0.0, 0.0, 1.0],
-                [-(self.k1 + self.kc) / self.m1, self.kc / self.m1, -(self.c1 + self.cc) / self.m1, self.cc / self.m1],
-                [self.kc / self.m2, -(self.k2 + self.kc) / self.m2, self.cc / self.m2, -(self.c2 + self.cc) / self.m2],
-            ]
-        )
+        k = np.array([[self.k1 + self.kc, -self.kc], [-self.kc, self.k2 + self.kc]])
+        c = np.array([[self.c1 + self.cc, -self.cc], [-self.cc, self.c2 + self.cc]])
+        mass = np.array([self.m1, self.m2])
+        if self.tube_mode is not None:
+            m, mount = self.tube_mode.mass_kg, self.tube_mode.stiffness
+            mass = np.concatenate([mass - m, [m, m]])
+            k = np.block([[k + mount * np.eye(2), -mount * np.eye(2)], [-mount * np.eye(2), mount * np.eye(2)]])
+            damper = 2 * TUBE_MODE_DAMPING * math.sqrt(mount * m) * np.eye(2)
+            c = np.block([[c + damper, -damper], [-damper, damper]])
+        n = len(mass)
+        a = np.zeros((2 * n, 2 * n))
+        a[:n, n:] = np.eye(n)
+        a[n:, :n], a[n:, n:] = -k / mass[:, None], -c / mass[:, None]
+        return a
 
     def state_space(self) -> StateSpace:
         """Return the tester from the force on the upper mass, N, to five outputs.
@@ -59,19 +71,16 @@ class TwoMass:
         approach x1 - x2 (m), its rate (m/s).
         """
         a = self.state_matrix()
-        c = np.array(
-            [
-                a[3],
-                [0.0, 1.0, 0.0, 0.0],
-                [self.kc, -self.kc, self.cc, -self.cc],
-                [1.0, -1.0, 0.0, 0.0],
-                [0.0, 0.0, 1.0, -1.0],
-            ]
-        )
-        return StateSpace(a, np.array([0.0, 0.0, 1 / self.m1, 0.0]), c, np.zeros(5))
+        n = len(a) // 2
+        place, apart = np.eye(2 * n)[1], np.zeros(2 * n)
+        apart[:2] = 1.0, -1.0
+        rate = np.roll(apart, n)
+        b = np.zeros(2 * n)
+        b[n] = 1 / (self.m1 - (0.0 if self.tube_mode is None else self.tube_mode.mass_kg))
+        return StateSpace(a, b, np.stack([a[n + 1], place, self.kc * apart + self.cc * rate, apart, rate]), np.zeros(5))
 
     def poles(self) -> NDArray[np.complex128]:
-        """Return the four roots s of Eq. 10 (s = j omega), rad/s."""
+        """Return the four roots s of Eq. 10 (s = j omega), rad/s; eight with own modes of the tube springs."""
         return np.linalg.eigvals(self.state_matrix()).astype(np.complex128)
 
     def modes(self) -> tuple[float, float, float, float]:
@@ -88,7 +97,7 @@ class TwoMass:
             omega = math.sqrt(slow * fast)
             found.append((omega / (2 * math.pi), (slow + fast) / (2 * omega) if omega > 0 else math.nan))
         found.sort()
-        (f1, zeta1), (f2, zeta2) = found
+        (f1, zeta1), (f2, zeta2) = found[:2]
         return float(f1), float(zeta1), float(f2), float(zeta2)
 
 

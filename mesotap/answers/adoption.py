@@ -127,6 +127,9 @@ def _load(entry: Mapping[str, Any]) -> AdoptedLoad:
     )
 
 
+TUBE_MODE_MASS = "mt"  # constant of a fitted rig; see `analysis.mismatch.ring_downs.sessions`
+
+
 def with_model(config: Config, model: AdoptedModel) -> Config:
     """Return a configuration whose simulated rig has the mechanisms, and contact and springs as they were fitted.
 
@@ -149,7 +152,7 @@ def with_model(config: Config, model: AdoptedModel) -> Config:
         simulated["contact"] |= {
             "stiffness": "table",
             "load_mn": [p.load_mn for p in loads],
-            "contact_stiffness_mn_per_m": [1e-6 * p.stiffness_n_per_m for p in loads],
+            "contact_stiffness_n_per_um": [1e-6 * p.stiffness_n_per_m for p in loads],
             "damping_ratio": [p.damping_ratio for p in loads],
         }
         most = config.rig.limits.load_mn - config.mesotap.load_tolerance_mn
@@ -157,7 +160,10 @@ def with_model(config: Config, model: AdoptedModel) -> Config:
         content["mesotap"]["load_plan_mn"] = plan or content["mesotap"]["load_plan_mn"]
     if set(CONSTANTS) <= set(model.rig):
         m1, m2, k1, k2 = (model.rig[name] for name in CONSTANTS)
-        content["rig"]["masses"] |= {"m1_kg": m1, "m2_kg": m2}
+        # fitted without what rides on the blocks as the tubes' own mode; declared without anything of the tubes
+        inertia = config.rig.springs.inertia()
+        tubes = 0.0 if inertia is None else inertia.added_kg - model.rig.get(TUBE_MODE_MASS, 0.0)
+        content["rig"]["masses"] |= {"m1_kg": m1 - tubes, "m2_kg": m2 - tubes}
         content["rig"]["springs"] |= {"system_resonance_hz": None, "k1_n_per_m": k1, "k2_n_per_m": k2}
     try:
         return validated(content)

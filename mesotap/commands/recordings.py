@@ -146,6 +146,7 @@ def _session_info(session: Session, file: Path) -> dict[str, Any]:
         ],
         "calibrations": [w for w, c in (("before", session.pre), ("after", session.post)) if c is not None],
         "rig": f"m1 {rig.m1_kg:g} kg, m2 {rig.m2_kg:g} kg, k1 {rig.k1_n_per_m:g} N/m, k2 {rig.k2_n_per_m:g} N/m"
+        + (f", {1e3 * rig.tube_added_kg:.3g} g of each tube spring in the masses" if rig.tube_added_kg else "")
         if rig.is_tester
         else "not described: no session of the tester",
     }

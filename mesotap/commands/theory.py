@@ -219,7 +219,7 @@ def _settings(table: PublishedTable) -> list[str]:
         f"mesotap.load_plan_mn={loads}",
         f"rig.springs.system_resonance_hz={table.system_resonance_hz}",
         f"sim_backend.contact.load_mn={loads}",
-        f"sim_backend.contact.contact_stiffness_mn_per_m={(table.contact_stiffness_n_per_m * 1e-6).tolist()}",
+        f"sim_backend.contact.contact_stiffness_n_per_um={(table.contact_stiffness_n_per_m * 1e-6).tolist()}",
     ]
     if table.number == 3:
         zeta, at, exponent = SPHERE_DAMPING

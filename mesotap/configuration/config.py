@@ -92,6 +92,12 @@ class Config(Section):
         for key, (bound, value) in described.items():
             if fault := bound.fault(value):
                 raise ValueError(f"{key} {fault}")
+        inertia = rig.springs.inertia()
+        if inertia is not None and inertia.added_kg >= min(masses.m1_kg, masses.m2_kg):
+            raise ValueError(
+                f"rig.springs: the tube springs add {inertia.added_kg:.3g} kg to each mass, as much as the masses "
+                "themselves: correct tube, or give added_mass_kg"
+            )
         if masses.uncertainty_kg >= min(masses.m1_kg, masses.m2_kg):
             raise ValueError(
                 f"rig.masses.uncertainty_kg is {masses.uncertainty_kg:g} kg, as much as the masses themselves: a "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import yaml
@@ -40,9 +41,11 @@ def header_uncertainty(session: Session) -> Mapping[str, float]:
     """Return the standard errors of the masses (kg) and springs (N/m) in a session's header, by its names."""
     rig = rig_settings(session)
     share = rig.springs.uncertainty_percent / 100
+    inertia = rig.springs.inertia()
+    mass = math.hypot(rig.masses.uncertainty_kg, 0.0 if inertia is None else inertia.uncertainty_kg)
     return {
-        "m1_kg": rig.masses.uncertainty_kg,
-        "m2_kg": rig.masses.uncertainty_kg,
+        "m1_kg": mass,
+        "m2_kg": mass,
         "k1_n_per_m": share * session.rig.k1_n_per_m,
         "k2_n_per_m": share * session.rig.k2_n_per_m,
     }

@@ -38,7 +38,7 @@ def judged_impact(
         preload_mn=(before[0] + after[0]) / 2,
         load_before_mn=before[0],
         load_after_mn=after[0],
-        m2_kg=config.rig.masses.m2_kg,
+        m2_kg=config.rig.moving_masses()[1],
         k2_n_per_m=config.rig.spring_stiffness()[1],
         full_scale_m_s2=recorder.full_scale_m_s2,
         bits=recorder.bits,

@@ -128,10 +128,12 @@ def progress_of(events: Iterable[dict[str, Any]]) -> Progress:
 def describe_rig(settings: RigSettings) -> RigDescription:
     """`/rig` of the session file, from the configuration."""
     k1, k2 = settings.spring_stiffness()
-    declared = settings.filter
+    m1, m2 = settings.moving_masses()
+    declared, inertia = settings.filter, settings.springs.inertia()
+    own = None if inertia is None else inertia.own_mode
     return RigDescription(
-        m1_kg=settings.masses.m1_kg,
-        m2_kg=settings.masses.m2_kg,
+        m1_kg=m1,
+        m2_kg=m2,
         k1_n_per_m=k1,
         k2_n_per_m=k2,
         sample_rate_hz=settings.wiring.sample_rate_hz,
@@ -142,6 +144,9 @@ def describe_rig(settings: RigSettings) -> RigDescription:
         filter_family=declared.family,
         full_scale_m_s2=settings.wiring.full_scale_m_s2(),
         bits=settings.wiring.bits,
+        tube_added_kg=0.0 if inertia is None else inertia.added_kg,
+        tube_mode_kg=0.0 if own is None else own.mass_kg,
+        tube_mode_hz=0.0 if own is None else own.frequency_hz,
     )
 
 

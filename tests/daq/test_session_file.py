@@ -44,6 +44,17 @@ def test_a_session_without_calibration_strain_or_rig_comes_back(tmp_path: Path, 
     assert same(read_session(path), replace(bare, source=str(path)))
 
 
+def test_tube_springs_in_the_masses_come_back_and_leave_no_trace_where_there_are_none(
+    tmp_path: Path, session: Session
+) -> None:
+    tubes = replace(session.rig, tube_added_kg=0.0027, tube_mode_kg=0.0013, tube_mode_hz=6078.0)
+    write_session(tmp_path / "tubes.h5", replace(session, rig=tubes))
+    assert read_session(tmp_path / "tubes.h5").rig == tubes
+    write_session(tmp_path / "none.h5", session)
+    with h5py.File(tmp_path / "none.h5") as file:
+        assert not [name for name in file["rig"].attrs if name.startswith("tube")]
+
+
 def test_channels_of_another_rig_come_back(tmp_path: Path, session: Session) -> None:
     channels = np.arange(900.0).reshape(3, 300)
     impact = replace(session.impacts[0], channels=channels, channel_names=("acc1", "acc2", "hammer µ"))

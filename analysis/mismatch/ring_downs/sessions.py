@@ -18,15 +18,20 @@ from analysis.settings import AnalysisSettings
 from analysis.stiffness import ResonanceError, springs_from_system_mode
 from daq.records import Impact, RigDescription, Session
 from rig.settings import Filter
-from sim_backend.arrangement import LOAD, Arrangement, Element
+from rig.tube import OwnMode
+from sim_backend.arrangement import LOAD, Arrangement, Element, Parameter
+from sim_backend.mechanisms import tube_mode
 from sim_backend.recorder import analog_filter
 from sim_backend.state_space import StateSpace
+from sim_backend.two_mass import TUBE_MODE_DAMPING
 
 NOISE_DIFFERENCE = 0.1  # of sessions that are diagnosed together
 CYCLES_SKIPPED = 0.2  # oscillations of the system mode by which the declared springs may be off to begin with
 FEWEST_IMPACTS = 4
 HELD = 1e-6  # relative standard error of a constant that is declared as exact
 NOWHERE = 1e-12  # the same of one that is zero
+TUBE_MODE = ("mt", "kt", "ct")  # constants of the tube springs' declared own mode
+TUBE_MODE_ERROR = 0.1  # relative standard error of its mass and stiffness: wall, seats, plane strain or stress
 
 
 def ring_downs(
@@ -95,7 +100,26 @@ def _declared(rig: DescribedRig, session: Session, uncertainty: Mapping[str, flo
             raise AnalysisError(f"{name}: {rig.name} does not say {p.name}, which impacts alone cannot tell; give it")
         else:
             found.append(replace(p, uncertainty=max(p.uncertainty, HELD * abs(p.value), NOWHERE)))
-    return replace(rig.arrangement, parameters=tuple(found))
+    return _with_tube_mode(replace(rig.arrangement, parameters=tuple(found)), rig, session.rig.tube_mode)
+
+
+def _with_tube_mode(arrangement: Arrangement, rig: DescribedRig, own: OwnMode | None) -> Arrangement:
+    """Return Eq. 9 with the tube springs' own mode that a session's header declares beside its masses at rest."""
+    places = [] if own is None else tube_mode.at(arrangement)
+    if own is None or not places:
+        return arrangement
+    lighter = tuple(
+        replace(p, value=p.value - own.mass_kg) if rig.header.get(p.name) in ("m1_kg", "m2_kg") else p
+        for p in arrangement.parameters
+    )
+    damping = 2 * TUBE_MODE_DAMPING * math.sqrt(own.mass_kg * own.stiffness)
+    return tube_mode.mounted(replace(arrangement, parameters=lighter), places[0], TUBE_MODE).extended(
+        parameters=(
+            Parameter(TUBE_MODE[0], "kg", own.mass_kg, TUBE_MODE_ERROR * own.mass_kg, positive=True),
+            Parameter(TUBE_MODE[1], "N/m", own.stiffness, TUBE_MODE_ERROR * own.stiffness, positive=True),
+            Parameter(TUBE_MODE[2], "N s/m", damping, damping, positive=True),
+        )
+    )
 
 
 def _springs_to_begin_with(usable: Sequence[_Usable], duration_s: float) -> dict[str, float]:

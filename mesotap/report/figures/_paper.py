@@ -114,7 +114,7 @@ def paper_figure_9(table: PublishedTable) -> Figure:
         ("boundary_lubricated", "boundary lubricated", GREEN, "^"),
     )
     for key, name, colour, marker in looks:
-        for axes, quantity in ((left, "contact_stiffness_mn_per_m"), (right, "damping_percent")):
+        for axes, quantity in ((left, "contact_stiffness_n_per_um"), (right, "damping_percent")):
             axes.plot(
                 conditions["load_mn"],
                 conditions[key][quantity],

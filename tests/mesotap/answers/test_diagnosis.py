@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 from analysis.mismatch.answer import Answer, RecordingFile
 from analysis.mismatch.diagnosis import Diagnosis
 from daq.errors import RecordingError
-from mesotap.answers.adoption import read_diagnosis, with_model
+from mesotap.answers.adoption import AdoptedModel, read_diagnosis, with_model
 from mesotap.answers.candidates import candidates
 from mesotap.answers.diagnosis_json import diagnosis_json
 from mesotap.answers.diagnosis_page import write_page
 from mesotap.answers.evidence import evidence_of
-from mesotap.configuration.config import Config, ConfigError, load_config
+from mesotap.configuration.config import Config, ConfigError, load_config, parse_config
 from sim_backend.adopted import adopted
 from sim_backend.mechanisms.catalogue import variants
 from sim_backend.twin import twin_record
@@ -202,3 +202,16 @@ def test_any_json_is_adopted_or_refused_in_a_sentence(tmp_path: Path, mechanisms
         with_model(Config(), read_diagnosis(path))
     except (RecordingError, ConfigError) as refusal:
         assert str(path) in str(refusal)
+
+
+def test_adopted_masses_are_declared_without_what_moves_of_the_tube_springs():
+    config = parse_config("rig: {springs: {system_resonance_hz: 356, added_mass_kg: 0.0027}}")
+    model = AdoptedModel("d.json", {}, (), {"m1": 0.1097, "m2": 0.1107, "k1": 5.4e5, "k2": 5.4e5})
+    assert with_model(config, model).rig.masses.m1_kg == pytest.approx(0.107)
+    tube = parse_config("rig: {springs: {system_resonance_hz: 356, tube: {}}}")
+    own, rest = tube.rig.springs.inertia().own_mode.mass_kg, tube.rig.moving_masses()
+    model = AdoptedModel(
+        "d.json", {}, (), {"m1": rest[0] - own, "m2": rest[1] - own, "k1": 5.4e5, "k2": 5.4e5, "mt": own}
+    )
+    assert with_model(tube, model).rig.masses.m1_kg == pytest.approx(0.107)
+    assert with_model(tube, model).rig.moving_masses() == pytest.approx(rest)

@@ -31,6 +31,29 @@ def test_the_shipped_configuration_names_every_key():
             assert given_keys[section].keys() == keys.keys(), section
 
 
+def test_the_former_name_of_the_simulated_stiffness_is_still_read():
+    old = "sim_backend: {contact: {contact_stiffness_mn_per_m: [1, 2, 3, 4, 5, 6, 7, 8]}}"
+    assert parse_config(old).sim_backend.contact.contact_stiffness_n_per_um == (1, 2, 3, 4, 5, 6, 7, 8)
+    assert "stiffness_mn_per_m" not in effective_text(parse_config(old))
+    with pytest.raises(ConfigError, match="former name of contact_stiffness_n_per_um"):
+        parse_config(old.replace("8]", "8], contact_stiffness_n_per_um: [1, 2, 3, 4, 5, 6, 7, 8]"))
+
+
+def test_mn_is_millinewton_in_every_key():
+    def keys(content, before=""):
+        for key, value in content.items():
+            yield f"{before}{key}"
+            if isinstance(value, dict):
+                yield from keys(value, f"{before}{key}.")
+
+    assert not [key for key in keys(yaml.safe_load(effective_text(Config()))) if "mn_per_m" in key]
+
+
+def test_tube_springs_heavier_than_the_masses_are_refused():
+    with pytest.raises(ConfigError, match="as much as the masses themselves"):
+        parse_config("rig: {springs: {k1_n_per_m: 5.0e+5, k2_n_per_m: 5.0e+5, added_mass_kg: 0.2}}")
+
+
 def test_what_is_in_force_reads_back_as_itself():
     config = parse_config("", changes=["mesotap.dwell_s=3", "analysis.contact=paper-sphere"])
     assert parse_config(effective_text(config)) == config

@@ -41,6 +41,12 @@ def test_masses_are_as_uncertain_as_declared() -> None:
     assert (found["m1_kg"], found["m2_kg"]) == (0.002, 0.002)
 
 
+def test_what_is_not_known_of_the_tube_springs_is_not_known_of_the_masses() -> None:
+    content = whole()
+    content["rig"]["springs"] |= {"added_mass_kg": 0.003, "added_mass_uncertainty_percent": 50.0}
+    assert header_uncertainty(session(yaml.safe_dump(content)))["m1_kg"] == pytest.approx(0.0025)
+
+
 @pytest.mark.parametrize(
     "config",
     ["", " \n", "[", "- 1", "text", "rig:", "rig: 5", "rig: {springs: 5}", "rig: {springs: {k1_n_per_m: 1}}", "\0"],

@@ -7,6 +7,17 @@ With lengths in R_q, h = d / R_q and omega_c = (pi K H / 2 E*)^2 R_s / R_q, K = 
 I_e integrates t^(3/2) phi(h + t) over t from 0 to omega_c, I_p integrates (2 t - omega_c) phi(h + t) from omega_c on,
 phi the standard normal density. Eq. 6 is printed without R_q^(3/2) and R_q, which heights in units of R_q need.
 The standard deviation of the asperity heights is taken as R_q, as in Eq. 5.
+
+Two stiffnesses follow from it. Along first loading it is -dP/dd. Whatever lets go and presses again by less than it has
+been pressed, as a ring-down or ultrasound does, finds yielded asperities elastic: each is a spot of the area that it
+has, with 2 E* times the spot's radius (Kim, Baltazar and Rokhlin, J. Mech. Phys. Solids 52, 2004, 1911),
+
+    k = 2 eta A_n E* (R_s R_q)^(1/2) (J_e(h) + J_p(h)),
+
+J_e the integral of t^(1/2) phi(h + t) over t from 0 to omega_c, J_p that of (2 t - omega_c)^(1/2) phi(h + t) from
+omega_c on.
+
+The interaction of the spots through the bulk is left out of both.
 """
 
 from __future__ import annotations
@@ -19,12 +30,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from analysis.contact import gaussian
 from analysis.contact.inversion import GRID, separation_for_load
 
 FloatArray = NDArray[np.float64]
 HARDNESS_SHARE = 0.454  # K of a body with Poisson's ratio 0
 _REACH = 12.0  # standard deviations above the mean; no asperity is higher
 _NODES, _WEIGHTS = special.roots_jacobi(80, 0.0, 1.5)  # for integrals with t^(3/2)
+_ROOT_NODES, _ROOT_WEIGHTS = special.roots_jacobi(80, 0.0, 0.5)  # for integrals with t^(1/2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +78,11 @@ class ElasticPlasticFlats:
         """Interference omega_c at which an asperity yields, in R_q."""
         return (math.pi * self._KH / (2 * self.E_star)) ** 2 * self.R_s / self.R_q
 
+    @property
+    def plasticity_index(self) -> float:
+        """CEB's plasticity index, omega_c^(-1/2): below 0.6 asperities are elastic, above 1 they yield at any load."""
+        return self.critical_interference**-0.5
+
     def load(self, d: ArrayLike) -> FloatArray:
         """Contact load, N, at the separation ``d``, m, shaped like ``d``."""
         return self._load(np.asarray(d, dtype=np.float64) / self.R_q)
@@ -72,6 +90,19 @@ class ElasticPlasticFlats:
     def slope(self, d: ArrayLike) -> FloatArray:
         """Contact stiffness -dP/dd, N/m, at the separation ``d``, m, shaped like ``d``."""
         return self._slope(np.asarray(d, dtype=np.float64) / self.R_q) / self.R_q
+
+    def unloading_slope(self, d: ArrayLike) -> FloatArray:
+        """Elastic stiffness, N/m, of the spots that touch at the separation ``d``, m, shaped like ``d``."""
+        h = np.asarray(d, dtype=np.float64) / self.R_q
+        return 2 * self.eta * self.A_n * self.E_star * math.sqrt(self.R_s * self.R_q) * self._spots(h)
+
+    def yielded_share(self, P: ArrayLike) -> FloatArray:
+        """Share of the load ``P``, N, that asperities carry which have yielded, shaped like it; zero without load."""
+        h = self.separation(P) / self.R_q
+        touching = np.isfinite(h)
+        carried = self._amplitudes()[0] * self._elastic(np.where(touching, h, 0.0), 0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(touching, 1 - carried / np.asarray(P, dtype=np.float64), 0.0)
 
     def area_at(self, d: ArrayLike) -> FloatArray:
         """Area in which asperities touch, m2, at the separation ``d``, m, shaped like ``d``.
@@ -99,10 +130,16 @@ class ElasticPlasticFlats:
         return self.R_q * separation_for_load(P, _load_table(self), self._load, self._slope)
 
     def stiffness(self, P: ArrayLike) -> FloatArray:
-        """Contact stiffness -dP/dd, N/m, under the load ``P``, N, shaped like it; zero without load."""
+        """Contact stiffness of first loading, -dP/dd, N/m, under the load ``P``, N, shaped like it; zero at no load."""
         h = self.separation(P) / self.R_q
         touching = np.isfinite(h)
         return np.where(touching, self._slope(np.where(touching, h, 0.0)) / self.R_q, 0.0)
+
+    def unloading_stiffness(self, P: ArrayLike) -> FloatArray:
+        """Contact stiffness of small elastic unloading from the load ``P``, N/m, shaped like it; zero without load."""
+        d = self.separation(P)
+        touching = np.isfinite(d)
+        return np.where(touching, self.unloading_slope(np.where(touching, d, 0.0)), 0.0)
 
     @property
     def _KH(self) -> float:  # noqa: N802 - K H of Eq. 6
@@ -134,6 +171,19 @@ class ElasticPlasticFlats:
         upper = np.minimum(self.critical_interference, np.maximum(-h, 0.0) + _REACH)[..., None]
         z = h[..., None] + upper * (1 + _NODES) / 2
         return np.asarray((upper[..., 0] / 2) ** 2.5 * (_WEIGHTS * z**power * _density(z)).sum(-1), dtype=np.float64)
+
+    def _spots(self, h: FloatArray) -> FloatArray:
+        """J_e + J_p; with t = omega_c / 2 + w, J_p is an integral over w from zero on less one up to omega_c / 2."""
+        c = self.critical_interference
+        yielded = gaussian.tail_moment(0.5, h + c / 2) - _root_moment(h + c / 2, c / 2)
+        return _root_moment(h, c) + math.sqrt(2) * np.maximum(yielded, 0.0)
+
+
+def _root_moment(h: FloatArray, end: float) -> FloatArray:
+    """Integral of t^(1/2) phi(h + t) from 0 to ``end``."""
+    upper = np.minimum(end, np.maximum(-h, 0.0) + _REACH)[..., None]
+    z = h[..., None] + upper * (1 + _ROOT_NODES) / 2
+    return np.asarray((upper[..., 0] / 2) ** 1.5 * (_ROOT_WEIGHTS * _density(z)).sum(-1), dtype=np.float64)
 
 
 @functools.lru_cache(maxsize=8)

@@ -128,6 +128,11 @@ class RoughSphere:
         share = hertz_share(self._dimensionless(P), self.mu, self.critical_interference)
         return np.asarray(share * hertz.stiffness(P, self.R, self.E_star), dtype=np.float64)
 
+    def unloading_stiffness(self, P: ArrayLike) -> FloatArray:
+        """Contact stiffness, N/m, of small elastic unloading from ``P``, N; that of loading if no asperity yields."""
+        share = hertz_share(self._dimensionless(P), self.mu, self.critical_interference, unloading=True)
+        return np.asarray(share * hertz.stiffness(P, self.R, self.E_star), dtype=np.float64)
+
     def contact_area(self, P: ArrayLike) -> FloatArray:
         """Area in which asperities touch, m2, under the load ``P``, N, shaped like it; zero without load."""
         J = self._dimensionless(P)
@@ -145,7 +150,7 @@ class RoughSphere:
         table = _table(self.mu, self.critical_interference)
         if not 0 < J <= table.heaviest:
             raise TheoryError(f"no pressure of rough surfaces for a load of {P:g} N")
-        load, slope, _ = _asperities(self.critical_interference)
+        load, slope, *_ = _asperities(self.critical_interference)
         start = _Solution.of(int(np.searchsorted(table.loads, J)) - 1, table)
         solved = _solve(J, self.mu, load, slope, start)
         unit = self.E_star * math.sqrt(self.R_q / (8 * self.R))
@@ -164,11 +169,15 @@ class RoughSphere:
         return np.asarray(J, dtype=np.float64)
 
 
-def hertz_share(J: ArrayLike, mu: float, omega_c: float = math.inf) -> FloatArray:
-    """Stiffness over that of the smooth sphere under the same load, Eq. 2, shaped like the dimensionless load ``J``."""
+def hertz_share(J: ArrayLike, mu: float, omega_c: float = math.inf, unloading: bool = False) -> FloatArray:
+    """Stiffness over that of the smooth sphere under the same load, Eq. 2, shaped like the dimensionless load ``J``.
+
+    Of loading, or of elastic ``unloading`` where asperities have yielded.
+    """
     load = np.asarray(J, dtype=np.float64)
     table = _table(mu, omega_c)
-    share = np.exp(table.hertz_share(np.log(np.clip(load, LIGHTEST, table.heaviest))))
+    of = table.unloading_share if unloading else table.hertz_share
+    share = np.exp(of(np.log(np.clip(load, LIGHTEST, table.heaviest))))
     return np.asarray(1 - (1 - share) * np.maximum(load / table.heaviest, 1) ** (-4 / 9), dtype=np.float64)
 
 
@@ -185,26 +194,31 @@ def hertz_approach(J: ArrayLike) -> FloatArray:
 Law = Callable[[FloatArray], FloatArray]
 
 
-def _asperities(omega_c: float) -> tuple[Law, Law, Law]:
-    """F(u), -F'(u) and the share of area, in pi eta R_s R_q, of asperities that yield at ``omega_c``."""
+def _asperities(omega_c: float) -> tuple[Law, Law, Law, Law]:
+    """F(u), -F'(u), the same in unloading, and the share of area, in pi eta R_s R_q, of asperities.
+
+    They yield at ``omega_c``.
+    """
     if math.isinf(omega_c):
         return (
             lambda u: gaussian.tail_moment(1.5, u),
             lambda u: 1.5 * gaussian.tail_moment(0.5, u),
+            lambda u: 1.5 * gaussian.tail_moment(0.5, u),
             lambda u: gaussian.tail_moment(1.0, u),
         )
     flats = ElasticPlasticFlats.normalised(omega_c)
-    return flats.load, flats.slope, lambda u: flats.area_at(u) / (0.75 * math.pi)
+    return flats.load, flats.slope, flats.unloading_slope, lambda u: flats.area_at(u) / (0.75 * math.pi)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Solution:
-    """The problem at one load: (n,) rho^2 and u at the nodes, h, -dJ/dh and the area."""
+    """The problem at one load: (n,) rho^2 and u at the nodes, h, -dJ/dh, the same in unloading, and the area."""
 
     square: FloatArray
     gap: FloatArray
     h: float
     stiffness: float
+    unloading: float
     area: float
 
     @staticmethod
@@ -224,6 +238,7 @@ class _Table:
     loads: FloatArray
     kept_apart: interpolate.PPoly
     hertz_share: interpolate.PPoly
+    unloading_share: interpolate.PPoly
     area: interpolate.PPoly
     solutions: tuple[_Solution, ...]
 
@@ -237,21 +252,23 @@ class _Table:
 def _table(mu: float, omega_c: float) -> _Table:
     heaviest = 8 / (3 * math.pi) * (2 * SMOOTHEST) ** -1.5
     loads = np.geomspace(LIGHTEST, heaviest, round(STEPS_PER_DECADE * math.log10(heaviest / LIGHTEST)) + 1)
-    load, slope, area = _asperities(omega_c)
+    load, slope, unloading, area = _asperities(omega_c)
     last, solutions = _lightest(mu), []
     for J in loads:
-        last = _solve(float(J), mu, load, slope, last, area)
+        last = _solve(float(J), mu, load, slope, last, (unloading, area))
         solutions.append(last)
     log_J = np.log(loads)
     stiffness = np.array([s.stiffness for s in solutions])
     approach = hertz_approach(loads)
-    share = stiffness * math.pi / (2 * np.sqrt(hertz_radius_squared(loads)))
+    by_hertz = math.pi / (2 * np.sqrt(hertz_radius_squared(loads)))
+    elastic = np.array([s.unloading for s in solutions])
     return _Table(
         loads,
         interpolate.CubicHermiteSpline(
             log_J, [s.h for s in solutions] + approach, 2 / 3 * approach - loads / stiffness
         ),
-        interpolate.CubicSpline(log_J, np.log(share)),
+        interpolate.CubicSpline(log_J, np.log(stiffness * by_hertz)),
+        interpolate.CubicSpline(log_J, np.log(elastic * by_hertz)),
         interpolate.CubicSpline(log_J, np.log([s.area for s in solutions])),
         tuple(solutions),
     )
@@ -262,7 +279,7 @@ def _lightest(mu: float) -> _Solution:
     h = np.linspace(-5, 9, 281)
     at = float(np.interp(-math.log(LIGHTEST), -np.log(mu * gaussian.tail_moment(2.5, h) / 5), h))
     square = 10 * unit_disc(NODES).square
-    return _Solution(square, at + square, at, 0.0, 0.0)
+    return _Solution(square, at + square, at, 0.0, 0.0, 0.0)
 
 
 def _start(J: float, square: FloatArray, near: _Solution) -> tuple[FloatArray, float]:
@@ -277,8 +294,10 @@ def _start(J: float, square: FloatArray, near: _Solution) -> tuple[FloatArray, f
     return u, near.h - 2 * (a2 - nearby_a2)
 
 
-def _solve(J: float, mu: float, load: Law, slope: Law, start: _Solution, area: Law | None = None) -> _Solution:
-    """Solve at the load J from the solution at a load nearby."""
+def _solve(
+    J: float, mu: float, load: Law, slope: Law, start: _Solution, more: tuple[Law, Law] | None = None
+) -> _Solution:
+    """Solve at the load J from the solution at a load nearby; ``more`` are the unloading slope and the area."""
     disc = unit_disc(NODES)
     a2 = float(hertz_radius_squared(J))
     b2 = a2 + 6 + 0.9 * a2 ** (2 / 3)  # beyond, no asperity touches
@@ -302,7 +321,12 @@ def _solve(J: float, mu: float, load: Law, slope: Law, start: _Solution, area: L
             break
     else:
         raise TheoryError(f"the rough sphere was not solved at J = {J:.3g}, mu = {mu:.3g}")
-    s = mu * slope(u)
-    by_h = linalg.solve(np.eye(NODES) + bulk * s, ones)
-    touching = math.nan if area is None else float(weight @ area(u))
-    return _Solution(square, u, h, float(weight @ (s * by_h)), touching)
+
+    def stiffness(s: FloatArray) -> float:
+        return float(weight @ (s * linalg.solve(np.eye(NODES) + bulk * s, ones)))
+
+    loading = stiffness(mu * slope(u))
+    if more is None:
+        return _Solution(square, u, h, loading, math.nan, math.nan)
+    unloading, area = more
+    return _Solution(square, u, h, loading, stiffness(mu * unloading(u)), float(weight @ area(u)))

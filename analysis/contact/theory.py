@@ -19,6 +19,7 @@ from analysis.settings import FlatContact, SphereContact
 
 FloatArray = NDArray[np.float64]
 OfLoad = Callable[[ArrayLike], FloatArray]
+LARGEST_ELASTIC = 0.6  # plasticity index up to which contact is elastic (Greenwood and Williamson)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +36,9 @@ class TheoryCurve:
         Separation of the mean planes, m; of smooth bodies, minus the approach. None where the law has none.
     contact_area
         Area that really touches, m2; None where the law has none.
+    unloads_alike
+        Whether small unloading is as stiff as loading: asperities are elastic, or the curve is that of unloading. A
+        ring-down, or ultrasound, sees unloading; load against approach shows loading.
     """
 
     name: str
@@ -42,6 +46,7 @@ class TheoryCurve:
     stiffness: OfLoad
     separation: OfLoad | None = None
     contact_area: OfLoad | None = None
+    unloads_alike: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +98,8 @@ def theory(contact: Literal["paper-flat", "paper-sphere"] | SphereContact | Flat
     """Return the theoretical curves for a contact.
 
     Sphere on flat: Hertz smooth (Eq. 2), a third of it (Eq. 3), and the rough sphere solved at every load. Flats:
-    exponential asperity heights (Eq. 7, 8), Gaussian ones (Eq. 5), and Gaussian ones that yield (Eq. 6).
+    exponential asperity heights (Eq. 7, 8), Gaussian ones (Eq. 5), and Gaussian ones that yield: their first loading
+    (Eq. 6), and their elastic unloading, which is what a ring-down sees of them.
     """
     s = surfaces_of(contact)
     return _flats(s, s.A_n) if s.A_n is not None else _sphere(s, float(s.R or np.nan))
@@ -138,5 +144,52 @@ def _flats(s: Surfaces, A_n: float) -> list[TheoryCurve]:
             yielding.stiffness,
             yielding.separation,
             yielding.contact_area,
+            unloads_alike=False,
+        ),
+        TheoryCurve(
+            "rough flats, Gaussian heights that have yielded, unloading",
+            "contact spots of Eq. 6",
+            yielding.unloading_stiffness,
+            contact_area=yielding.contact_area,
         ),
     ]
+
+
+@dataclass(frozen=True, slots=True)
+class Plasticity:
+    """How far a contact's asperities yield.
+
+    Attributes
+    ----------
+    index
+        CEB's plasticity index: below 0.6 elastic, above 1 plastic at any load.
+    critical_interference
+        Of an asperity that begins to yield, m.
+    yielded_share
+        Share of the load carried by yielded asperities at each of some loads, (n,); None for a sphere.
+    """
+
+    index: float
+    critical_interference: float
+    yielded_share: FloatArray | None
+
+    def sentence(self, load: FloatArray) -> str:
+        """Say what this means for a ring-down at the loads (n,), N."""
+        if self.index < LARGEST_ELASTIC:
+            return f"The plasticity index is {self.index:.2g}: asperities stay elastic, and loading is unloading."
+        said = (
+            f"The plasticity index is {self.index:.2g}: asperities yield from {self.critical_interference * 1e9:.2g} nm"
+        )
+        if self.yielded_share is not None and len(load):
+            said += f", and those that have yielded carry {100 * self.yielded_share.min():.4g} % of the load or more"
+        return f"{said}. A ring-down sees their elastic unloading, which is stiffer than the slope of first loading."
+
+
+def plasticity(
+    contact: Literal["paper-flat", "paper-sphere"] | SphereContact | FlatContact, load: ArrayLike
+) -> Plasticity:
+    """Return how far the asperities of a contact yield at loads, N."""
+    s = surfaces_of(contact)
+    flats = ElasticPlasticFlats(s.eta, s.A_n or 1.0, s.E_star, s.R_s, s.R_q, s.H, s.nu)
+    share = None if s.A_n is None else flats.yielded_share(load)
+    return Plasticity(flats.plasticity_index, flats.critical_interference * s.R_q, share)

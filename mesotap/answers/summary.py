@@ -94,6 +94,8 @@ def _percent(estimate: Estimate) -> str:
 def _closest_theory(theory: Sequence[TheoryCurve], ratios: Sequence[Ratio]) -> str:
     best: tuple[float, str] | None = None
     for index, curve in enumerate(theory):
+        if not curve.unloads_alike:  # a ring-down never sees the slope of first loading
+            continue
         values = [r.ratios[index] for r in ratios]
         numbers = [v.value for v in values if v is not None and v.value > 0]
         if not numbers or len(numbers) < len(ratios):

@@ -236,13 +236,17 @@ def published(report: Path | None, json_path: Path | None, console: Console) -> 
             title=f"Table {table.number}: k1 = k2 = {table.k1_n_per_m * 1e-6:.4f} MN/m from "
             f"{table.system_resonance_hz:g} Hz; k_c grows as load^{table.log_slope:.2f}"
         )
-        for heading in ("load, mN", "f2, Hz", "k_c, MN/m", *(f"over {law.equation}" for law in table.theories)):
+        of_laws = [f"over {law.equation}" for law in table.theories]
+        for heading in ("load, mN", "f2, Hz", "k_c, MN/m", "with tubes, MN/m", *of_laws):
             shown.add_column(heading, justify="right")
         for i, load in enumerate(table.load_mn):
             ratios = [f"{law.measured_over_theory[i]:.2f}" for law in table.theories]
-            stiffness = table.contact_stiffness_n_per_m[i] * 1e-6
-            shown.add_row(f"{load:.1f}", f"{table.f2_hz[i]:.0f}", f"{stiffness:.3f}", *ratios)
+            stiffnesses = (table.contact_stiffness_n_per_m, table.with_tubes.contact_stiffness_n_per_m)
+            both = [f"{k[i] * 1e-6:.3f}" for k in stiffnesses]
+            shown.add_row(f"{load:.1f}", f"{table.f2_hz[i]:.0f}", *both, *ratios)
         console.print(shown)
+        console.print(f"- {table.about_plasticity}", highlight=False)
+        console.print(f"- {table.about_tubes}", highlight=False)
     console.print("Conflicts in the paper's text:")
     for conflict in answer.conflicts:
         console.print(f"- {escape(conflict)}", highlight=False)

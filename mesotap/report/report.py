@@ -14,7 +14,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from analysis.contact.theory import TheoryCurve
+from analysis.contact.theory import TheoryCurve, plasticity
 from analysis.contact.theory import theory as theory_curves
 from analysis.published import Published
 from analysis.results import ImpactResult, LoadResult, RecordingModes, SessionResults
@@ -23,7 +23,7 @@ from calibration.estimate import LEVEL
 from daq.durable import write_error, write_whole
 from daq.errors import UnwrittenError
 from daq.records import Impact, Session
-from mesotap.answers.comparison import count_inside, recovered_against, spectral_check, theory_ratios
+from mesotap.answers.comparison import N_PER_MN, Ratio, count_inside, recovered_against, spectral_check, theory_ratios
 from mesotap.answers.explanations import SHOWN, chance, explain, known
 from mesotap.answers.results_files import impacts_csv, json_text, loads_csv, modes_json, results_json
 from mesotap.answers.rounding import UNKNOWN, significant, with_uncertainty
@@ -144,6 +144,7 @@ def write_report(
         footnotes=footnotes,
         marks=_note_marks(footnotes),
         ratios=ratios,
+        yielding=_yielding(contact, ratios),
         explained=explained,
         correction=correction,
         explanations_shown=SHOWN,
@@ -156,6 +157,14 @@ def write_report(
         pdf_figures=pdf_figures,
     )
     return written(folder / "report.html", html)
+
+
+def _yielding(contact: SphereContact | FlatContact | None, ratios: Sequence[Ratio]) -> str:
+    """Say how far the asperities yield under the loads that are compared with theory."""
+    if contact is None:
+        return ""
+    load = np.array([r.load.load_mn.value * N_PER_MN for r in ratios if r.load.load_mn is not None])
+    return plasticity(contact, load).sentence(load)
 
 
 def recording_report(folder: Path, recording: Recording, modes: RecordingModes) -> Path:
@@ -231,7 +240,12 @@ def published_report(folder: Path, published: Published) -> Path:
     plates = []
     for table in published.tables:
         contact = cast("Literal['paper-flat', 'paper-sphere']", table.contact)
-        figure = figures.published_figure(table.load_mn, table.contact_stiffness_n_per_m, theory_curves(contact))
+        figure = figures.published_figure(
+            table.load_mn,
+            table.contact_stiffness_n_per_m,
+            theory_curves(contact),
+            with_tubes=table.with_tubes.contact_stiffness_n_per_m,
+        )
         name = f"table{table.number}"
         figures.save(figure, folder / f"{name}.pdf")
         plates.append(Plate(Markup(figures.inline_svg(figure, name, LABELS["published"])), wide=False))

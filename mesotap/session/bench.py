@@ -111,7 +111,11 @@ def simulated_rig(
 
 
 def stiffness_from_theory(config: Config) -> Callable[[float], float] | None:
-    """Return k_c(P) of the last theory that the contact has (the roughest), or None for the table."""
+    """Return k_c(P) of the last theory that the contact has, or None for the table.
+
+    That is the roughest, and what a ring-down sees of it: elastic unloading. The approach under load is some tens of
+    nanometres of it by either stiffness, beside micrometres of the springs.
+    """
     if config.sim_backend.contact.stiffness == "table":
         return None
     curve = theory(config.analysis.contact)[-1]

@@ -179,8 +179,27 @@ def test_magnitude_of_equation_11_is_not_its_real_root_at_heavy_damping():
     k = THREE.k1_n_per_m
     s = pole(600.0, 0.17)
     k_c, c_c = contact_from_pole(s, M1, M2, k, k)
-    magnitude = abs(k_c + c_c * s)
-    assert abs(magnitude / k_c - 1) == pytest.approx(0.02, abs=0.001)
+    omega = 2 * np.pi * 600.0
+    fraction = float(contact_stiffness(600.0, M1, M2, k, k))
+    assert fraction == pytest.approx(k_c, rel=1e-6)
+    assert abs(fraction - 1j * c_c * omega) / k_c - 1 == pytest.approx(0.091, abs=0.0005)
+    assert abs(k_c + c_c * s) / k_c - 1 == pytest.approx(0.021, abs=0.0005)
+
+
+def test_tables_with_the_inertia_of_the_tube_springs():
+    for table, least, most in ((FIVE, 0.0255, 0.0271), (THREE, 0.0250, 0.0256)):
+        assert (table.raised_by > least).all()
+        assert (table.raised_by < most).all()
+        answer = next(t for t in reanalyse().as_json()["tables"] if t["table"] == table.number)
+        assert answer["with_tube_springs"]["contact_stiffness_n_per_m"] == (
+            table.with_tubes.contact_stiffness_n_per_m.tolist()
+        )
+    assert FIVE.with_tubes.by_geometry_hz == pytest.approx(358, abs=0.5)
+    # Eq. 11 with 2.70 and 2.90 g by hand, at the heaviest load
+    w1, w2 = (2 * np.pi * 356.0) ** 2, (2 * np.pi * 2234.0) ** 2
+    k = (M1 + M2 + 2 * 2.7007e-3) * w1 / 2
+    a, b = (M1 + 2.8999e-3) * w2 - k, (M2 + 2.8999e-3) * w2 - k
+    assert FIVE.with_tubes.contact_stiffness_n_per_m[-1] == pytest.approx(a * b / (a + b), rel=1e-5)
 
 
 def test_hertz_has_no_plateau():

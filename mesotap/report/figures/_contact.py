@@ -121,6 +121,7 @@ def published_figure(
     contact_stiffness_n_per_m: NDArray[np.float64],
     theory: Sequence[TheoryCurve],
     label: str = "published, by Eq. 11",
+    with_tubes: NDArray[np.float64] | None = None,
 ) -> Figure:
     """Draw the contact stiffness of a published table, analysed again, against load with theory.
 
@@ -132,6 +133,8 @@ def published_figure(
         Curves to draw beside it.
     label
         Name of the points in the legend.
+    with_tubes
+        (n,) stiffness with the inertia of the tube springs, N/m.
     """
     figure = blank(COLUMN_MM, 84)
     axes = figure.subplots()
@@ -148,6 +151,11 @@ def published_figure(
         label=plain(label),
         zorder=4,
     )
+    if with_tubes is not None:
+        axes.plot(
+            load_mn, with_tubes * MEGA, linestyle="none", marker="o", mfc="none", color=BLUE, mew=0.7, markersize=5,
+            label="with the tubes' inertia", zorder=5,
+        )  # fmt: skip
     axes.set_xlim(0, float(np.max(load_mn)) * 1.06)
     draw_theory(axes, theory, float(np.max(stiffness)))
     axes.set_xlabel("Contact load $P$ [mN]")

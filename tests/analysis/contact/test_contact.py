@@ -1,5 +1,7 @@
 """Theoretical contact stiffness, against closed forms, numerical derivatives and published values."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +11,7 @@ from scipy import integrate
 from analysis.contact import elastic, exponential, gaussian, hertz
 from analysis.contact.elastic_plastic import ElasticPlasticFlats
 from analysis.contact.presets import resolve
-from analysis.contact.theory import theory
+from analysis.contact.theory import plasticity, theory
 from analysis.settings import PRESETS, FlatContact, Material, SphereContact
 
 E_STAR = elastic.composite_modulus(192.92e9, 0.29, 192.92e9, 0.29)
@@ -165,6 +167,56 @@ def test_hard_asperities_are_elastic():
     P = np.geomspace(1e-3, 3, 5)
     hard = ElasticPlasticFlats(R_q=0.189e-6, H=1e13, nu=0.29, **FLATS)
     np.testing.assert_allclose(hard.stiffness(P), gaussian.stiffness(P, R_q=0.189e-6, **FLATS), rtol=1e-6)
+
+
+@pytest.mark.parametrize("H", [2.96e9, 20e9, 60e9, 100e9])
+@pytest.mark.parametrize("h", [-2.0, 0.5, 3.0])
+def test_unloading_sees_every_spot_as_2_e_star_times_its_radius(h, H):
+    flats = ElasticPlasticFlats(R_q=0.189e-6, H=H, nu=0.29, **FLATS)
+    c = flats.critical_interference * flats.R_q
+
+    def stiffness(omega):  # of a spot whose area is pi R_s omega, or pi R_s (2 omega - omega_c) where it has yielded
+        area = np.pi * flats.R_s * (omega if omega < c else 2 * omega - c)
+        return 2 * E_STAR * np.sqrt(area / np.pi)
+
+    def density(omega):
+        return np.exp(-((h + omega / flats.R_q) ** 2) / 2) / np.sqrt(2 * np.pi) / flats.R_q
+
+    highest = max(12 - h, 1.0) * flats.R_q
+    ends = [0.0, min(c, highest), highest]
+    parts = [
+        integrate.quad(lambda w: stiffness(w) * density(w), a, b, epsabs=0, limit=200)[0]
+        for a, b in itertools.pairwise(ends)
+        if b > a
+    ]
+    expected = flats.eta * flats.A_n * sum(parts)
+    assert flats.unloading_slope(h * flats.R_q) == pytest.approx(expected, rel=1e-6)
+
+
+def test_unloading_of_the_published_flats_is_nearly_four_times_as_stiff_as_loading():
+    P = np.array([0.265, 0.927])
+    np.testing.assert_allclose(YIELDING.unloading_stiffness(P) * 1e-6, [18.8, 62.9], atol=0.05)
+    np.testing.assert_allclose(YIELDING.stiffness(P) * 1e-6, [5.1, 16.3], atol=0.05)
+    assert (YIELDING.yielded_share(P) > 0.999).all()
+    assert YIELDING.plasticity_index == pytest.approx(11.1, abs=0.05)
+    assert YIELDING.unloading_stiffness(0.0) == YIELDING.yielded_share(0.0) == 0.0
+
+
+def test_elastic_asperities_unload_as_they_load():
+    P = np.geomspace(1e-3, 3, 5)
+    hard = ElasticPlasticFlats(R_q=0.189e-6, H=1e13, nu=0.29, **FLATS)
+    np.testing.assert_allclose(hard.unloading_stiffness(P), hard.stiffness(P), rtol=1e-6)
+    np.testing.assert_allclose(hard.yielded_share(P), 0, atol=1e-9)
+
+
+def test_curves_say_whether_a_ring_down_sees_them():
+    sees = {curve.equation: curve.unloads_alike for curve in theory("paper-flat")}
+    assert sees == {"Eq. 7, 8": True, "Eq. 5": True, "Eq. 6": False, "contact spots of Eq. 6": True}
+    said = plasticity("paper-flat", [0.2649, 0.927]).sentence(np.array([0.2649, 0.927]))
+    assert "plasticity index is 11" in said
+    assert "99.99 % of the load" in said
+    soft = FlatContact(upper=Material(hardness_gpa=200.0), lower=Material(hardness_gpa=200.0))
+    assert "stay elastic" in plasticity(soft, [0.5]).sentence(np.array([0.5]))
 
 
 def test_presets_are_the_published_surfaces():

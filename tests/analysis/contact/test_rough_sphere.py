@@ -10,6 +10,7 @@ from scipy import integrate, interpolate, special
 
 from analysis.contact import gaussian, hertz
 from analysis.contact.bulk import unit_disc
+from analysis.contact.elastic_plastic import ElasticPlasticFlats
 from analysis.contact.inversion import TheoryError
 from analysis.contact.rough_sphere import RoughSphere, hertz_share
 
@@ -148,3 +149,18 @@ def test_no_load_no_contact():
 def test_loads_beyond_the_theory_are_refused(P):
     with pytest.raises(TheoryError, match="load"):
         PAPER.stiffness(P)
+
+
+def test_unloading_of_a_light_contact_is_that_of_the_asperities_and_of_elastic_ones_loading():
+    shape = {"R": 1e-3, "E_star": 1e11, "eta": 1e11, "R_s": 2e-6, "R_q": 0.4e-6}
+    elastic = RoughSphere(**shape)
+    P = elastic.load_unit * np.array([1e-5, 1e-2, 1.0])
+    np.testing.assert_allclose(elastic.unloading_stiffness(P), elastic.stiffness(P), rtol=1e-12)
+    yielding = RoughSphere(**shape, H=3e9, nu=0.3)
+    assert (yielding.unloading_stiffness(P) > 1.5 * yielding.stiffness(P)).all()
+    # the lightest load leaves the bulk as it was shaped: rings of flats, k = int k_u(d + r^2 / 2R) 2 pi r dr
+    flats = ElasticPlasticFlats(shape["eta"], 1.0, 1e11, 2e-6, 0.4e-6, 3e9, 0.3)
+    d = float(yielding.separation(P[0]))
+    r = np.linspace(0, np.sqrt(2e-3 * 12 * 0.4e-6), 4001)
+    k = np.trapezoid(flats.unloading_slope(d + r**2 / 2e-3) * 2 * np.pi * r, r)
+    assert float(yielding.unloading_stiffness(P[0])) == pytest.approx(k, rel=0.02)

@@ -28,6 +28,7 @@ def calibrate(
     settings: CalibrationSettings,
     operator_say: Callable[[str], None],
     on_progress: Callable[[int, int], None] | None = None,
+    on_reading: Callable[[float, LoadReading], None] | None = None,
 ) -> CalibrationPoints:
     """Hang each weight ``repeats`` times, upwards and downwards in turn, and record the voltages.
 
@@ -44,6 +45,8 @@ def calibrate(
         Told in sentences what goes on.
     on_progress
         Called with the number of readings done and to do.
+    on_reading
+        Called with each weight, mN, and what the gauge read under it.
 
     Returns
     -------
@@ -73,6 +76,8 @@ def calibrate(
         for done, load in enumerate(sequence):
             rig.weights.place(load)
             readings.append(_living_reading(rig, load, settings.averaging_s))
+            if on_reading is not None:
+                on_reading(load, readings[-1])
             if on_progress is not None:
                 on_progress(done + 1, len(sequence))
         ended = rig.clock.utc()

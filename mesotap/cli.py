@@ -117,11 +117,13 @@ def run(
 
     Keys: p pauses, q ends safely. However it ended, 'mesotap resume' continues it.
     """
+    from mesotap.commands.session import RigChoice
     from mesotap.commands.session import run as begin
     from mesotap.commands.wire_options import WireOptions
 
     wire = WireOptions(record_wire, record_samples, log_wire)
-    begin(config, changes or (), simulate, seed, realtime, output, json, _console(json), emulate, wire)
+    choice = RigChoice(simulate, emulate, seed, realtime)
+    begin(config, changes or (), choice, output, json, _console(json), wire)
 
 
 @app.command()
@@ -137,6 +139,50 @@ def resume(
     from mesotap.commands.wire_options import WireOptions
 
     go_on(folder, json, _console(json), WireOptions(record_wire, record_samples, log_wire))
+
+
+@app.command()
+def console(
+    config: ConfigPath = None,
+    simulate: Simulate = False,
+    emulate: Emulate = False,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the sessions.", metavar="FOLDER")] = Path(
+        "sessions"
+    ),
+    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port; 0 takes one that is free.")] = 8642,
+    host: Annotated[
+        str, typer.Option("--host", help="Address to serve; any but the default is reached by others.")
+    ] = "127.0.0.1",
+    certfile: Annotated[
+        Path | None, typer.Option("--certfile", help="Certificate for TLS (PEM).", show_default=False)
+    ] = None,
+    keyfile: Annotated[Path | None, typer.Option("--keyfile", help="Its key (PEM).", show_default=False)] = None,
+    name: Annotated[
+        list[str] | None,
+        typer.Option("--name", help="Further name under which others open it.", show_default=False),
+    ] = None,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
+    seed: Seed = None,
+    speed: Annotated[
+        float,
+        typer.Option(
+            "--speed", min=0.1, max=1e6, help="How many times faster than on the bench simulated time passes."
+        ),
+    ] = 1.0,
+    changes: Changes = None,
+) -> None:
+    """Run sessions from a page in the browser, on this machine unless --host says otherwise.
+
+    Closing the page changes nothing on the rig; ending the console separates the surfaces, and the session can be
+    resumed.
+    """
+    from mesotap.commands.console import console as serve
+    from mesotap.commands.session import RigChoice
+    from mesotap.console.server import Address
+
+    address = Address(host, port, certfile, keyfile, tuple(name or ()))
+    choice = RigChoice(simulate, emulate, seed, simulate or emulate, speed)
+    serve(config, tuple(changes or ()), choice, output, address, browser, _console(None))
 
 
 @app.command()
@@ -166,7 +212,7 @@ def calibrate(
     emulate: Emulate = False,
 ) -> None:
     """Calibrate the strain gauge with the dead weights, outside a session."""
-    from mesotap.commands.session import calibrate_gauge
+    from mesotap.commands.alone import calibrate_gauge
 
     calibrate_gauge(config, changes or (), simulate, seed, json, _console(json), emulate)
 
@@ -275,7 +321,7 @@ def simulate(
     json: JsonPath = None,
 ) -> None:
     """Record one ring-down of the simulated rig into a session file."""
-    from mesotap.commands.session import simulate_one
+    from mesotap.commands.alone import simulate_one
 
     simulate_one(config, changes or (), output, load, seed, json, _console(json))
 

@@ -56,6 +56,10 @@ class SafeState:
         return "; ".join(self.troubles) or "the surfaces are apart"
 
 
+def unseen(load_mn: float) -> None:
+    """Show nobody what the gauge reads."""
+
+
 class Interlock:
     """Moves the stage within the limits, or not at all.
 
@@ -69,6 +73,11 @@ class Interlock:
         Line between voltage and load: declared at first, replaced by the calibrated one.
     spring_stiffness
         k1, k2 in N/m, for the load that a micrometre of travel can make at most.
+
+    Attributes
+    ----------
+    shown
+        Called with the load, mN, of each believable reading; returns at once.
     """
 
     def __init__(self, rig: Rig, limits: Limits, scale: GaugeScale, spring_stiffness: tuple[float, float]) -> None:
@@ -78,6 +87,7 @@ class Interlock:
         self._travel = TravelWitness(limits, spring_stiffness)
         self._stands: tuple[float, bool] | None = None  # where the stage was left, and whether clamped
         self._left_mn = self._looked_mn = math.nan  # load at which it was left, and at the last look since
+        self.shown: Callable[[float], None] = unseen
         rig.stage.permit = self._permit
 
     @property
@@ -114,7 +124,9 @@ class Interlock:
 
     def read_gauge(self, duration_s: float = READING_S) -> LoadReading:
         """One believable reading of the gauge."""
-        return self._witness.read(duration_s, self._travel.must_have_risen_mn(self._witness.travelled_um))
+        reading = self._witness.read(duration_s, self._travel.must_have_risen_mn(self._witness.travelled_um))
+        self.shown(self.scale.load_mn(reading.voltage_mv))
+        return reading
 
     def _let_settle(self, watched: bool = True) -> None:
         """Wait until the gauge shows what the stage did; ``watched``: a load over the limit is not waited out."""

@@ -17,11 +17,14 @@ class VirtualClock(Clock):
     ----------
     realtime
         Whether letting time pass also takes that long.
+    speed
+        How many times faster than that.
     """
 
-    def __init__(self, realtime: bool = False):
+    def __init__(self, realtime: bool = False, speed: float = 1.0):
         self.time_s = 0.0
         self._realtime = realtime
+        self._speed = speed
 
     def now(self) -> float:
         """Virtual time since the rig was made, s."""
@@ -31,14 +34,14 @@ class VirtualClock(Clock):
         """Let ``seconds`` pass; less than none is none."""
         if seconds > 0:
             if self._realtime:
-                time.sleep(seconds)
+                time.sleep(seconds / self._speed)
             self.time_s += seconds
 
     def sleep_until(self, time_s: float) -> None:
         """Let time pass until exactly ``time_s``, if that lies ahead."""
         if time_s > self.time_s:
             if self._realtime:
-                time.sleep(time_s - self.time_s)
+                time.sleep((time_s - self.time_s) / self._speed)
             self.time_s = time_s
 
     def utc(self) -> str:

@@ -1,4 +1,4 @@
-"""``run``, ``resume``, ``calibrate`` and ``simulate``: what drives a rig."""
+"""``run`` and ``resume``: a session, from its folder to its report."""
 
 from __future__ import annotations
 
@@ -7,84 +7,114 @@ import datetime
 import shutil
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
 from analysis.results import SessionResults
-from calibration.line import fit_line
-from calibration.routine import calibrate, check_points
 from daq.errors import RecordingError
 from daq.journal import HEADER, SessionFolder
 from daq.records import Session
 from daq.session_file import read_session, write_session
-from daq.trigger import record_impact
 from mesotap import __version__
 from mesotap.answers.results_files import results_json
 from mesotap.commands.answers import analysed, show_session
-from mesotap.commands.outputs import refuse_to_overwrite, write_json
+from mesotap.commands.outputs import write_json
 from mesotap.commands.recordings import SESSION_FILE
 from mesotap.commands.wire_options import NO_WIRE, WireOptions
 from mesotap.configuration.config import Config, ConfigError, effective_text, load_config
-from mesotap.operator.console import KeyControl, SessionDisplay, TerminalOperator
 from mesotap.operator.outlet import unhurried
+from mesotap.operator.people import People, at_terminal
 from mesotap.operator.terminal import escape
-from mesotap.session.bench import build_rig, simulated_rig, truth_now
+from mesotap.session.bench import build_rig, truth_now
 from mesotap.session.emulated_devices import SeparateRig, refuse_foreign_devices
 from mesotap.session.entries import progress_in
 from mesotap.session.guardian_link import guardian_for
+from mesotap.session.hand_verdicts import with_hand_verdicts
 from mesotap.session.header import FOLDER_FORMAT, FOLDER_VERSION, header_fault, kept_config, note_version, read_header
-from mesotap.session.impacts import judged_impact
-from mesotap.session.progress import HARDWARE, assemble, describe_rig
+from mesotap.session.progress import HARDWARE, assemble
 from mesotap.session.runner import Bench, SessionRunner
 from mesotap.session.session_log import Logged, session_log
 from mesotap.session.states import State
-from rig import GaugeScale, Rig
+from rig import Rig
 from rig.drivers.wire_record import WireFile
 from rig.errors import MesotapError
 from rig.hardware_log import HardwareLog
-from rig.interlock import Interlock
 from rig.wall_clock import WallClock
+
+FOLDER_NAME = "%Y%m%d-%H%M%S"
+"""Of a session that was given no other, by the time at which it began."""
+
+
+@dataclass(frozen=True, slots=True)
+class RigChoice:
+    """Which rig a session is run with.
+
+    Attributes
+    ----------
+    simulate, emulate
+        The simulated rig, or the drivers on emulated devices, instead of the configured devices.
+    seed
+        Of the simulated rig; None for the configured one.
+    realtime
+        Whether simulated time passes as on the bench.
+    speed
+        How many times faster it then passes.
+    """
+
+    simulate: bool = False
+    emulate: bool = False
+    seed: int | None = None
+    realtime: bool = False
+    speed: float = 1.0
 
 
 def run(
     config_path: Path | None,
     changes: Sequence[str],
-    simulate: bool,
-    seed: int | None,
-    realtime: bool,
+    choice: RigChoice,
     output: Path | None,
     json_path: Path | None,
     console: Console,
-    emulate: bool = False,
     wire: WireOptions = NO_WIRE,
 ) -> None:
     """Begin a session in a new folder and carry it to its report."""
     config = load_config(config_path, changes)
+    path = output or Path("sessions") / datetime.datetime.now(datetime.UTC).strftime(FOLDER_NAME)
+    begin(config, choice, path, at_terminal(console), json_path, wire)
+
+
+def begin(
+    config: Config,
+    choice: RigChoice,
+    path: Path,
+    people: People,
+    json_path: Path | None = None,
+    wire: WireOptions = NO_WIRE,
+) -> None:
+    """Begin a session in the new folder ``path`` and carry it to its report."""
     now = datetime.datetime.now(datetime.UTC)
-    path = output or Path("sessions") / now.strftime("%Y%m%d-%H%M%S")
     header: dict[str, Any] = {
         "format": FOLDER_FORMAT,
         "format_version": FOLDER_VERSION,
         "created": now.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
         "config": effective_text(config),
-        "simulated": simulate or emulate,
-        "emulated": emulate,
-        "seed": config.sim_backend.seed if seed is None else seed,
-        "realtime": realtime,
+        "simulated": choice.simulate or choice.emulate,
+        "emulated": choice.emulate,
+        "seed": config.sim_backend.seed if choice.seed is None else choice.seed,
+        "realtime": choice.realtime,
         "software": f"mesotap {__version__}",
     }
     if fault := header_fault(header):
         raise ConfigError(f"--seed, or sim_backend.seed: this session could not be resumed: its header {fault}")
-    if emulate and realtime:
+    if choice.emulate and choice.realtime and choice.speed == 1.0:
         header["devices"] = tempfile.mkdtemp(prefix="mesotap-devices-")
-    operator = TerminalOperator(console)
     with wire.begun(config, "run") as file:
         rig: Rig | None = None
         try:
-            rig = _rig_of(header, config, operator, file)  # before a folder is begun to no purpose
+            rig = _rig_of(header, config, people, choice.speed, file)  # before a folder is begun to no purpose
             begun = SessionFolder.create(path, header)
         except BaseException:
             if isinstance(rig, SeparateRig):
@@ -93,18 +123,26 @@ def run(
                 shutil.rmtree(header["devices"], ignore_errors=True)
             raise
         with begun as folder:
-            _carry_out(folder, config, rig, operator, json_path, console, wire.log)
+            _carry_out(folder, config, rig, people, json_path, wire.log)
 
 
-def _rig_of(header: dict[str, Any], config: Config, operator: TerminalOperator, file: WireFile | None) -> Rig:
+def _rig_of(header: dict[str, Any], config: Config, people: People, speed: float, file: WireFile | None) -> Rig:
     simulated, emulated = bool(header["simulated"]), bool(header.get("emulated"))
     devices = Path(str(header["devices"])) if header.get("devices") else None
     seed, realtime = int(header["seed"]), bool(header["realtime"])
-    return build_rig(config, simulated, operator, seed, realtime, emulated, devices, file)
+    return build_rig(config, simulated, people.operator, seed, realtime, emulated, devices, file, speed)
 
 
 def resume(path: Path, json_path: Path | None, console: Console, wire: WireOptions = NO_WIRE) -> None:
     """Go on with a session wherever it was left."""
+    go_on(path, at_terminal(console), json_path, wire)
+
+
+def go_on(
+    path: Path, people: People, json_path: Path | None = None, wire: WireOptions = NO_WIRE, speed: float = 1.0
+) -> None:
+    """Go on with a session wherever it was left; ``speed`` is that of simulated time, where it passes at all."""
+    console = people.console
     with SessionFolder.open(path) as folder:
         header = read_header(folder)
         kept = kept_config(header.config, str(path / HEADER))
@@ -120,42 +158,46 @@ def resume(path: Path, json_path: Path | None, console: Console, wire: WireOptio
             write_json(json_path, results_json(results))
             _diagnose(session, results, config, path, console)
             return
-        operator = TerminalOperator(console)
         if header.devices:
             refuse_foreign_devices(Path(header.devices), folder.path / HEADER)
         with wire.begun(config, "resume") as file:
-            rig = _rig_of(folder.header, config, operator, file)
-            _carry_out(folder, config, rig, operator, json_path, console, wire.log)
+            rig = _rig_of(folder.header, config, people, speed, file)
+            _carry_out(folder, config, rig, people, json_path, wire.log)
 
 
 def _carry_out(
     folder: SessionFolder,
     config: Config,
     rig: Rig,
-    operator: TerminalOperator,
+    people: People,
     json_path: Path | None,
-    console: Console,
     log_wire: bool = False,
 ) -> None:
-    header = folder.header
-    wanted = config.mesotap.impacts_per_load * len(config.mesotap.load_plan_mn)
-    good = sum(bool(e.get("accepted")) for e in folder.events() if e["event"] == "shot")
-    control = KeyControl(console, operator.keyboard)
+    header, console = folder.header, people.console
     with (
         session_log(folder.path, log_wire) as hardware,
         unhurried(console),
-        control.listening(),
-        SessionDisplay(wanted, good, console) as display,
+        people.control.listening(),
+        people.watching(folder, config) as observer,
     ):
         guardian = guardian_for(rig, config, folder)
-        bench = Bench(rig, operator, Logged(display), control, lambda: truth_now(rig), guardian)
+        bench = Bench(
+            rig,
+            people.operator,
+            Logged(observer),
+            people.control,
+            lambda: truth_now(rig),
+            guardian,
+            people.gauge,
+            people.verdicts,
+        )
         runner = SessionRunner(config, folder, bench)
         try:
             runner.run()
         finally:
             _note_hardware(folder, runner, hardware)
     file = folder.path / SESSION_FILE
-    session = assemble(header, config, runner.progress, folder.impacts())
+    session = assemble(header, config, runner.progress, with_hand_verdicts(folder.impacts(), folder.events()))
     write_session(file, session)
     runner.finish()
     if isinstance(rig, SeparateRig):
@@ -217,94 +259,7 @@ def partial(path: Path) -> tuple[Session, Config, list[dict[str, Any]]]:
     with SessionFolder.open(path) as folder:
         config = kept_config(read_header(folder).config, str(path / HEADER)).config
         progress = progress_in(folder, len(config.mesotap.load_plan_mn))
-        session = assemble(folder.header, config, progress, folder.impacts())
+        session = assemble(folder.header, config, progress, with_hand_verdicts(folder.impacts(), folder.events()))
         if not session.impacts:
             raise RecordingError(f"{path}: holds no impacts yet")
         return replace(session, source=str(path)), config, progress.truths
-
-
-def calibrate_gauge(
-    config_path: Path | None,
-    changes: Sequence[str],
-    simulate: bool,
-    seed: int | None,
-    json_path: Path | None,
-    console: Console,
-    emulate: bool = False,
-) -> None:
-    """Calibrate the strain gauge by itself and say what came out."""
-    config = load_config(config_path, changes)
-    operator = TerminalOperator(console)
-    rig = build_rig(config, simulate, operator, seed, emulated=emulate)
-    try:
-        rig.open()
-        points = calibrate(rig, config.calibration, operator.say)
-    finally:
-        rig.close()
-    fit = fit_line(points, config.calibration.weight_uncertainty_mn, config.calibration.drift_test_level)
-    complaints = check_points(points, config.calibration, config.rig.gauge_sensitivity_mv_per_mn)
-    sensitivity, offset = fit.sensitivity_mv_per_mn, fit.offset_mv
-    console.print(
-        f"sensitivity {sensitivity.value:.5f} mV/mN (95 % {sensitivity.low:.5f} to {sensitivity.high:.5f}), "
-        f"offset {offset.value:.3f} mV, {fit.nonlinearity_percent:.3f} % off a line at most",
-        highlight=False,
-    )
-    for complaint in complaints:
-        console.print(complaint, highlight=False)
-    write_json(
-        json_path,
-        {
-            "format": "mesotap-calibration",
-            "version": 1,
-            "time": points.time,
-            "load_mn": points.load_mn.tolist(),
-            "voltage_mv": points.voltage_mv.tolist(),
-            "sensitivity_mv_per_mn": sensitivity.as_json(),
-            "offset_mv": offset.as_json(),
-            "nonlinearity_percent": fit.nonlinearity_percent,
-            "complaints": complaints,
-        },
-    )
-
-
-def simulate_one(
-    config_path: Path | None,
-    changes: Sequence[str],
-    output: Path,
-    load_mn: float,
-    seed: int | None,
-    json_path: Path | None,
-    console: Console,
-) -> None:
-    """Record one tap of the simulated rig into a session file."""
-    refuse_to_overwrite(output)
-    config = load_config(config_path, [*changes, f"mesotap.load_plan_mn=[{load_mn}]"])
-    rig = simulated_rig(config, seed=seed)
-    scale = GaugeScale(rig.true_parameters()["sensitivity_mv_per_mn"], config.sim_backend.gauge.offset_mv)
-    lines = rig.open()
-    with Interlock(rig, config.rig.limits, scale, config.rig.spring_stiffness()) as interlock:
-        interlock.approach()
-        interlock.set_load(load_mn, config.mesotap.load_tolerance_mn)
-        interlock.lock()
-        before = interlock.read_load()
-        record = record_impact(rig.accelerometers, rig.impactor, rig.clock, config.daq.trigger, before[0])
-        impact = judged_impact(record, before, interlock.read_load(), (0, 0, load_mn), config, rig.accelerometers)
-        truth = truth_now(rig)
-    rig.close()
-    session = Session(
-        created=record.time,
-        rig=describe_rig(config.rig),
-        impacts=(impact,),
-        operator=config.mesotap.operator,
-        specimen=config.mesotap.specimen,
-        title="one simulated ring-down",
-        software=f"mesotap {__version__} (simulated rig)",
-        complete=True,
-        config=effective_text(config),
-    )
-    write_session(output, session)
-    for line in lines:
-        console.print(line, highlight=False)
-    said = impact.reject_reason or "accepted"
-    console.print(f"{escape(output)}: one tap at {before[0]:.1f} mN, {escape(said)}", highlight=False, soft_wrap=True)
-    write_json(json_path, {"format": "mesotap-truth", "version": 1, "file": str(output), "truth": truth})

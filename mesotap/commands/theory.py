@@ -229,19 +229,11 @@ def _settings(table: PublishedTable) -> list[str]:
 
 def _simulated_session(changes: Sequence[str], seed: int, console: Console) -> tuple[Session, SessionResults]:
     from mesotap.commands.recordings import SESSION_FILE
-    from mesotap.commands.session import run
+    from mesotap.commands.session import RigChoice, run
 
     with tempfile.TemporaryDirectory() as folder:
         unheard = Console(file=io.StringIO())
-        run(
-            config_path=None,
-            changes=changes,
-            simulate=True,
-            seed=seed,
-            realtime=False,
-            output=Path(folder) / "session",
-            json_path=None,
-            console=unheard,
-        )
+        choice = RigChoice(simulate=True, seed=seed)
+        run(None, changes, choice, Path(folder) / "session", None, unheard)
         session = read_session(Path(folder) / "session" / SESSION_FILE)
     return session, analysed(session, load_config(None, changes), console)

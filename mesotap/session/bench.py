@@ -12,6 +12,7 @@ from analysis.contact.theory import theory
 from mesotap.configuration.config import Config
 from rig import Operator, Rig
 from rig.hand import HandStage
+from sim_backend.clock import VirtualClock
 from sim_backend.person import SimulatedPerson
 from sim_backend.rig import SimulatedRig
 
@@ -30,6 +31,7 @@ def build_rig(
     emulated: bool = False,
     devices: Path | None = None,
     wire_file: WireFile | None = None,
+    speed: float = 1.0,
 ) -> Rig:
     """Build the rig that the configuration describes.
 
@@ -48,21 +50,25 @@ def build_rig(
         Folder of that process, if it runs already.
     wire_file
         Where to record what goes over the wires; None for nowhere.
+    speed
+        How many times faster than on the bench simulated time passes where it passes in real time; the emulated
+        devices of a rig that is sped up are in this process.
 
     Raises
     ------
     RigError
         If a part has no driver.
     """
-    if emulated and realtime:
+    if emulated and realtime and speed == 1.0:
         from mesotap.session.emulated_devices import separate_rig
 
         seed = config.sim_backend.seed if seed is None else seed
         return separate_rig(config, operator, seed, devices, wire_file)
     if emulated:
-        return emulated_rig(config, operator, seed, wires=True, wire_file=wire_file)
+        clock = VirtualClock(realtime, speed)
+        return emulated_rig(config, operator, seed, wires=True, wire_file=wire_file, clock=clock)
     if simulated:
-        return simulated_rig(config, operator, seed, realtime)
+        return simulated_rig(config, operator, seed, realtime, speed)
     from rig.drivers.assembly import assemble  # hardware code only where there is hardware
 
     return assemble(config.rig, operator, wire_file=wire_file)
@@ -77,6 +83,7 @@ def emulated_rig(
     stage_wire: Disturbance | None = None,
     round_trip_s: float = 0.0,
     wire_file: WireFile | None = None,
+    clock: VirtualClock | None = None,
 ) -> EmulatedRig:
     """Build the emulated rig; see `sim_backend.emulators.rig.EmulatedRig`."""
     from sim_backend.emulators.rig import EmulatedRig
@@ -91,6 +98,7 @@ def emulated_rig(
         amplifier_wire,
         stage_wire,
         round_trip_s,
+        clock=clock,
         wire_file=wire_file,
     )
     if config.rig.parts.stage == "hand":
@@ -100,10 +108,16 @@ def emulated_rig(
 
 
 def simulated_rig(
-    config: Config, operator: Operator | None = None, seed: int | None = None, realtime: bool = False
+    config: Config,
+    operator: Operator | None = None,
+    seed: int | None = None,
+    realtime: bool = False,
+    speed: float = 1.0,
 ) -> SimulatedRig:
     """Build the simulated rig; where its stage is turned by hand, a simulated person follows the prompts."""
-    rig = SimulatedRig(config.rig, config.sim_backend, stiffness_from_theory(config), realtime, seed)
+    rig = SimulatedRig(
+        config.rig, config.sim_backend, stiffness_from_theory(config), seed=seed, clock=VirtualClock(realtime, speed)
+    )
     if config.rig.parts.stage == "hand":
         person = SimulatedPerson(rig.stage, operator)
         rig.stage = HandStage(person, rig.clock, lambda: f"gauge {rig.load_cell.read().voltage_mv:.2f} mV")

@@ -16,7 +16,8 @@ from daq.errors import RecordingError, one_line
 from daq.impact_group import check_time
 from daq.journal import JOURNAL, SessionFolder
 from daq.journal_file import mend
-from mesotap.session.progress import HARDWARE, IMPACT, NO_TAP, SAFE, STARTED, VERSION, Progress
+from mesotap.session.hand_verdicts import BY_HAND, IMPACT, LONGEST_REASON
+from mesotap.session.progress import HARDWARE, NO_TAP, SAFE, STARTED, VERSION, Progress
 from mesotap.session.states import Event, State
 
 FARTHEST_UM = 1e9
@@ -75,6 +76,12 @@ class _Impact(Entry):
     digest: str = ""
 
 
+class _ByHand(Entry):
+    number: Whole
+    accepted: bool
+    reason: Annotated[str, Field(min_length=1, max_length=LONGEST_REASON)]
+
+
 class _NoTap(Entry):
     reason: str
 
@@ -103,6 +110,7 @@ KINDS: dict[str, type[Entry]] = {
     Event.CONTACT.value: _Contact,
     Event.LOADED.value: _Loaded,
     IMPACT: _Impact,
+    BY_HAND: _ByHand,
     NO_TAP: _NoTap,
     SAFE: _Safe,
     STARTED: Entry,
@@ -136,6 +144,7 @@ def walk(entries: list[dict[str, Any]]) -> Iterator[tuple[Progress, str]]:
     """Yield where each entry leaves the session, and what is wrong with it; an entry with a fault is passed over."""
     progress = Progress()
     last_impact = -1
+    known: set[int] = set()
     for entry in entries:
         fault = fault_of(entry)
         if not fault and entry["event"] == IMPACT:
@@ -144,6 +153,9 @@ def walk(entries: list[dict[str, Any]]) -> Iterator[tuple[Progress, str]]:
                 fault = f"entry 'shot': number is {number}, after {last_impact}"
             else:
                 last_impact = number
+                known.add(number)
+        if not fault and entry["event"] == BY_HAND and entry["number"] not in known:
+            fault = f"entry '{BY_HAND}': there is no impact {entry['number']} before it"
         if not fault:
             try:
                 progress.apply(entry)

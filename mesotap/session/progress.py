@@ -12,17 +12,17 @@ import numpy as np
 from daq.records import CalibrationPoints, Impact, RigDescription, Session
 from mesotap import __version__
 from mesotap.configuration.config import Config
+from mesotap.session.hand_verdicts import BY_HAND, IMPACT
 from mesotap.session.states import Event, State, follow
 from rig.hardware_log import Repetition, added
 from rig.settings import RigSettings
 
 SAFE = "safe"  # journal event: the surfaces were taken apart before the plan was done
-IMPACT = "shot"
 NO_TAP = "no tap"  # nothing was felt in time
 STARTED = "started"
 HARDWARE = "hardware"  # what had to be repeated in one run of the program
 VERSION = "version"  # another version of the program went on
-NOTES = (NO_TAP, STARTED, HARDWARE, VERSION)  # what changes nothing
+NOTES = (NO_TAP, STARTED, HARDWARE, VERSION, BY_HAND)  # what changes nothing of where the session stands
 
 
 REPETITION = tuple(item.name for item in fields(Repetition))

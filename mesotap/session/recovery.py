@@ -33,8 +33,9 @@ from mesotap import __version__
 from mesotap.configuration.config import Config, ConfigError
 from mesotap.configuration.yaml_text import NOT_YAML, parsed
 from mesotap.session.entries import fault_of, walk
+from mesotap.session.hand_verdicts import IMPACT, with_hand_verdicts
 from mesotap.session.header import header_fault, kept_config, physical_part
-from mesotap.session.progress import IMPACT, Progress, describe_rig
+from mesotap.session.progress import Progress, describe_rig
 from mesotap.session.states import Event, State
 
 SESSION_FILE = "session.h5"
@@ -94,7 +95,7 @@ def recover(folder: Path) -> Recovered:
     session = Session(
         created=_created(header, impacts),
         rig=rig,
-        impacts=tuple(impacts),
+        impacts=tuple(with_hand_verdicts(impacts, entries)),
         pre=before,
         post=after,
         operator=names["operator"],

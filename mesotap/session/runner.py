@@ -7,7 +7,7 @@ session that was killed at any instant goes on from its journal: at most the tap
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -19,9 +19,11 @@ from daq.records import CalibrationPoints, Impact
 from daq.trigger import NoTap, record_impact
 from mesotap.configuration.config import Config
 from mesotap.session.guardian import Guardian
+from mesotap.session.hand_verdicts import BY_HAND, IMPACT, HandVerdict, verdicts_in
 from mesotap.session.impacts import impact_entry, judged_impact
-from mesotap.session.progress import IMPACT, NO_TAP, NOTES, SAFE, STARTED, Progress, progress_of
+from mesotap.session.progress import NO_TAP, NOTES, SAFE, STARTED, Progress, progress_of
 from mesotap.session.states import Event, State
+from mesotap.session.watching import GaugeWatch
 from rig import GaugeScale, Operator, Rig, RigError
 from rig.attention import Attention
 from rig.interlock import Interlock, SafeState
@@ -69,6 +71,9 @@ class Bench:
     annotate: Callable[[], dict[str, Any]] = dict
     """More to keep with each load that was set, such as the truth of a simulated rig."""
     guardian: Guardian = field(default_factory=Guardian)
+    gauge: GaugeWatch = field(default_factory=GaugeWatch)
+    verdicts: Callable[[], Sequence[HandVerdict]] = tuple
+    """Takes what was decided by hand on taps since it was called last."""
 
 
 class SessionRunner:
@@ -98,6 +103,7 @@ class SessionRunner:
             GaugeScale(config.rig.gauge_sensitivity_mv_per_mn),
             config.rig.spring_stiffness(),
         )
+        self._interlock.shown = bench.gauge.load
         self._watch = LoadWatch(self._rig, self._interlock, config.rig.limits.stale_reading_s)
         self._attention = Attention(self._rig, self._watch, bench.guardian.beat, bench.control.check)
         self._attention.attend(bench.operator)
@@ -149,6 +155,7 @@ class SessionRunner:
         self._open()
         while self.progress.state in self._handlers:
             self._bench.control.check(self._attention.hold)
+            self._take_verdicts()
             self._handlers[self.progress.state]()
 
     def _let_go(self, error: BaseException | None) -> None:
@@ -217,6 +224,7 @@ class SessionRunner:
             self._config.calibration,
             self._bench.operator.say,
             lambda done, total: self._tell(self.progress.state, f"weight {done} of {total}"),
+            lambda load, reading: self._bench.gauge.point(load, reading.voltage_mv),
         )
         complaints = check_points(points, self._config.calibration, self._config.rig.gauge_sensitivity_mv_per_mn)
         for complaint in complaints:
@@ -242,11 +250,13 @@ class SessionRunner:
 
     def _set_load(self) -> None:
         target = self._target()
+        self._bench.gauge.aim(self.progress.load_set, target)
         load = self._interlock.set_load(
             target, self._config.mesotap.load_tolerance_mn, lambda text: self._tell(State.SET_LOAD, text)
         )
         self._interlock.lock()
         self._done(Event.LOADED, load_mn=load, truth=self._bench.annotate())
+        self._bench.gauge.locked(load)
 
     def _lock_and_dwell(self) -> None:
         left = self._config.mesotap.dwell_s
@@ -261,7 +271,7 @@ class SessionRunner:
         self._done(Event.LOAD_MOVED if moved else Event.SETTLED)
 
     def _tap(self) -> None:
-        impacts = [e for e in self._events_of_this_load() if e["event"] == IMPACT]
+        impacts = self._impacts_of_this_load()
         accepted = sum(bool(e["accepted"]) for e in impacts)
         wanted = self._config.mesotap.impacts_per_load
         if accepted >= wanted:
@@ -279,6 +289,7 @@ class SessionRunner:
             self._refuse_a_creeping_load(before[0])
             self._done(Event.LOAD_MOVED)
             return
+        self._tell(State.TAP, f"waiting for tap {accepted + 1} of {wanted} at {self._target():.0f} mN")
         impact = self._record(before, self._what_was_wrong())
         if impact is not None:
             self._bench.observer.impact(impact, accepted + impact.accepted, wanted)
@@ -374,6 +385,17 @@ class SessionRunner:
         ends = [i for i, e in enumerate(events) if e["event"] == Event.LOAD_DONE.value]
         return events[ends[-1] + 1 :] if ends else events
 
+    def _impacts_of_this_load(self) -> list[dict[str, Any]]:
+        """Entries of the taps at the present step of the load plan, with the verdicts that count."""
+        numbers = {e["number"] for e in self._events_of_this_load() if e["event"] == IMPACT}
+        return [e for e in verdicts_in(self._folder.events()) if e["number"] in numbers]
+
+    def _take_verdicts(self) -> None:
+        """Journal what was decided by hand since the last look; a tap that is not there is passed over."""
+        for verdict in self._bench.verdicts():
+            if any(e["event"] == IMPACT and e["number"] == verdict.number for e in self._folder.events()):
+                self._folder.append({"event": BY_HAND, "at": self._rig.clock.utc(), **verdict.entry()})
+
     def _what_was_wrong(self) -> str:
         """Why the last tap at this load was not used; empty if it was."""
         taps = [e for e in self._events_of_this_load() if e["event"] in (IMPACT, NO_TAP)]
@@ -392,7 +414,10 @@ class SessionRunner:
 
     def _tries_since_start(self, impacts: list[dict[str, Any]]) -> int:
         """Taps at this load since the program was started last: who resumes may try again."""
-        return len(self._since_start(impacts))
+        events = self._folder.events()
+        start = max(i for i, e in enumerate(events) if e["event"] == STARTED)
+        tried = {e["number"] for e in events[start:] if e["event"] == IMPACT}
+        return sum(e["number"] in tried for e in impacts)
 
     def _since_start(self, entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
         """Those of the entries that were written since the program was started last."""

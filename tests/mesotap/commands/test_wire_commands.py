@@ -15,6 +15,8 @@ from rig.drivers.wire_replay import read_recording
 from rig.errors import RigError
 from tests.mesotap.benches import SMALL
 
+EMULATED = session.RigChoice(emulate=True, seed=1)
+
 
 def silent() -> Console:
     return Console(file=io.StringIO())
@@ -37,9 +39,7 @@ def test_devices_records_what_the_devices_said(tmp_path: Path) -> None:
 def test_nothing_is_begun_where_the_wire_cannot_be_recorded(tmp_path: Path) -> None:
     (tmp_path / "wire.jsonl").write_text("precious")
     with pytest.raises(RigError, match=r"wire\.jsonl: exists already"):
-        session.run(
-            None, SMALL, False, 1, False, tmp_path / "run", None, silent(), True, WireOptions(tmp_path / "wire.jsonl")
-        )
+        session.run(None, SMALL, EMULATED, tmp_path / "run", None, silent(), WireOptions(tmp_path / "wire.jsonl"))
     assert not (tmp_path / "run").exists()
 
 
@@ -48,7 +48,7 @@ def test_a_session_is_recorded_and_its_log_has_the_bytes(tmp_path: Path, monkeyp
     monkeypatch.setattr(session, "results_json", lambda results: {})
     changes = (*SMALL, "mesotap.diagnose=false", "mesotap.load_plan_mn=[300]")
     wire = WireOptions(tmp_path / "wire.jsonl", log=True)
-    session.run(None, changes, False, 1, False, tmp_path / "run", None, silent(), True, wire)
+    session.run(None, changes, EMULATED, tmp_path / "run", None, silent(), wire)
     acts = [json.loads(line) for line in (tmp_path / "wire.jsonl").read_text().splitlines()][1:]
     assert {act["device"] for act in acts} == {"micrometer stage", "strain-gauge amplifier", "recorder"}
     log = "".join(p.read_text() for p in sorted((tmp_path / "run").glob("session.log*"), reverse=True))

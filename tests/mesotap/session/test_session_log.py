@@ -16,7 +16,7 @@ from rich.console import Console
 from daq.journal import SessionFolder
 from daq.session_file import read_session
 from mesotap.commands import session
-from mesotap.operator.console import TerminalOperator
+from mesotap.operator.people import at_terminal
 from mesotap.session import session_log as module
 from mesotap.session.bench import emulated_rig
 from mesotap.session.session_log import LOG_FILE, session_log
@@ -151,7 +151,7 @@ def carried_out(folder: Path, wire: DisturbedWire | None = None) -> None:
     else:
         opened = SessionFolder.create(folder, header_of(config))
     with opened:
-        session._carry_out(opened, config, rig, TerminalOperator(console), None, console)
+        session._carry_out(opened, config, rig, at_terminal(console), None)
 
 
 @pytest.mark.usefixtures("quick")

@@ -1,0 +1,36 @@
+"""``console``: the page in the browser that runs sessions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+
+from mesotap.commands.session import RigChoice
+from mesotap.configuration.config import load_config
+from mesotap.console.at_work import Bench
+from mesotap.console.server import Address, ConsoleServer
+from mesotap.operator.terminal import escape
+
+
+def console(
+    config_path: Path | None,
+    changes: tuple[str, ...],
+    choice: RigChoice,
+    root: Path,
+    address: Address,
+    browser: bool,
+    terminal: Console,
+) -> None:
+    """Serve the console until a signal ends it."""
+
+    def said(text: str) -> None:
+        terminal.print(escape(text), highlight=False, soft_wrap=True)
+
+    load_config(config_path, changes)  # a mistake is told here, not to whoever opens the page
+    server = ConsoleServer(Bench(config_path, changes, choice, root), address, said)
+    if not address.loopback:
+        said(f"warning: {address.host} can be reached by other machines; who has the link runs the rig")
+        if address.certificate is None:
+            said("warning: without --certfile and --keyfile, whoever listens on the network reads the link")
+    server.run(browser)

@@ -1,0 +1,140 @@
+"""The session that the console runs: starts its process, passes on what is wanted of it and what it tells."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mesotap.configuration.config import Config, load_config, text_of
+from mesotap.console.board import Board
+from mesotap.console.child import Child
+from mesotap.console.frames import Message
+from rig.errors import MesotapError
+
+if TYPE_CHECKING:
+    from mesotap.commands.session import RigChoice
+
+SESSION = "mesotap.console.session_process"
+
+
+class Refused(MesotapError, ValueError):
+    """What a page asked for cannot be done; one sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """What a session is run with.
+
+    Attributes
+    ----------
+    config_path
+        The configuration, read anew for each session; None for the defaults.
+    changes
+        Keys that override it, as on the command line.
+    choice
+        Which rig.
+    root
+        Folder of all sessions.
+    """
+
+    config_path: Path | None
+    changes: tuple[str, ...]
+    choice: RigChoice
+    root: Path
+
+    def config(self) -> Config:
+        """Return the configuration in force; `ConfigError` says what is wrong with it."""
+        return load_config(self.config_path, self.changes)
+
+    def config_text(self) -> str:
+        """Return its text."""
+        path = self.config_path or Path("config.yaml")
+        return text_of(path, "a configuration") if path.exists() else ""
+
+    def new_folder(self) -> Path:
+        """Return a folder that is not there yet, named by the time."""
+        from mesotap.commands.session import FOLDER_NAME
+
+        name = datetime.now(UTC).strftime(FOLDER_NAME)
+        candidates = (self.root / (name if i == 1 else f"{name}-{i}") for i in range(1, 1000))
+        return next(path for path in candidates if not path.exists())
+
+
+class AtWork:
+    """The one session at a time.
+
+    Parameters
+    ----------
+    bench
+        What it is run with.
+    board
+        Where it is shown.
+    """
+
+    def __init__(self, bench: Bench, board: Board) -> None:
+        self.bench = bench
+        self.board = board
+        self._child: Child | None = None
+        self._starting = asyncio.Lock()
+
+    @property
+    def running(self) -> bool:
+        """Whether a session runs."""
+        return self._child is not None and self._child.running
+
+    async def run(self, changes: list[str]) -> Path:
+        """Begin a session in a new folder.
+
+        Raises
+        ------
+        Refused
+            One runs already.
+        ConfigError
+            The configuration cannot be used.
+        """
+        path = self.bench.new_folder()
+        self.bench.root.mkdir(parents=True, exist_ok=True)
+        load_config(self.bench.config_path, (*self.bench.changes, *changes))
+        name = str(self.bench.config_path or "config.yaml")
+        await self._start(
+            {
+                "do": "run",
+                "path": str(path),
+                "config": self.bench.config_text(),
+                "name": name,
+                "changes": [*self.bench.changes, *changes],
+                "choice": asdict(self.bench.choice),
+            }
+        )
+        return path
+
+    async def resume(self, path: Path) -> None:
+        """Go on with a session."""
+        await self._start({"do": "resume", "path": str(path), "speed": self.bench.choice.speed})
+
+    def tell(self, message: Message) -> bool:
+        """Tell the session something; whether there is one."""
+        if not self.running or self._child is None:
+            return False
+        self._child.tell(message)
+        return True
+
+    async def end(self) -> None:
+        """Have the session end, and wait until its surfaces are apart."""
+        if self._child is not None:
+            await self._child.end()
+
+    async def _start(self, order: dict[str, Any]) -> None:
+        async with self._starting:
+            if self.running:
+                raise Refused("a session runs already; end it with STOP before another is begun")
+            self.board.clear()
+            self.board.state.update(running=True, words="starting", next="Nothing to do: the session is being started.")
+            self.board.show(*self.board.parts())
+            child = Child(SESSION, self.board.hear, lambda code: self.board.gone())
+            await child.start()
+            self._child = child
+            child.tell(order)

@@ -1,0 +1,246 @@
+"""What the pages show of the running session, part by part; each part is whole, so that a page may miss any number.
+
+Parts: ``state`` (where the session is, what to do), ``load``, ``calibration``, ``taps`` (verdict and modes of each),
+``loads`` (what each load came to), and the record of the tap that was made last.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mesotap.console.frames import Message, frame
+
+RECORDS_KEPT = 64
+LINES_KEPT = 30
+
+WHAT_TO_DO = {
+    "CONNECT": "Nothing to do: the devices are being connected.",
+    "PRE_CALIBRATION": "Calibration before the test: hang each weight when it is asked for; keep the surfaces apart.",
+    "APPROACH": "Keep off the rig: the surfaces are being brought together.",
+    "SET_LOAD": "Keep off the rig: the load is being set.",
+    "LOCK": "Keep off the rig: the load is locked and comes to rest.",
+    "TAP": "Tap the upper mass once, lightly.",
+    "RETRACT": "Keep off the rig: the surfaces are being taken apart.",
+    "POST_CALIBRATION": "Calibration after the test: hang each weight when it is asked for.",
+    "FILE": "Nothing to do: the session file and the report are being written.",
+    "DONE": "The session is complete: look at the report.",
+}
+BY_ITSELF = "Nothing to do: the simulated rig taps itself."
+IDLE = "No session runs. Start one, or go on with one that was not finished."
+
+Show = Callable[[str, bytes], None]
+
+
+def session_id(folder: Path) -> str:
+    """Return by what a page names a session: nothing that a page sends is ever part of a path."""
+    return hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:20]
+
+
+class Board:
+    """The running session, or the last one.
+
+    Parameters
+    ----------
+    show
+        Called with a part's name and its frame whenever it has changed.
+    show_record
+        Called with the frame of a tap's record.
+    """
+
+    def __init__(self, show: Show, show_record: Callable[[bytes], None]) -> None:
+        self._show, self._show_record = show, show_record
+        self.folder: Path | None = None
+        self.state: dict[str, Any] = {}
+        self.load: dict[str, Any] = {}
+        self.calibration: dict[str, Any] = {}
+        self.taps: dict[int, dict[str, Any]] = {}
+        self.loads: dict[str, Any] = {}
+        self.records: dict[int, bytes] = {}
+        self._kept: deque[int] = deque()
+        self.clear()
+
+    def clear(self) -> None:
+        """Begin anew."""
+        self.folder = None
+        self.state = {
+            "running": False, "state": "", "words": "no session", "text": "", "next": IDLE, "ask": None,
+            "paused": False, "said": [], "ended": None, "plan_mn": [], "load_set": 0, "wanted": 0, "accepted": 0,
+            "limit_mn": None, "locked_mn": None, "simulated": False, "session": None, "name": "",
+        }  # fmt: skip
+        self.load = {"mn": None, "at": None}
+        self.calibration = {"before": [], "after": []}
+        self.taps, self.loads, self.records = {}, {"loads": [], "theory": []}, {}
+        self._kept.clear()
+
+    def parts(self) -> dict[str, dict[str, Any]]:
+        """Every part as it is now."""
+        return {
+            "state": self.state,
+            "load": self.load,
+            "calibration": self.calibration,
+            "taps": {"taps": list(self.taps.values())},
+            "loads": self.loads,
+        }
+
+    def frame_of(self, part: str) -> bytes:
+        """Return the frame of a part."""
+        return frame({"part": part, **self.parts()[part]})
+
+    def show(self, *parts: str) -> None:
+        """Have parts shown as they are now."""
+        for part in parts:
+            self._show(part, self.frame_of(part))
+
+    def last_record(self) -> bytes | None:
+        """Return the record of the last tap."""
+        return self.records[max(self.records)] if self.records else None
+
+    # --- what the session tells -----------------------------------------------------------------------------
+
+    def hear(self, message: Message, numbers: bytes) -> None:
+        """Take in what the session tells."""
+        handler = getattr(self, f"_hear_{message.get('kind')}", None)
+        if handler is not None:
+            handler(message, numbers)
+
+    def _hear_begun(self, message: Message, numbers: bytes) -> None:
+        self.folder = Path(message["folder"])
+        self.state.update(
+            {key: message[key] for key in ("plan_mn", "wanted", "limit_mn", "simulated", "load_set")},
+            running=True,
+            ended=None,
+            session=session_id(self.folder),
+            name=self.folder.name,
+        )
+        self.show("state")
+
+    def _hear_state(self, message: Message, numbers: bytes) -> None:
+        changed = message["state"] != self.state["state"]
+        self.state.update(state=message["state"], words=message["words"], text=message["text"])
+        if changed:
+            self.state["next"] = self._what_to_do()
+            if message["state"] in ("APPROACH", "SET_LOAD"):
+                self.state["locked_mn"] = None
+        self.show("state")
+
+    def _what_to_do(self) -> str:
+        name = self.state["state"]
+        return BY_ITSELF if name == "TAP" and self.state["simulated"] else WHAT_TO_DO.get(name, "")
+
+    def _hear_load(self, message: Message, numbers: bytes) -> None:
+        self.load = {"mn": message["mn"], "at": time.time()}
+        self.show("load")
+
+    def _hear_locked(self, message: Message, numbers: bytes) -> None:
+        self.state["locked_mn"] = message["mn"]
+        self.show("state")
+
+    def _hear_aim(self, message: Message, numbers: bytes) -> None:
+        self.state.update(load_set=message["load_set"], accepted=0)
+        self.show("state")
+
+    def _hear_point(self, message: Message, numbers: bytes) -> None:
+        when = "after" if self.state["state"] in ("RETRACT", "POST_CALIBRATION") else "before"
+        self.calibration[when].append([message["weight_mn"], message["voltage_mv"]])
+        self.show("calibration")
+
+    def _hear_points(self, message: Message, numbers: bytes) -> None:
+        self.calibration["before" if message["state"] == "PRE_CALIBRATION" else "after"] = message["points"]
+        self.show("calibration")
+
+    def _hear_count(self, message: Message, numbers: bytes) -> None:
+        self.state.update(accepted=message["accepted"], load_set=message["load_set"])
+        self.show("state")
+
+    def _hear_tap(self, message: Message, numbers: bytes) -> None:
+        number = message["number"]
+        self.taps[number] = {k: v for k, v in message.items() if k != "kind"}
+        record = record_frame(message, numbers)
+        self.records[number] = record
+        self._kept.append(number)
+        if len(self._kept) > RECORDS_KEPT:
+            self.records.pop(self._kept.popleft(), None)
+        self.show("taps")
+        if not message.get("old"):
+            self._show_record(record)
+
+    def _hear_judged(self, message: Message, numbers: bytes) -> None:
+        tap = self.taps.get(message["number"])
+        if tap is not None:
+            reason = "" if message["accepted"] else f"by hand: {message['reason']}"
+            tap.update(accepted=message["accepted"], reason=reason, by_hand=message["reason"])
+            self.show("taps")
+
+    def _hear_said(self, message: Message, numbers: bytes) -> None:
+        self.state["said"] = [*self.state["said"], message["text"]][-LINES_KEPT:]
+        if self.state["state"] == "TAP" and not self.state["simulated"]:
+            self.state["next"] = message["text"]
+        self.show("state")
+
+    def _hear_ask(self, message: Message, numbers: bytes) -> None:
+        self.state["ask"] = {
+            "id": message["id"],
+            "text": message["text"],
+            "how": message["how"],
+            "live": "",
+            "stop": False,
+        }
+        self.show("state")
+
+    def _hear_live(self, message: Message, numbers: bytes) -> None:
+        ask = self.state["ask"]
+        if ask is not None and ask["id"] == message["id"]:
+            ask.update(live=message["text"], stop=message["stop"])
+            self.show("state")
+
+    def _hear_asked(self, message: Message, numbers: bytes) -> None:
+        self.state["ask"] = None
+        self.show("state")
+
+    def _hear_paused(self, message: Message, numbers: bytes) -> None:
+        self.state["paused"] = message["on"]
+        self.show("state")
+
+    def _hear_ended(self, message: Message, numbers: bytes) -> None:
+        self.state.update(ended={"how": message["how"], "text": message["text"]}, ask=None, paused=False)
+        if message["how"] == "filed":
+            self.state.update(state="DONE", words="done", text="", next=WHAT_TO_DO["DONE"])
+        else:
+            self.state.update(next="The session ended; 'Resume' goes on with it.", words="ended")
+        self.show("state")
+
+    def gone(self) -> None:
+        """See the session's process gone."""
+        self.state["running"] = False
+        if self.state["ended"] is None:
+            text = "the session's process was killed; the guardian takes the surfaces apart; 'Resume' goes on"
+            self.state.update(ended={"how": "failed", "text": text}, ask=None, paused=False, words="ended")
+            self.state["next"] = "Look whether the surfaces are apart, then resume the session."
+        self.show("state")
+
+
+def record_frame(message: Message, numbers: bytes) -> bytes:
+    """Return what a page draws of a tap: accelerations A and B and the spectrum of their mean, float32."""
+    acceleration = np.frombuffer(numbers, dtype=np.float64).reshape(2, message["samples"])
+    spectrum = amplitude_spectrum(acceleration.mean(axis=0)[message["pretrigger"] :], message["rate_hz"])
+    told: Message = {
+        "part": "record",
+        **{k: v for k, v in message.items() if k != "kind"},
+        "bins": len(spectrum),
+        "bin_hz": message["rate_hz"] / max(1, message["samples"] - message["pretrigger"]),
+    }
+    drawn = np.concatenate([acceleration.ravel(), spectrum]).astype("<f4")
+    return frame(told, drawn.tobytes())
+
+
+def amplitude_spectrum(y: NDArray[np.float64], rate_hz: float) -> NDArray[np.float64]:
+    """Amplitude spectrum, m/s2 per Hz, of a transient from its trigger on (Fig. 6b)."""
+    return np.abs(np.fft.rfft(y)) / rate_hz if y.size else np.zeros(0)

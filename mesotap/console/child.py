@@ -1,0 +1,92 @@
+"""Processes that the console starts, each at the other end of a socket: frames go both ways, and neither waits."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import socket
+import sys
+from collections.abc import Callable
+
+from mesotap.console.frames import HEAD, FrameError, Message, frame, lengths, message_in
+
+ENDING_S = 30.0
+"""For which a session that is told to end is waited for: it takes the surfaces apart and looks whether they are."""
+
+Heard = Callable[[Message, bytes], None]
+
+
+class Child:
+    """One process.
+
+    Parameters
+    ----------
+    module
+        Its program, which is given the descriptor of its socket.
+    heard
+        Called with each frame that it sends.
+    gone
+        Called when it has ended, with its exit code.
+    niceness
+        By how much it gives way to others.
+    """
+
+    def __init__(self, module: str, heard: Heard, gone: Callable[[int], None], niceness: int = 0) -> None:
+        self._module, self._heard, self._gone, self._niceness = module, heard, gone, niceness
+        self._process: asyncio.subprocess.Process | None = None
+        self._writer: asyncio.StreamWriter | None = None
+        self._listening: asyncio.Task[None] | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether it was started and has not ended."""
+        return self._listening is not None and not self._listening.done()
+
+    async def start(self) -> None:
+        """Start it."""
+        ours, theirs = socket.socketpair()
+        nowhere = asyncio.subprocess.DEVNULL
+        command = [sys.executable, "-m", self._module, str(theirs.fileno())]
+        if self._niceness:
+            command = ["nice", "-n", str(self._niceness), *command]
+        try:
+            self._process = await asyncio.create_subprocess_exec(
+                *command,
+                stdin=nowhere,
+                stdout=nowhere,
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            )
+        finally:
+            theirs.close()
+        reader, self._writer = await asyncio.open_connection(sock=ours)
+        self._listening = asyncio.create_task(self._listen(reader))
+
+    def tell(self, message: Message, numbers: bytes = b"") -> None:
+        """Send a frame; one that has ended is told nothing."""
+        if self._writer is not None and not self._writer.is_closing():
+            self._writer.write(frame(message, numbers))
+
+    async def end(self) -> None:
+        """Close the connection, upon which it ends, and wait for that."""
+        if self._writer is not None:
+            self._writer.close()
+        if self._listening is not None:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(asyncio.shield(self._listening), ENDING_S)
+
+    async def _listen(self, reader: asyncio.StreamReader) -> None:
+        process = self._process
+        assert process is not None  # noqa: S101 - it was started
+        try:
+            while True:
+                message, numbers = lengths(await reader.readexactly(HEAD.size))
+                text = await reader.readexactly(message)
+                self._heard(message_in(text), await reader.readexactly(numbers) if numbers else b"")
+        except (asyncio.IncompleteReadError, ConnectionError, FrameError):
+            pass
+        if self._writer is not None:
+            self._writer.close()
+        self._gone(await process.wait())

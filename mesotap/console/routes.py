@@ -1,0 +1,241 @@
+"""What the pages ask for and how they are answered."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.templating import Jinja2Templates
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from mesotap import __version__
+from mesotap.console.at_work import AtWork, Refused
+from mesotap.console.audience import Audience
+from mesotap.console.board import Board
+from mesotap.console.frames import frame
+from mesotap.console.gate import OPEN_PATH, REPORT_POLICY, Keys
+from mesotap.console.past import DIAGNOSIS, REPORT, session_of, sessions_in
+from mesotap.session.hand_verdicts import LONGEST_REASON
+from rig.errors import MesotapError
+
+HERE = Path(__file__).parent
+PAGE_KEY = "X-Mesotap-Page"
+LONGEST_KEY = 64
+AGAIN = 4001
+"""Code with which a page is told that it was opened a second time under the same key."""
+
+Answer = Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]
+
+
+class Routes:
+    """The console as the pages see it.
+
+    Parameters
+    ----------
+    work
+        The session that runs.
+    keys
+        The console's secrets.
+    secure
+        Whether pages come over TLS.
+    """
+
+    def __init__(self, work: AtWork, keys: Keys, audience: Audience, board: Board, secure: bool) -> None:
+        self._work, self._keys, self._audience, self._board, self._secure = work, keys, audience, board, secure
+        self._templates = Jinja2Templates(HERE / "templates")
+        self._sockets: dict[str, WebSocket] = {}
+
+    def routes(self) -> list[BaseRoute]:
+        """All of them."""
+        acts: dict[str, tuple[Answer, bool]] = {
+            "stop": (self._stop, False),
+            "pause": (self._pause, True),
+            "answer": (self._answer, True),
+            "run": (self._run, True),
+            "resume": (self._resume, True),
+            "judge": (self._judge, True),
+            "link": (self._link, True),
+        }
+        return [
+            Route(OPEN_PATH, self._open, methods=["GET"]),
+            Route("/", self._page, methods=["GET"]),
+            Mount("/static", StaticFiles(directory=HERE / "static"), name="static"),
+            *(Route(f"/api/{name}", self._act(*act), methods=["POST"]) for name, act in acts.items()),
+            Route("/api/control", self._control, methods=["POST"]),
+            Route("/api/sessions", self._sessions, methods=["GET"]),
+            Route("/api/taps/{number:int}", self._tap, methods=["GET"]),
+            Route("/sessions/{id:str}/{what:str}", self._document, methods=["GET"]),
+            WebSocketRoute("/ws", self._socket),
+        ]
+
+    # --- pages ----------------------------------------------------------------------------------------------
+
+    async def _open(self, request: Request) -> Response:
+        """Trade the token of a one-time link for the cookie."""
+        if not self._keys.use_link(request.query_params.get("token", "")):
+            text = "mesotap: this link was used, or is not one; restart 'mesotap console', or ask its page for a link\n"
+            return PlainTextResponse(text, 403, {"Cache-Control": "no-store"})
+        response = RedirectResponse("/", 303, {"Cache-Control": "no-store"})
+        response.set_cookie(
+            self._keys.cookie_name, self._keys.cookie, httponly=True, samesite="strict", secure=self._secure, path="/"
+        )
+        return response
+
+    async def _page(self, request: Request) -> Response:
+        return self._templates.TemplateResponse(
+            request, "console.html", {"version": __version__}, headers={"Cache-Control": "no-store"}
+        )
+
+    async def _sessions(self, request: Request) -> Response:
+        found = await asyncio.to_thread(sessions_in, self._work.bench.root)
+        return JSONResponse({"sessions": [s.summary for s in found]}, headers={"Cache-Control": "no-store"})
+
+    async def _tap(self, request: Request) -> Response:
+        record = self._board.records.get(request.path_params["number"])
+        return Response(status_code=404) if record is None else Response(record, media_type="application/octet-stream")
+
+    async def _document(self, request: Request) -> Response:
+        """A report or a diagnosis, in which nothing runs."""
+        name = {"report": REPORT, "diagnosis": DIAGNOSIS}.get(request.path_params["what"])
+        session = await asyncio.to_thread(session_of, self._work.bench.root, request.path_params["id"])
+        path = None if session is None or name is None else session.path / name
+        if path is None or path.is_symlink() or not path.is_file():
+            return PlainTextResponse("mesotap: there is no such page\n", 404)
+        headers = {"Content-Security-Policy": REPORT_POLICY, "Cache-Control": "no-store"}
+        return FileResponse(path, media_type="text/html; charset=utf-8", headers=headers)
+
+    # --- what changes something ------------------------------------------------------------------------------
+
+    def _act(self, answer: Answer, needs_control: bool) -> Callable[[Request], Awaitable[Response]]:
+        """Return the endpoint of an act: one sentence for what is refused."""
+
+        async def endpoint(request: Request) -> Response:
+            if needs_control and not self._audience.holds_control(request.headers.get(PAGE_KEY, "")):
+                return JSONResponse({"error": "this page only watches: take control first"}, 403)
+            try:
+                return JSONResponse(await answer(await _content(request)))
+            except (MesotapError, ValueError, TypeError, KeyError) as error:
+                told = str(error) if isinstance(error, MesotapError) else f"this is no such request ({error})"
+                return JSONResponse({"error": told}, 400)
+
+        return endpoint
+
+    async def _stop(self, content: dict[str, Any]) -> dict[str, Any]:
+        return {"stopped": self._work.tell({"do": "stop"})}
+
+    async def _pause(self, content: dict[str, Any]) -> dict[str, Any]:
+        return {"told": self._work.tell({"do": "pause"})}
+
+    async def _answer(self, content: dict[str, Any]) -> dict[str, Any]:
+        return {"told": self._work.tell({"do": "answer", "id": int(content["id"])})}
+
+    async def _judge(self, content: dict[str, Any]) -> dict[str, Any]:
+        number, accepted, reason = int(content["number"]), content["accepted"], str(content["reason"]).strip()
+        if not isinstance(accepted, bool) or number not in self._board.taps:
+            raise Refused("there is no such tap in this session")
+        if not reason or len(reason) > LONGEST_REASON or not reason.isprintable():
+            raise Refused(f"give a reason of 1 to {LONGEST_REASON} characters on one line; it is kept with the tap")
+        told = self._work.tell({"do": "judge", "number": number, "accepted": accepted, "reason": reason})
+        if not told:
+            raise Refused("no session runs: the verdicts of a finished session stay as they are")
+        return {"told": told}
+
+    async def _run(self, content: dict[str, Any]) -> dict[str, Any]:
+        names = {key: content[key] for key in ("operator", "specimen", "title") if content.get(key)}
+        changes = [f"mesotap.{key}={json.dumps(str(value))}" for key, value in names.items()]
+        await self._work.run(changes)
+        return {"started": True}
+
+    async def _resume(self, content: dict[str, Any]) -> dict[str, Any]:
+        session = await asyncio.to_thread(session_of, self._work.bench.root, str(content["id"]))
+        if session is None:
+            raise Refused("there is no such session")
+        await self._work.resume(session.path)
+        return {"started": True}
+
+    async def _link(self, content: dict[str, Any]) -> dict[str, Any]:
+        return {"path": f"{OPEN_PATH}?token={self._keys.new_link()}"}
+
+    async def _control(self, request: Request) -> Response:
+        """Take, ask for, or hand over control."""
+        key = request.headers.get(PAGE_KEY, "")
+        try:
+            content = await _content(request)
+            acts: dict[str, Callable[[], bool]] = {
+                "take": lambda: self._audience.take(key),
+                "ask": lambda: self._audience.ask(key),
+                "give": lambda: self._audience.give(key, int(content["to"])),
+            }
+            done = acts[content["do"]]()
+        except (ValueError, TypeError, KeyError):
+            return JSONResponse({"error": "this is no such request"}, 400)
+        if not done:
+            return JSONResponse({"error": "control is held by another page, or this one is not open"}, 403)
+        return JSONResponse({"done": True})
+
+    # --- the WebSocket --------------------------------------------------------------------------------------
+
+    async def _socket(self, socket: WebSocket) -> None:
+        """Show a page what there is, until it closes."""
+        key = socket.query_params.get("page", "")
+        if not 16 <= len(key) <= LONGEST_KEY or not key.isalnum():
+            await socket.close(1008)
+            return
+        await socket.accept()
+        if key in self._sockets:
+            await socket.close(AGAIN)
+            return
+        self._sockets[key] = socket
+        page = self._audience.enter(key)
+        try:
+            await socket.send_bytes(frame({"part": "you", "number": page.number, "version": __version__}))
+            for part in self._board.parts():
+                page.outbox.put(part, self._board.frame_of(part))
+            if (last := self._board.last_record()) is not None:
+                page.outbox.put_record(last)
+            sending = asyncio.create_task(self._send(socket, page.outbox.take))
+            try:
+                while True:
+                    await self._heard(socket)
+            finally:
+                sending.cancel()
+                with contextlib.suppress(asyncio.CancelledError, Exception):
+                    await sending
+        except (WebSocketDisconnect, RuntimeError):
+            pass
+        finally:
+            del self._sockets[key]
+            self._audience.leave(page)
+
+    async def _heard(self, socket: WebSocket) -> None:
+        """Hear one message: STOP is taken here too, over a connection that is open already; all else is refused."""
+        message = await socket.receive()
+        if message["type"] == "websocket.disconnect":
+            raise WebSocketDisconnect(message.get("code", 1000))
+        if message.get("text") == "stop":
+            self._work.tell({"do": "stop"})
+        else:
+            await socket.close(1008)
+            raise WebSocketDisconnect(1008)
+
+    async def _send(self, socket: WebSocket, take: Callable[[], Awaitable[bytes]]) -> None:
+        """Send what there is to be shown; a page that is slow holds up itself alone."""
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError, OSError):
+            while True:
+                await socket.send_bytes(await take())
+
+
+async def _content(request: Request) -> dict[str, Any]:
+    """Return the object that a page sent."""
+    content = json.loads(await request.body() or b"{}")
+    if not isinstance(content, dict):
+        raise ValueError("an object is expected")
+    return content

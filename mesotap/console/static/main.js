@@ -1,0 +1,142 @@
+// What is always in view, the pages below it, and STOP.
+
+import { connect, listen, page, post, stop } from "./wire.js";
+import { alertWith, fixed } from "./parts.js";
+import { redrawAll } from "./plots.js";
+import { session } from "./views/session.js";
+import { calibration } from "./views/calibration.js";
+import { taps } from "./views/taps.js";
+import { loads } from "./views/loads.js";
+import { sessions } from "./views/sessions.js";
+
+const views = { session, calibration, taps, loads, sessions };
+const byId = (id) => document.getElementById(id);
+let view = null;
+
+function route() {
+  const name = location.hash.slice(1).split("/")[0] || "session";
+  const next = views[name] || views.session;
+  if (view && view.end) view.end();
+  view = next;
+  const root = byId("view");
+  root.replaceChildren();
+  view.show(root);
+  for (const link of document.querySelectorAll("nav a")) {
+    if (link.getAttribute("href") === `#${views[name] ? name : "session"}`) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+  document.title = `${name} – mesotap console`;
+}
+
+// --- always in view ---------------------------------------------------------
+
+function showLoad() {
+  const { load, state } = page.parts;
+  if (!load || !state) return;
+  const limit = state.limit_mn;
+  const target = state.plan_mn[state.load_set];
+  byId("load").textContent = load.mn === null ? "–" : fixed(load.mn);
+  byId("target").textContent = target === undefined ? "–" : fixed(target);
+  byId("limit").textContent = fixed(limit);
+  const full = limit ? limit * 1.1 : 1;
+  const at = (value) => Math.max(0, Math.min(1000, (1000 * value) / full));
+  byId("bar-load").setAttribute("width", load.mn === null ? 0 : at(load.mn));
+  byId("bar-target").setAttribute("x", target === undefined ? -20 : at(target) - 4);
+  byId("bar-limit").setAttribute("x", limit ? at(limit) - 4 : -20);
+  const age = load.at === null ? null : Date.now() / 1000 - load.at;
+  byId("load-age").textContent = age === null ? "no reading yet" : age < 1 ? "read just now" : `read ${age < 120 ? `${Math.round(age)} s` : `${Math.round(age / 60)} min`} ago`;
+  document.querySelector(".figure").classList.toggle("stale", age === null || age > 1);
+}
+
+function setText(id, text) {
+  const element = byId(id);
+  if (element.textContent !== text) element.textContent = text; // what has not changed is not read out again
+}
+
+function showState() {
+  const state = page.parts.state;
+  if (!state) return;
+  setText("words", state.paused ? "paused" : state.words);
+  setText("detail", state.text);
+  setText("next", state.ask ? state.ask.text : state.paused ? "Paused, the load is watched. Continue, or STOP." : state.next);
+  const ended = state.ended;
+  alertWith(!page.connected ? "The connection to the console is lost; the session goes on, or has taken the surfaces apart." : ended && ended.how !== "filed" ? ended.text : "");
+}
+
+export function driving() {
+  const audience = page.parts.audience;
+  return Boolean(page.connected && audience && audience.holder === page.number);
+}
+
+function showControl() {
+  const audience = page.parts.audience;
+  const button = byId("control");
+  if (!audience) return;
+  const watchers = audience.pages.length - (audience.holder_open ? 1 : 0);
+  const others = `${watchers} watching`;
+  button.hidden = false;
+  if (driving()) {
+    const asking = audience.asking[0];
+    setText("who", `This page (${page.number}) holds control; ${others}.`);
+    button.textContent = asking ? `Hand control to page ${asking}` : "You hold control";
+    button.disabled = !asking;
+    button.onclick = () => post("control", { do: "give", to: asking });
+  } else if (audience.holder === null) {
+    setText("who", "Nobody holds control.");
+    button.textContent = "Take control";
+    button.disabled = false;
+    button.onclick = () => post("control", { do: "take" });
+  } else {
+    const asked = audience.asking.includes(page.number);
+    setText("who", `This page (${page.number}) watches; page ${audience.holder} holds control${audience.holder_open ? "" : " but has lost its connection"}.`);
+    button.textContent = asked ? "Control asked for" : "Ask for control";
+    button.disabled = asked;
+    button.onclick = () => post("control", { do: "ask" });
+  }
+}
+
+// --- STOP -------------------------------------------------------------------
+
+function pressStop() {
+  stop().catch(() => alertWith("STOP could not be sent: the console does not answer. Look at the rig."));
+}
+
+byId("stop").addEventListener("pointerdown", (event) => {
+  if (event.button === 0) pressStop(); // when it goes down, not when it comes up
+});
+byId("stop").addEventListener("click", (event) => {
+  if (event.detail === 0) pressStop(); // by keyboard or by a program that helps
+});
+addEventListener("keydown", (event) => {
+  if (event.key !== " " || event.repeat) return;
+  const field = event.target.closest?.("input, textarea, select, [contenteditable]");
+  if (field && field.type !== "checkbox") return; // somebody writes
+  event.preventDefault();
+  pressStop();
+}, { capture: true });
+addEventListener("keyup", (event) => {
+  if (event.key === " " && event.target.closest?.("button, a")) event.preventDefault();
+}, { capture: true });
+
+// --- dark and light ---------------------------------------------------------
+
+function setTheme(name) {
+  document.documentElement.dataset.theme = name;
+  localStorage.setItem("mesotap-theme", name);
+  redrawAll();
+}
+
+byId("theme").addEventListener("click", () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
+setTheme(localStorage.getItem("mesotap-theme") || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
+
+listen((part) => {
+  if (part === "load" || part === "state") showLoad();
+  if (part === "state" || part === "connection" || part === "you") showState();
+  if (["audience", "you", "connection"].includes(part)) showControl();
+  setText("connection", page.connected ? `connected as page ${page.number}` : "not connected: trying again");
+  if (view && view.update) view.update(part);
+});
+setInterval(showLoad, 500);
+addEventListener("hashchange", route);
+route();
+connect();

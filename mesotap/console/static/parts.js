@@ -1,0 +1,42 @@
+// Elements: what came from elsewhere is only ever text.
+
+export function make(tag, options = {}, ...inner) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(options)) {
+    if (name === "class") element.className = value;
+    else if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else if (value === true) element.setAttribute(name, "");
+    else if (value !== false && value !== null && value !== undefined) element.setAttribute(name, value);
+  }
+  element.append(...inner.filter((part) => part !== null && part !== undefined));
+  return element;
+}
+
+export function sheet(title, ...inner) {
+  return make("section", { class: "sheet" }, make("h2", {}, title), ...inner);
+}
+
+export function number(value, digits = 3) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  return value.toPrecision(digits).replace(/e\+?(-?)(\d+)$/, "·10^$1$2");
+}
+
+export function fixed(value, digits = 0) {
+  return value === null || value === undefined || !Number.isFinite(value) ? "–" : value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");
+}
+
+// A value with the half width of its 95 % interval.
+export function within(estimate, scale = 1, digits = 1) {
+  if (!estimate) return "–";
+  return `${(estimate.value * scale).toFixed(digits)} ± ${(estimate.half * scale).toFixed(digits)}`;
+}
+
+export function figure(name, value, unit, id) {
+  return make("div", {}, make("span", { class: "small" }, name), make("b", id ? { id } : {}, value), make("span", { class: "small" }, unit));
+}
+
+export function alertWith(text) {
+  const box = document.getElementById("alert");
+  box.textContent = text;
+  box.hidden = !text;
+}

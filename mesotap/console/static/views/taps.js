@@ -1,0 +1,138 @@
+// Each tap: its record and spectrum, the verdict with its reason, what it came to, and the row of this load.
+
+import { page, post, recordIn, get } from "../wire.js";
+import { alertWith, figure, fixed, make, sheet, within } from "../parts.js";
+import { plot } from "../plots.js";
+import { driving } from "../main.js";
+
+let record, spectrum, row, verdict, numbers, hand, chosen = null, shown = null;
+
+function tapOf(n) {
+  return (page.parts.taps || { taps: [] }).taps.find((tap) => tap.number === n) || null;
+}
+
+function draw() {
+  const r = shown;
+  if (!r || !record) return;
+  const t = new Float64Array(r.samples);
+  for (let i = 0; i < r.samples; i++) t[i] = (1e3 * (i - r.pretrigger)) / r.rate_hz;
+  record.set([t, r.a, r.b]);
+  const last = Math.min(r.bins, Math.ceil(Math.min(5000, r.rate_hz / 2) / r.bin_hz));
+  const f = new Float64Array(Math.max(0, last - 1));
+  for (let i = 1; i < last; i++) f[i - 1] = i * r.bin_hz;
+  spectrum.set([f, r.spectrum.subarray(1, last)]);
+  if (r.came && !r.drawn) {
+    r.drawn = true;
+    requestAnimationFrame(() => {
+      page.latency.push({ tap: r.number, drawn_s: Date.now() / 1000 - r.told_at });
+      if (page.latency.length > 5000) page.latency.shift();
+    });
+  }
+}
+
+function showVerdict() {
+  const tap = shown && (tapOf(shown.number) || shown);
+  if (!verdict) return;
+  if (!tap) {
+    verdict.replaceChildren(make("p", {}, "No tap yet."));
+    numbers.replaceChildren();
+    hand.hidden = true;
+    return;
+  }
+  const sign = tap.accepted ? "✓ accepted" : "✗ not used";
+  verdict.replaceChildren(
+    make("p", { class: `verdict ${tap.accepted ? "good" : "bad"}` }, `Tap ${tap.number}: ${sign}${tap.by_hand ? " by hand" : ""}`),
+    make("p", {}, tap.accepted ? (tap.by_hand ? `reason: ${tap.by_hand}` : "") : tap.reason));
+  const j = tap.judged;
+  const share = j.force_ratio;
+  const lost = tap.force_limit ? share / tap.force_limit : share;
+  const drift = page.parts.state.locked_mn === null || tap.load_set !== page.parts.state.load_set ? tap.after_mn - tap.before_mn : tap.after_mn - page.parts.state.locked_mn;
+  const m = tap.modes || {};
+  numbers.replaceChildren(
+    figure("f2", within(m.f2_hz, 1, 1), "Hz", "tap-f2"),
+    figure("ζ2", within(m.zeta2, 100, 3), "%", "tap-zeta2"),
+    figure("k_c", within(m.k_c, 1e-6, 3), "MN/m", "tap-kc"),
+    figure("peak", fixed(j.peak_acceleration_m_s2, 2), "m/s²"),
+    figure("force that relieves the contact, of the load", share === null || share === undefined ? "–" : `${fixed(100 * share)} %`, `limit ${fixed(100 * (tap.force_limit || 1))} %, at 100 % the surfaces part`),
+    make("div", {}, make("span", { class: "small" }, "against the limit"), make("meter", { min: 0, max: 1.5, low: 0.8, high: 1, optimum: 0, value: Math.min(1.5, lost || 0), "aria-label": "force against the loss-of-contact limit" })),
+    figure("load drift since lock", Number.isFinite(drift) ? `${drift >= 0 ? "+" : ""}${drift.toFixed(1)}` : "–", "mN"));
+  if (tap.modes && tap.modes.notes && tap.modes.notes.length) numbers.append(make("p", { class: "small" }, tap.modes.notes.join("; ")));
+  hand.hidden = !page.parts.state.running;
+  hand.querySelector("button").textContent = tap.accepted ? "Reject this tap" : "Accept this tap";
+  hand.querySelector("button").disabled = !driving();
+}
+
+function showRow() {
+  const state = page.parts.state;
+  if (!state || !row) return;
+  const set = shown ? shown.load_set : state.load_set;
+  const here = (page.parts.taps || { taps: [] }).taps.filter((tap) => tap.load_set === set);
+  const missing = Math.max(0, state.wanted - here.filter((tap) => tap.accepted).length);
+  row.replaceChildren(
+    ...here.map((tap) => make("li", {}, make("button", {
+      type: "button", class: tap.accepted ? "good" : "bad", "aria-pressed": shown && shown.number === tap.number ? "true" : "false",
+      "aria-label": `tap ${tap.number}, ${tap.accepted ? "accepted" : "not used"}`, onclick: () => choose(tap.number),
+    }, `${tap.accepted ? "✓" : "✗"} ${tap.number}`))),
+    ...Array.from({ length: missing }, () => make("li", { class: "empty", "aria-hidden": "true" })));
+}
+
+async function choose(n) {
+  chosen = n;
+  try {
+    shown = recordIn(await (await get(`/api/taps/${n}`)).arrayBuffer());
+  } catch {
+    const tap = tapOf(n);
+    if (tap) shown = { ...tap, samples: 0, bins: 0, a: [], b: [], spectrum: new Float32Array(0) };
+  }
+  draw();
+  showRow();
+  showVerdict();
+}
+
+async function judge(event) {
+  event.preventDefault();
+  const tap = tapOf(shown.number);
+  const reason = hand.querySelector("input").value;
+  const answer = await post("judge", { number: tap.number, accepted: !tap.accepted, reason });
+  if (!answer.ok) alertWith(answer.error);
+  else hand.querySelector("input").value = "";
+}
+
+export const taps = {
+  show(root) {
+    record = plot({ title: "Record of A and B", x: "time after the trigger, ms", y: "acceleration, m/s²", series: [{ colour: "a" }, { colour: "b", dash: [6, 3] }], height: 280 });
+    spectrum = plot({ title: "Spectrum of the mean of A and B", x: "frequency, Hz", y: "m/s² per Hz", series: [{ colour: "third" }], log: true, height: 240 });
+    row = make("ul", { class: "row-of-taps", id: "row" });
+    verdict = make("div", { role: "status", id: "verdict" });
+    numbers = make("div", { class: "numbers" });
+    hand = make("form", { class: "line", hidden: true, onsubmit: judge },
+      make("label", {}, "reason, kept with the tap", make("input", { name: "reason", class: "wide", required: true, maxlength: 200, autocomplete: "off" })),
+      make("button", { type: "submit", id: "judge" }, "Reject this tap"));
+    const newest = make("button", { type: "button", onclick: () => { chosen = null; shown = page.record; this.update("record"); } }, "Follow the newest");
+    root.append(
+      sheet("Taps at this load", row, make("p", {}, newest)),
+      sheet("Verdict", verdict, numbers, hand),
+      make("div", { class: "two" },
+        sheet("Record", make("p", { class: "key" }, make("i", { class: "a" }), "A", make("i", { class: "b" }), "B (dashed)"), record.box),
+        sheet("Spectrum", spectrum.box)));
+    shown = chosen === null ? page.record : shown;
+    draw();
+    showRow();
+    showVerdict();
+  },
+  update(part) {
+    if (part === "record" && chosen === null) {
+      shown = page.record;
+      draw();
+    }
+    if (["record", "taps", "state", "audience"].includes(part)) {
+      showRow();
+      showVerdict();
+    }
+  },
+  end() {
+    record.end();
+    spectrum.end();
+    record = spectrum = row = verdict = numbers = hand = null;
+  },
+};

@@ -1,0 +1,96 @@
+// The connection to the console: frames in, requests out.
+
+const HEAD = 8;
+
+export const page = {
+  key: sessionStorage.getItem("mesotap-page") || newKey(),
+  number: null,
+  parts: {},
+  record: null,
+  connected: false,
+  latency: [],
+};
+
+const listeners = new Set();
+let socket = null;
+
+function newKey() {
+  const bytes = crypto.getRandomValues(new Uint8Array(16));
+  const key = Array.from(bytes, (b) => b.toString(16).padStart(2, "0")).join("");
+  sessionStorage.setItem("mesotap-page", key);
+  return key;
+}
+
+export function listen(listener) {
+  listeners.add(listener);
+}
+
+function tell(part) {
+  for (const listener of listeners) listener(part);
+}
+
+function taken(buffer) {
+  const view = new DataView(buffer);
+  const length = view.getUint32(0, true);
+  const message = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, HEAD, length)));
+  return [message, buffer, HEAD + length];
+}
+
+export function recordIn(buffer) {
+  const [message, , at] = taken(buffer);
+  const n = message.samples;
+  message.a = new Float32Array(buffer, at, n);
+  message.b = new Float32Array(buffer, at + 4 * n, n);
+  message.spectrum = new Float32Array(buffer, at + 8 * n, message.bins);
+  return message;
+}
+
+export function connect() {
+  const scheme = location.protocol === "https:" ? "wss:" : "ws:";
+  socket = new WebSocket(`${scheme}//${location.host}/ws?page=${page.key}`);
+  socket.binaryType = "arraybuffer";
+  socket.onmessage = (event) => {
+    const [message] = taken(event.data);
+    if (message.part === "you") {
+      page.number = message.number;
+      page.connected = true;
+    } else if (message.part === "record") {
+      page.record = recordIn(event.data);
+      page.record.came = Date.now() / 1000;
+    } else {
+      page.parts[message.part] = message;
+    }
+    tell(message.part);
+  };
+  socket.onclose = (event) => {
+    page.connected = false;
+    if (event.code === 4001) page.key = newKey(); // this tab was copied from another
+    tell("connection");
+    setTimeout(connect, 500);
+  };
+}
+
+// STOP goes over the connection that is open already, and as a request: whichever arrives first.
+export function stop() {
+  if (socket && socket.readyState === WebSocket.OPEN) socket.send("stop");
+  return post("stop", {});
+}
+
+export async function post(what, content) {
+  const response = await fetch(`/api/${what}`, {
+    method: "POST",
+    headers: { "Content-Type": "application/json", "X-Mesotap": "1", "X-Mesotap-Page": page.key },
+    body: JSON.stringify(content),
+    keepalive: what === "stop",
+  });
+  const answer = (response.headers.get("Content-Type") || "").startsWith("application/json")
+    ? await response.json()
+    : { error: await response.text() };
+  return { ...answer, ok: response.ok };
+}
+
+export async function get(path) {
+  const response = await fetch(path, { headers: { "X-Mesotap": "1" } });
+  if (!response.ok) throw new Error(await response.text());
+  return response;
+}

@@ -1,0 +1,56 @@
+"""Who works at the rig and who watches: the same for the terminal and for the pages of the console."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+
+from rich.console import Console
+
+from daq.journal import SessionFolder
+from mesotap.configuration.config import Config
+from mesotap.operator.console import KeyControl, SessionDisplay, TerminalOperator
+from mesotap.session.hand_verdicts import HandVerdict, accepted_in
+from mesotap.session.runner import Observer
+from mesotap.session.watching import GaugeWatch
+from rig import Operator
+
+
+@dataclass(frozen=True, slots=True)
+class People:
+    """Who works at the rig and who watches.
+
+    Attributes
+    ----------
+    operator
+        Who is told things and asked to do things.
+    control
+        Who may pause and end the session.
+    watching
+        Called with the session's folder and its configuration as it begins or goes on; who watches it then.
+    console
+        Where tables and sentences go that no page has a place for.
+    gauge
+        Who is shown what the gauge reads.
+    verdicts
+        Takes what was decided by hand on taps since it was called last.
+    """
+
+    operator: Operator
+    control: KeyControl
+    watching: Callable[[SessionFolder, Config], AbstractContextManager[Observer]]
+    console: Console
+    gauge: GaugeWatch = field(default_factory=GaugeWatch)
+    verdicts: Callable[[], Sequence[HandVerdict]] = tuple
+
+
+def at_terminal(console: Console) -> People:
+    """Return the person at the terminal, who works, watches and controls."""
+    operator = TerminalOperator(console)
+
+    def display(folder: SessionFolder, config: Config) -> SessionDisplay:
+        wanted = config.mesotap.impacts_per_load * len(config.mesotap.load_plan_mn)
+        return SessionDisplay(wanted, len(accepted_in(folder.events())), console)
+
+    return People(operator, KeyControl(console, operator.keyboard), display, console)

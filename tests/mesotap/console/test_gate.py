@@ -1,0 +1,61 @@
+"""Who is let in, and who is not."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.mesotap.console.consoles import Client, console_in
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    with console_in(tmp_path_factory.mktemp("gate")) as console:
+        yield Client(console)
+
+
+def test_the_link_opens_once(tmp_path):
+    with console_in(tmp_path) as console:
+        client = Client(console)
+        assert client.request("GET", console.path)[0] == 403
+        assert client.request("GET", "/")[0] == 200
+
+
+def test_the_cookie_is_kept_from_scripts_and_from_other_sites(tmp_path):
+    with console_in(tmp_path) as console:
+        plain = Client.__new__(Client)
+        plain.port = console.port
+        _, headers, _ = plain.request("GET", console.path)
+        said = headers["set-cookie"].lower()
+        assert "httponly" in said
+        assert "samesite=strict" in said
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "headers", "status"),
+    [
+        ("GET", "/", {"Cookie": ""}, 401),
+        ("GET", "/", {"Cookie": "mesotap=guess"}, 401),
+        ("GET", "/", {"Host": "evil.example"}, 421),
+        ("GET", "/", {"Host": "127.0.0.1"}, 421),
+        ("PUT", "/api/stop", {}, 405),
+        ("DELETE", "/", {}, 405),
+        ("GET", "/api/stop", {}, 405),
+        ("POST", "/api/stop", {"Content-Type": "application/json"}, 403),
+        ("POST", "/api/stop", {"X-Mesotap": "1", "Content-Type": "text/plain"}, 415),
+        ("POST", "/api/stop", {"X-Mesotap": "1", "Content-Type": "application/json", "Origin": "http://evil"}, 403),
+        ("POST", "/api/run", {"X-Mesotap": "1", "Content-Type": "application/json"}, 403),
+        ("GET", "/open?token=guess", {"Cookie": ""}, 403),
+        ("GET", "/sessions/..%2f..%2fetc/report", {}, 404),
+        ("GET", "/static/../server.py", {}, 404),
+        ("GET", "/static/%2e%2e/server.py", {}, 404),
+    ],
+)
+def test_what_is_refused(client, method, path, headers, status):
+    body = b"{}" if method == "POST" else None
+    assert client.request(method, path, body, headers)[0] == status
+
+
+def test_nothing_runs_in_a_page_but_its_own_scripts(client):
+    policy = client.request("GET", "/")[1]["content-security-policy"]
+    assert "script-src 'self'" in policy
+    assert "unsafe" not in policy

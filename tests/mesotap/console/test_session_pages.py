@@ -1,0 +1,74 @@
+"""Whole sessions run from pages in Chromium; skipped where there is none."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from daq.session_file import read_session
+from tests.mesotap.console.consoles import PATIENCE_MS, console_in, journal_of, needs_chromium
+
+pytestmark = [needs_chromium, pytest.mark.slow]
+
+
+def opened(chromium, console):
+    page = chromium.new_context().new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.faults = []
+    page.on("pageerror", lambda error: page.faults.append(str(error)))
+    page.on("dialog", lambda dialog: page.faults.append(dialog.message))
+    page.goto(console.link)
+    return page
+
+
+def begin(page, **fields: str) -> None:
+    page.wait_for_selector("#run:enabled")
+    for name, value in fields.items():
+        page.fill(f"input[name={name}]", value)
+    page.click("#run")
+
+
+def reach(page, words: str) -> None:
+    from playwright.sync_api import expect
+
+    expect(page.locator("#words")).to_have_text(re.compile(words), timeout=PATIENCE_MS)
+
+
+def test_a_whole_session_from_the_page(chromium, tmp_path):
+    from playwright.sync_api import expect
+
+    with console_in(tmp_path, "--speed", "20") as console:
+        page = opened(chromium, console)
+        begin(page, specimen="<img src=x onerror=alert(1)>")
+        reach(page, "locking|tapping")
+        page.click("nav a[href='#taps']")
+        expect(page.locator("#verdict")).to_contain_text("accepted", timeout=PATIENCE_MS)
+        reach(page, "done")
+        page.click("nav a[href='#sessions']")
+        expect(page.locator("#past tbody tr")).to_contain_text("<img src=x onerror=alert(1)>", timeout=PATIENCE_MS)
+        page.click("#past button")
+        report = page.frame_locator("iframe.report")
+        expect(report.locator("body")).to_contain_text("Contact stiffness and damping", timeout=PATIENCE_MS)
+        assert page.faults == []
+        (file,) = console.sessions.glob("*/session.h5")
+        session = read_session(file)
+        assert session.complete
+        assert len(session.impacts) == 4
+        assert session.specimen == "<img src=x onerror=alert(1)>"
+
+
+def test_stop_by_the_space_bar_and_resume(chromium, tmp_path):
+    with console_in(tmp_path, "--speed", "20", "--set", "mesotap.dwell_s=100") as console:
+        page = opened(chromium, console)
+        begin(page)
+        reach(page, "locking")
+        page.keyboard.press("Space")
+        reach(page, "ended")
+        assert "the surfaces are apart" in page.text_content("#alert")
+        assert journal_of(console)[-2]["event"] == "safe"
+        assert journal_of(console)[-2]["troubles"] == []
+        page.click("button.resume")
+        reach(page, "done")
+        assert journal_of(console)[-1]["event"] == "filed"
+        assert page.faults == []

@@ -73,11 +73,18 @@ class Element:
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """What a channel records."""
+    """What a channel records.
+
+    Attributes
+    ----------
+    strained
+        Names of an element and of a constant: the channel also shows the element's force times the constant.
+    """
 
     name: str
     row: Row
     quantity: Quantity = "acceleration"
+    strained: tuple[str, str] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +113,17 @@ class Arrangement:
         for body, coefficient in row:
             out[..., self.bodies.index(body)] = values[coefficient] if isinstance(coefficient, str) else coefficient
         return out
+
+    def strain(self, sensor: Sensor, values: Mapping[str, float] | Mapping[str, Real]) -> tuple[Real, Real]:
+        """Return (..., n) what a channel shows of displacements and of velocities by the strain of its base."""
+        if sensor.strained is None:
+            nothing = np.zeros_like(self.vector((), values))
+            return nothing, nothing
+        name, share = sensor.strained
+        element = self.element(name)
+        row = np.asarray(values[share])[..., None] * self.vector(element.row, values)
+        constants = [np.zeros(()) if c is None else np.asarray(values[c]) for c in (element.stiffness, element.damping)]
+        return constants[0][..., None] * row, constants[1][..., None] * row
 
     def matrices(self, values: Mapping[str, float] | Mapping[str, Real]) -> tuple[Real, Real, Real]:
         """Return masses (..., n), damping and stiffness (..., n, n) for these constants, values of any one shape."""

@@ -64,12 +64,15 @@ def twin_record(
     seen = [(arrangement.vector(s.row, values), 2, analog) for s in arrangement.sensors]
     seen.append((arrangement.vector(((LOWER, 1.0),), values), 0, nothing))
     tapped = arrangement.vector(((arrangement.tapped, 1.0),), values) / bodies.mass
-    shown = np.array(
-        [
-            exact_response(bodies.system(tapped, row, order).then(chain), pulse, onset_s, samples, sample_rate_hz)[0]
-            for row, order, chain in seen
-        ]
-    )
+
+    def exact(row: Real, order: int, chain: StateSpace) -> Real:
+        return exact_response(bodies.system(tapped, row, order).then(chain), pulse, onset_s, samples, sample_rate_hz)[0]
+
+    shown = np.array([exact(row, order, chain) for row, order, chain in seen])
+    for channel, sensor in zip(shown, arrangement.sensors, strict=False):  # without what the laws' forces strain
+        if sensor.strained is not None:
+            for order, row in enumerate(arrangement.strain(sensor, values)):
+                channel += exact(row, order, analog)
     slots = laws_in(found)
     if len(slots) > SLOTS:
         raise RigError(f"The simulated rig cannot have more than {SLOTS} force laws at work together.")

@@ -132,13 +132,14 @@ class Account(ABC, Generic[FitOf]):
         term, parameters = self.parameters(fitted, number)
         rig, mechanism = self.selection.problem.arrangement, term.mechanism
         name = mechanism.named(rig, term.place)
+        same = [m.id for m in self.selection.judge.known if mechanism.id in m.same_as]
         return Named(
             mechanism.id,
             weights.probability(mechanism.id),
             self.component(term),
             mechanism.statement(term.values, name) + weights.remark,
             parameters,
-            weights.alike,
+            tuple(dict.fromkeys((*weights.alike, *same))),
             term.fixed,
             name if isinstance(mechanism, ForceLaw) and len(term.place) == 1 else self.element(term, name),
         )

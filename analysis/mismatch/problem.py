@@ -197,7 +197,7 @@ class Problem(ABC, Generic[FitOf]):
 
     def allows(self, mechanism: Mechanism) -> bool:
         """Whether the recordings can show a mechanism at all."""
-        return True
+        return not mechanism.hidden
 
     def trials(self, fitted: FitOf, known: Iterable[Mechanism]) -> list[Term]:
         """Return every mechanism in every place with every set of values worth screening."""

@@ -237,9 +237,15 @@ def list_mechanisms(config: Path | None, console: Console) -> None:
     table = Table(title="Mechanisms")
     for heading in ("id", "component", "acts in", "what it is", "parameters"):
         table.add_column(heading)
-    for m in variants(known_mechanisms(folders=own_folders(config))):
+    known = variants(known_mechanisms(folders=own_folders(config)))
+    for m in known:
         table.add_row(m.id, m.component, _acts_in(m), m.summary, ", ".join(q.name for q in m.parameters))
     console.print(table)
+    hidden = [m for m in known if m.hidden]
+    if hidden:
+        console.print("Not sought in free decays, which do not show them by themselves; all can be simulated:")
+    for m in hidden:
+        console.print(f"{m.id}: {m.hidden}", highlight=False)
 
 
 def _acts_in(mechanism: Mechanism) -> str:

@@ -18,6 +18,9 @@ EVEN = 0.02  # relative spread over the loads up to which a ratio counts as one 
 
 _SAME = {
     "attached_mass": ("attached_mass_kg", "mount_stiffness_n_per_m", "mount_damping_n_s_per_m"),
+    "base_strain": ("base_strain_m_s2_per_n",),
+    "converter_step": ("step_m_s2",),
+    "upper_roll": ("roll_mass_kg", "roll_stiffness_n_per_m", "roll_damping_n_s_per_m"),
     "channel_skew": ("delay_of_b_samples",),
     "clipping": ("clip_at_fraction_of_peak",),
     "contact_creep": ("creep_per_e_fold", "creep_time_s"),
@@ -63,6 +66,13 @@ _DERIVED: dict[str, dict[str, Callable[[Truth], float | None]]] = {
     "adhesion": {
         "adhesion_force_share": lambda t: _ratio(t["effect"]["adhesion_force_n"], t["loads_n"]),
         "adhesion_range_share": lambda t: _ratio(t["effect"]["adhesion_range_m"], _static(t)),
+    },
+    "cross_axis_sensitivity": {
+        "cross_axis_share": lambda t: t["effect"]["transverse_sensitivity"] * t["effect"]["inclination"]
+    },
+    "menisci": {
+        "meniscus_force_share": lambda t: _ratio(t["effect"]["meniscus_force_n"], t["loads_n"]),
+        "meniscus_range_share": lambda t: _ratio(t["effect"]["meniscus_range_m"], _static(t)),
     },
     "attached_mass": {
         "mount_frequency_hz": lambda t: _mount(t)[0],

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from sim_backend.arrangement import Arrangement, Element, Parameter, Sensor, tester
+from sim_backend.arrangement import DERIVATIVES, Arrangement, Element, Parameter, Sensor, tester
+from sim_backend.arrays import Complex
 from sim_backend.force_law import MEMORY
 from sim_backend.mechanisms.catalogue import MechanismError, catalogue, load_file
 from sim_backend.mechanisms.kinds import (
@@ -301,12 +302,18 @@ def _frequency_response(rig: Arrangement, scale: Scale) -> Real:
     """Return real and imaginary parts of what the sensors show for a unit force on the tapped body."""
     values = rig.declared()
     mass, damping, stiffness = rig.matrices(values)
-    rows = np.array([rig.vector(s.row, values) for s in rig.sensors])
     push = np.array([1.0 if body == rig.tapped else 0.0 for body in rig.bodies])
     found = []
     for omega in 2 * np.pi * np.geomspace(0.2 * scale.frequency_hz[0], 5 * scale.frequency_hz[1], 40):
+        rows = np.array([_shown(rig, s, values, 1j * omega) for s in rig.sensors])
         found.append(rows @ np.linalg.solve(stiffness + 1j * omega * damping - omega**2 * np.diag(mass), push))
     return np.concatenate([np.real(found).ravel(), np.imag(found).ravel()])
+
+
+def _shown(rig: Arrangement, sensor: Sensor, values: Values, s: complex) -> Complex:
+    """Return (bodies,) what a sensor shows of displacements that grow as exp(s t), over their derivative it shows."""
+    displaced, moved = rig.strain(sensor, values)
+    return rig.vector(sensor.row, values) + (displaced + s * moved) / s ** DERIVATIVES[sensor.quantity]
 
 
 def _size(x: Real) -> float:

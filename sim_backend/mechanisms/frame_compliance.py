@@ -11,6 +11,7 @@ from sim_backend.mechanisms.kinds import AddedBody, Derived, Quantity, Scale, Va
 from sim_backend.mechanisms.places import Place, grounded_elements, unused_name
 
 MASS, STIFFNESS, DAMPING = "frame_mass_kg", "frame_stiffness_n_per_m", "frame_damping_n_s_per_m"
+NAMES = (MASS, STIFFNESS, DAMPING)
 TRIAL_RATIO = 0.02
 TRIAL_SHARE = 1e4  # of the body's mass: a frame so heavy hardly moves
 LOWEST, HIGHEST = 0.1, 4.5  # resonances tried, from the lowest mode times this to the highest times this
@@ -20,17 +21,26 @@ LEAST_KG, MOST_KG = 1e-3, 1e5
 
 def extend(rig: Arrangement, values: Values, place: Place) -> Arrangement:
     """Put the foot of the element in the place on a body of its own."""
-    foot = rig.elements[place[0]]
-    carrier, share = foot.row[0][0], cast(float, foot.row[0][1])  # `grounded_elements` has no other coefficients
-    frame = unused_name("frame", rig.bodies)
-    footing = unused_name("frame's footing", [e.name for e in rig.elements])
+    return on_a_body(rig, values, place, "frame", NAMES)
+
+
+def on_a_body(
+    rig: Arrangement, values: Values, place: Place, name: str, constants: tuple[str, str, str]
+) -> Arrangement:
+    """Put the feet of all elements in a place on one more body, with these names of mass, stiffness and damping."""
+    frame = unused_name(name, rig.bodies)
+    footing = unused_name(f"{name}'s footing", [e.name for e in rig.elements])
+    changed = {}
+    for foot in (rig.elements[i] for i in place):
+        carrier, share = foot.row[0][0], cast(float, foot.row[0][1])  # `grounded_elements` has no other coefficients
+        changed[foot.name] = replace(foot, row=((carrier, share), (frame, -share)))
     return rig.extended(
-        bodies={frame: MASS},
-        changed={foot.name: replace(foot, row=((carrier, share), (frame, -share)))},
-        elements=(Element(footing, "body", "frame", ((frame, 1.0),), STIFFNESS, DAMPING),),
+        bodies={frame: constants[0]},
+        changed=changed,
+        elements=(Element(footing, "body", "frame", ((frame, 1.0),), constants[1], constants[2]),),
         parameters=tuple(
-            Parameter(name, unit, values[name], positive=True)
-            for name, unit in ((MASS, "kg"), (STIFFNESS, "N/m"), (DAMPING, "N s/m"))
+            Parameter(constant, unit, values[constant], positive=True)
+            for constant, unit in zip(constants, ("kg", "N/m", "N s/m"), strict=True)
         ),
     )
 
@@ -64,7 +74,7 @@ MECHANISM = AddedBody(
     trials=trials,
     extend=extend,
     at=lambda rig: grounded_elements(rig, ("spring", "joint", "contact", "pendulum")),
-    body=(MASS, STIFFNESS, DAMPING),
+    body=NAMES,
     phase_locked=True,
     derived=(COMPLIANCE,),
     limited=COMPLIANCE,

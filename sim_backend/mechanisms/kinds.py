@@ -138,6 +138,12 @@ class Mechanism:
         Whether only a positive strength makes sense.
     derived
         What is reported beside the parameters.
+    hidden
+        Why a free decay does not show it by itself, and what experiment would; it can be simulated and is not sought in
+        free decays. Empty: it is sought.
+    same_as
+        Ids of mechanisms of the same equations, as far as the tester's channels show: it is told as indistinguishable
+        from these, and is not sought beside them.
     limited
         What has an upper limit where no parameter is the strength: proportional to the size of the effect.
     """
@@ -153,6 +159,8 @@ class Mechanism:
     one_signed: bool = True
     derived: tuple[Derived, ...] = ()
     limited: Derived | None = None
+    hidden: str = ""
+    same_as: tuple[str, ...] = ()
 
     def places(self, rig: Arrangement) -> list[Place]:
         """Return where in a rig it can act."""
@@ -225,6 +233,8 @@ class AddedBody(Mechanism):
         Whether the added body is set going by the rig alone, so that its phase is that of the rig's modes.
     on_body
         Whether the place is the number of a body, not of an element.
+    on_sensor
+        Whether the place ends with the number of a channel, by which it is called.
     shaken
         Whether an acceleration of the base shakes the added body as it does the rig's own.
     """
@@ -234,6 +244,7 @@ class AddedBody(Mechanism):
     body: tuple[str, str, str] | None = None
     phase_locked: bool = False
     on_body: bool = False
+    on_sensor: bool = False
     shaken: bool = True
 
     def places(self, rig: Arrangement) -> list[Place]:
@@ -241,7 +252,9 @@ class AddedBody(Mechanism):
         return list(self.at(rig))
 
     def named(self, rig: Arrangement, place: Place) -> str:
-        """Return the name of the body or element."""
+        """Return the name of the body, channel or element."""
+        if self.on_sensor:
+            return _channel_name(rig.sensors[place[-1]].name)
         return rig.bodies[place[0]] if self.on_body else element_name(rig, place)
 
 

@@ -74,6 +74,11 @@ def each_input(rig: Arrangement) -> list[Place]:
     return [(i,) for i in range(rig.inputs)]
 
 
+def preloaded_contact(rig: Arrangement) -> list[Place]:
+    """Return the contact that carries the load, where there is one."""
+    return [(i,) for i, e in enumerate(rig.elements) if e.preload]
+
+
 def grounded_elements(rig: Arrangement, roles: Sequence[Role]) -> list[Place]:
     """Return elements between a body and the ground."""
     return [(i,) for i, e in enumerate(rig.elements) if e.role in roles and len(e.row) == 1 and _is_number(e.row)]

@@ -81,6 +81,13 @@ def test_equal_springs_share_a_place_in_the_tester() -> None:
         ("double_hit", [()], []),  # a measured input shows it
         ("mains_hum", [()], [()]),
         ("load_drift", [], []),
+        ("base_motion", [(0, 1)], []),  # needs equal springs on the ground
+        ("upper_roll", [(2,)], []),
+        ("cross_axis_sensitivity", [(2, 0), (2, 1)], []),  # either of two sensors on a body
+        ("base_strain", [(2, 0), (2, 1)], []),
+        ("cable_drag", [(1,)], [(1,)]),
+        ("holder_compliance", [(2,)], []),
+        ("converter_step", [(0,), (1,)], [(0,), (1,)]),
     ],
 )
 def test_where_a_mechanism_acts(name: str, tester: list, described: list) -> None:
@@ -91,6 +98,34 @@ def test_where_a_mechanism_acts(name: str, tester: list, described: list) -> Non
 def test_of_one_id_only_what_fits_its_component_is_tried_in_the_tester() -> None:
     assert [place for _, place in placed(catalogue()["micro_slip"], ANY_RIG)] == [(2,)]
     assert [place for _, place in placed(catalogue()["end_stop"], ANY_RIG)] == [(0, 1)]
+
+
+def test_what_a_free_decay_hides_says_so_and_is_like_something_known() -> None:
+    known = catalogue()
+    hidden = [m for m in variants(known) if m.hidden]
+    assert {"holder_compliance", "air_film", "contact_relaxation", "plastic_loading", "sampling_jitter"} <= {
+        m.id for m in hidden
+    }
+    assert all(len(m.hidden.split(". ")) > 1 for m in hidden)  # why, and what would tell it
+    assert all(m.hidden for m in variants(known) if m.same_as)
+    assert {other for m in hidden for other in m.same_as} <= set(known)
+
+
+def test_a_base_beneath_both_tubes_is_like_a_foot_of_a_quarter_of_its_mass() -> None:
+    """The mode in which both masses move together: its frequency and the base's own share in it."""
+
+    def modes(name: str, mass: float, place: tuple[int, ...]) -> np.ndarray:
+        mechanism = catalogue()[name][0]
+        numbers = (mass, mass * (2 * np.pi * 150) ** 2 - 5e5 * len(place), 0.0)  # resonance with the tubes on it
+        names = [q.name for q in mechanism.parameters]
+        rig = mechanism.extend(ANY_RIG, dict(zip(names, numbers, strict=True)), place)  # type: ignore[attr-defined]
+        m, _, k = rig.matrices(rig.declared())
+        return np.sqrt(np.sort(np.linalg.eigvals(k / m[:, None]).real))[:2] / (2 * np.pi)
+
+    base = modes("base_motion", 40.0, (0, 1))
+    for foot in (0, 1):
+        np.testing.assert_allclose(modes("frame_compliance", 10.0, (foot,)), base, rtol=2e-3)
+    assert abs(modes("frame_compliance", 40.0, (0,)) / base - 1).max() > 5e-3
 
 
 def test_variants_need_a_preload_or_its_absence() -> None:

@@ -94,10 +94,13 @@ def linear_rigs(
         shapes = np.take_along_axis(right[at, :n], modes[:, None], axis=2) / scale[at]
         left = np.take_along_axis(inverse[at, :, n:], modes[:, :, None], axis=1).swapaxes(1, 2) / mass[at, :, None]
         seen = [arrangement.vector(q.row, values)[at] for q in arrangement.sensors]
+        strains = [[part[at] for part in arrangement.strain(q, values)] for q in arrangement.sensors]
         rows = np.stack(
             [
                 (v[:, None] @ shapes)[:, 0] * poles ** DERIVATIVES[q.quantity]
-                for v, q in zip(seen, arrangement.sensors, strict=True)
+                + (strained[0][:, None] @ shapes)[:, 0]
+                + (strained[1][:, None] @ shapes)[:, 0] * poles
+                for v, q, strained in zip(seen, arrangement.sensors, strains, strict=True)
             ],
             axis=1,
         )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.records import Impact, RigDescription, Session
-from mesotap.proof.generator.effects import FULL, Character, Effect
+from mesotap.proof.generator.effect import FULL, Character, Effect
 from mesotap.proof.generator.integration import integrate
 from mesotap.proof.generator.plan import PRETRIGGER, RATE_HZ, Plan, machine_of
 from mesotap.proof.generator.recorder import BITS, converted, filtered, full_scale, noise_of, sampled

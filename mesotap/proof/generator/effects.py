@@ -7,149 +7,54 @@ on the machine, on the sampled channels, or on both. `parameters` gives the true
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erf
 
-from mesotap.proof.generator.integration import Acting, Machine
+from mesotap.proof.generator.bodies import BODIES
+from mesotap.proof.generator.effect import (
+    Character,
+    Effect,
+    approach,
+    in_contact,
+    in_spring,
+    largest_approach,
+    typical_rate,
+    typical_ratio,
+    with_law,
+)
+from mesotap.proof.generator.integration import Machine
 from mesotap.proof.generator.laws import Law
 from mesotap.proof.generator.plan import PRETRIGGER, RATE_HZ, Plan
 
 Real = NDArray[np.float64]
-Character = Mapping[str, Any]
-Machined = Callable[[Machine, Plan, float, Character], Machine]
-Sensed = Callable[[Real, Plan, float, Character], Real]
 
 STEADY_RATE = 1e-8  # m/s below which dry friction is rounded off: a thousandth of the motion at the record's end
-FULL = 1.0  # strength of an effect that is there or not
-
-
-@dataclass(frozen=True, slots=True)
-class Effect:
-    """One effect.
-
-    Attributes
-    ----------
-    id, component
-        The contract's names; an effect outside the list has a name of its own.
-    listed
-        Whether the contract lists it.
-    first, largest
-        Strength to try first, and the largest that makes sense, in the effect's own unit.
-    draw
-        Character.
-    machined
-        The machine with the effect.
-    sensed
-        The (n, 2, samples) channels with the effect.
-    delay
-        Delay of channel B, samples.
-    parameters
-        Parameters for the truth file.
-    fixed
-        An effect without a strength of its own: the taps are graded instead.
-    exponent
-        Of k_c against the load, where the effect asks for one.
-    """
-
-    id: str
-    component: str
-    first: float
-    largest: float
-    parameters: Callable[[Plan, float, Character], dict[str, Any]]
-    draw: Callable[[np.random.Generator, Plan], Character] = lambda rng, plan: {}
-    machined: Machined | None = None
-    sensed: Sensed | None = None
-    delay: Callable[[float, Character], float] | None = None
-    listed: bool = True
-    fixed: bool = False
-    exponent: float | None = None
-
-
-def typical_ratio(plan: Plan) -> float:
-    """Median over the loads of the largest approach over the static one, as the taps were drawn."""
-    return float(np.median(_approach(plan) / plan.of_each_impact(plan.static)))
-
-
-def _approach(plan: Plan) -> Real:
-    """(n,) amplitude of the contact's deformation after each tap, m: of its own mode under the tap's impulse."""
-    shape = np.sin(np.pi * (np.arange(50) + 0.5)[None, :] / 50) ** plan.pulses[:, 0, 3][:, None]
-    impulse = plan.pulses[:, 0, 2] * plan.pulses[:, 0, 1] * shape.mean(axis=1)
-    angular = np.sqrt((plan.springs[1] + 2 * plan.kc) / plan.masses[1])
-    return np.asarray(impulse / plan.masses[0] / plan.of_each_impact(angular))
-
-
-def _largest_approach(plan: Plan) -> float:
-    return float(_approach(plan).max())
-
-
-def _rate(plan: Plan) -> float:
-    angular = np.sqrt((plan.springs[1] + 2 * plan.kc) / plan.masses[1])
-    return float(np.median(_approach(plan) * plan.of_each_impact(angular)))
-
-
-def with_law(machine: Machine, law: Law, direction: Real, numbers: Real) -> Machine:
-    """Return the machine with one more law; ``numbers`` (n, k) or (k,)."""
-    count = machine.stiffness.shape[0]
-    acting = Acting(int(law), direction, np.broadcast_to(numbers, (count, np.shape(numbers)[-1])).copy())
-    return replace(machine, acting=(*machine.acting, acting))
-
-
-def _in_contact(machine: Machine, plan: Plan, law: Law, *own: Any) -> Machine:
-    """Add a law in the contact; each of its ``own`` numbers for all impacts or (n,)."""
-    count = plan.group.size
-    columns = [plan.of_each_impact(plan.loads), plan.of_each_impact(plan.kc), plan.of_each_impact(plan.cc)]
-    columns += [np.broadcast_to(np.asarray(o, float), (count,)) for o in own]
-    return with_law(machine, law, machine.contact, np.column_stack(columns))
-
-
-def _in_spring(machine: Machine, plan: Plan, which: int, law: Law, *own: float) -> Machine:
-    """Add a law in the upper (0) or lower (1) tube spring."""
-    direction = np.zeros(machine.mass.size)
-    direction[which] = 1.0
-    return with_law(machine, law, direction, np.array([0.0, plan.springs[which], 0.0, *own]))
-
-
-def with_body(machine: Machine, mass: float, direction: Real, stiffness: float, damping: float) -> Machine:
-    """Return the machine with one more body, on a spring and damper along ``direction`` (b + 1,)."""
-    b = machine.mass.size
-    wider = ((0, 0), (0, 1), (0, 1))
-    both = np.outer(direction, direction)
-    return replace(
-        machine,
-        mass=np.append(machine.mass, mass),
-        stiffness=np.pad(machine.stiffness, wider) + stiffness * both,
-        damping=np.pad(machine.damping, wider) + damping * both,
-        contact=np.append(machine.contact, 0.0),
-        seen=np.pad(machine.seen, ((0, 0), (0, 1))),
-        acting=tuple(
-            replace(a, direction=np.append(a.direction, np.zeros(b + 1 - a.direction.size))) for a in machine.acting
-        ),
-    )
 
 
 def _hertz(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return _in_contact(machine, plan, Law.HERTZ)
+    return in_contact(machine, plan, Law.HERTZ)
 
 
 def _exponential(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return _in_contact(machine, plan, Law.EXPONENTIAL)
+    return in_contact(machine, plan, Law.EXPONENTIAL)
 
 
 def _parting(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return _in_contact(machine, plan, Law.PARTING)
+    return in_contact(machine, plan, Law.PARTING)
 
 
 def _growing_damping(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return _in_contact(machine, plan, Law.GROWING_DAMPING, s)
+    return in_contact(machine, plan, Law.GROWING_DAMPING, s)
 
 
 def _sliders(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
     reach = c["reach_share"] * plan.of_each_impact(plan.static)
-    return _in_contact(machine, plan, Law.SLIDERS, s * plan.of_each_impact(plan.kc), reach, c["sliders"])
+    return in_contact(machine, plan, Law.SLIDERS, s * plan.of_each_impact(plan.kc), reach, c["sliders"])
 
 
 def _draw_sliders(rng: np.random.Generator, plan: Plan) -> Character:
@@ -170,21 +75,21 @@ def _tell_sliders(plan: Plan, s: float, c: Character) -> dict[str, Any]:
 
 
 def _drag(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return _in_contact(machine, plan, Law.DRAG, s / _rate(plan) * plan.of_each_impact(plan.cc))
+    return in_contact(machine, plan, Law.DRAG, s / typical_rate(plan) * plan.of_each_impact(plan.cc))
 
 
 def _film(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return _in_contact(machine, plan, Law.FILM, s * plan.of_each_impact(plan.cc), c["film_height_m"])
+    return in_contact(machine, plan, Law.FILM, s * plan.of_each_impact(plan.cc), c["film_height_m"])
 
 
 def _draw_film(rng: np.random.Generator, plan: Plan) -> Character:
-    return {"film_height_m": float(rng.uniform(1.2, 3.0)) * _largest_approach(plan)}
+    return {"film_height_m": float(rng.uniform(1.2, 3.0)) * largest_approach(plan)}
 
 
 def _meniscus(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
     force = s * plan.of_each_impact(plan.loads)
     reach = c["range_share"] * plan.of_each_impact(plan.static)
-    return _in_contact(machine, plan, Law.MENISCUS, force, reach, c["setting_in"] * _rate(plan))
+    return in_contact(machine, plan, Law.MENISCUS, force, reach, c["setting_in"] * typical_rate(plan))
 
 
 def _draw_menisci(rng: np.random.Generator, plan: Plan) -> Character:
@@ -192,8 +97,13 @@ def _draw_menisci(rng: np.random.Generator, plan: Plan) -> Character:
     return {"range_share": float(rng.uniform(0.2, 1.0)), "setting_in": setting_in}
 
 
+def _attraction(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
+    reach = c["range_share"] * plan.of_each_impact(plan.static)
+    return in_contact(machine, plan, Law.ATTRACTION, s * plan.of_each_impact(plan.loads), reach)
+
+
 def _creep(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return _in_contact(machine, plan, Law.CREEP, s, c["creep_time_s"])
+    return in_contact(machine, plan, Law.CREEP, s, c["creep_time_s"])
 
 
 def _guide(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
@@ -203,97 +113,19 @@ def _guide(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
 
 
 def _spring_damping(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return _in_spring(_in_spring(machine, plan, 0, Law.DASHPOT, s), plan, 1, Law.DASHPOT, s)
+    return in_spring(in_spring(machine, plan, 0, Law.DASHPOT, s), plan, 1, Law.DASHPOT, s)
 
 
 def _spring_cubic(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
     cubic = s * plan.springs[1] / c["place_m"] ** 2
-    return _in_spring(_in_spring(machine, plan, 0, Law.CUBED_DEFORMATION, cubic), plan, 1, Law.CUBED_DEFORMATION, cubic)
+    return in_spring(in_spring(machine, plan, 0, Law.CUBED_DEFORMATION, cubic), plan, 1, Law.CUBED_DEFORMATION, cubic)
 
 
 def _draw_spring_place(rng: np.random.Generator, plan: Plan) -> Character:
     """Typical deflection of the tube springs: both masses together under half the tap's impulse."""
     angular = math.sqrt(plan.springs[1] / plan.masses[1])
     contact = np.sqrt((plan.springs[1] + 2 * plan.kc) / plan.masses[1])
-    return {"place_m": float(np.median(_approach(plan) * plan.of_each_impact(contact))) / 2 / angular}
-
-
-def _attached(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    angular = 2 * math.pi * c["frequency_hz"]
-    direction = np.zeros(machine.mass.size + 1)
-    direction[1], direction[-1] = -1.0, 1.0
-    return with_body(machine, s, direction, s * angular**2, 2 * c["zeta"] * s * angular)
-
-
-def _tell_attached(plan: Plan, s: float, c: Character) -> dict[str, Any]:
-    angular = 2 * math.pi * c["frequency_hz"]
-    return {
-        "attached_mass_kg": s,
-        "mount_stiffness_n_per_m": s * angular**2,
-        "mount_damping_n_s_per_m": 2 * c["zeta"] * s * angular,
-    }
-
-
-def _frame(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    """The lower tube spring stands on a mass of 1/s kg that itself is sprung."""
-    mass, stiffness, damping = _frame_numbers(s, c)
-    ground = np.zeros(machine.mass.size + 1)
-    ground[-1] = 1.0
-    machine = with_body(machine, mass, ground, stiffness, damping)
-    k2 = plan.springs[1]
-    coupled = machine.stiffness.copy()
-    coupled[:, 1, -1] -= k2
-    coupled[:, -1, 1] -= k2
-    coupled[:, -1, -1] += k2
-    return replace(machine, stiffness=coupled)
-
-
-def _frame_numbers(s: float, c: Character) -> tuple[float, float, float]:
-    angular = 2 * math.pi * c["frequency_hz"]
-    return 1 / s, angular**2 / s, 2 * c["zeta"] * angular / s
-
-
-def _tell_frame(plan: Plan, s: float, c: Character) -> dict[str, Any]:
-    mass, stiffness, damping = _frame_numbers(s, c)
-    return {"frame_mass_kg": mass, "frame_stiffness_n_per_m": stiffness, "frame_damping_n_s_per_m": damping}
-
-
-def _rocking(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    """The lower mass turns: A sees x2 + u, B x2 - u, u being the turning times their distance r from the axis.
-
-    The contact lies off the axis by s r, so it also feels - s u.
-    """
-    angular = 2 * math.pi * c["frequency_hz"]
-    mass = c["inertia_kg_m2"] / c["arm_m"] ** 2
-    own = np.zeros(machine.mass.size + 1)
-    own[-1] = 1.0
-    machine = with_body(machine, mass, own, mass * angular**2, 2 * c["zeta"] * mass * angular)
-    before = machine.contact
-    after = before.copy()
-    after[-1] = -s
-    change = np.outer(after, after) - np.outer(before, before)
-    line = machine.contact_line
-    seen = np.repeat(machine.seen[:1], 2, axis=0)
-    seen[:, -1] = (1.0, -1.0)
-    return replace(
-        machine,
-        contact=after,
-        stiffness=machine.stiffness + line[:, 0, None, None] * change,
-        damping=machine.damping + line[:, 1, None, None] * change,
-        seen=seen,
-        acting=tuple(replace(a, direction=after) if np.array_equal(a.direction, before) else a for a in machine.acting),
-    )
-
-
-def _tell_rocking(plan: Plan, s: float, c: Character) -> dict[str, Any]:
-    angular = 2 * math.pi * c["frequency_hz"]
-    return {
-        "rocking_inertia_kg_m2": c["inertia_kg_m2"],
-        "rocking_stiffness_n_m": c["inertia_kg_m2"] * angular**2,
-        "rocking_damping_n_m_s": 2 * c["zeta"] * c["inertia_kg_m2"] * angular,
-        "contact_offset_m": s * c["arm_m"],
-        "accelerometer_arm_m": c["arm_m"],
-    }
+    return {"place_m": float(np.median(approach(plan) * plan.of_each_impact(contact))) / 2 / angular}
 
 
 def _double_hit(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
@@ -314,6 +146,14 @@ def _draw_sign(rng: np.random.Generator, plan: Plan) -> Character:
 def _clipped(y: Real, plan: Plan, s: float, c: Character) -> Real:
     level = (1 - s) * float(np.abs(y).max())
     return np.clip(y, -level, level)
+
+
+def _stepped_scale(y: Real, plan: Plan, s: float, c: Character) -> Real:
+    """A step at zero, of 100 s times the noise, in one channel's scale: its mean over the noise, which blurs it."""
+    out = y.copy()
+    own = out[:, c["channel"]]
+    own += 50 * s * c["sign"] * plan.noise.rms * erf(own / (math.sqrt(2) * plan.noise.rms))
+    return out
 
 
 def _hum(y: Real, plan: Plan, s: float, c: Character) -> Real:
@@ -337,23 +177,23 @@ def _draw_hum(rng: np.random.Generator, plan: Plan) -> Character:
 
 
 def _bilinear(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return _in_spring(machine, plan, 1, Law.BILINEAR, s)
+    return in_spring(machine, plan, 1, Law.BILINEAR, s)
 
 
 def _drifting(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return _in_spring(machine, plan, 1, Law.DRIFTING, s, c["time_s"])
+    return in_spring(machine, plan, 1, Law.DRIFTING, s, c["time_s"])
 
 
 def _cubed_rate(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return _in_contact(machine, plan, Law.CUBED_RATE, s / _rate(plan) ** 2 * plan.of_each_impact(plan.cc))
+    return in_contact(machine, plan, Law.CUBED_RATE, s / typical_rate(plan) ** 2 * plan.of_each_impact(plan.cc))
 
 
 def _modulated(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return _in_contact(machine, plan, Law.MODULATED, s, 2 * np.pi * c["frequency_hz"], c["phases"])
+    return in_contact(machine, plan, Law.MODULATED, s, 2 * np.pi * c["frequency_hz"], c["phases"])
 
 
 def _stepped(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return _in_contact(machine, plan, Law.STEP, s, c["times_s"])
+    return in_contact(machine, plan, Law.STEP, s, c["times_s"])
 
 
 def _curved_sensors(y: Real, plan: Plan, s: float, c: Character) -> Real:
@@ -385,7 +225,7 @@ _LISTED = (
     Effect("micro_slip", "contact", 0.01, 0.6, _tell_sliders, draw=_draw_sliders, machined=_sliders),
     Effect(
         "quadratic_damping", "contact", 0.1, 1.5,
-        lambda p, s, c: {"quadratic_damping_n_s2_per_m2": (s / _rate(p) * p.cc).tolist()}, machined=_drag,
+        lambda p, s, c: {"quadratic_damping_n_s2_per_m2": (s / typical_rate(p) * p.cc).tolist()}, machined=_drag,
     ),
     Effect(
         "squeeze_film", "contact", 0.1, 1.0,
@@ -393,9 +233,17 @@ _LISTED = (
         draw=_draw_film, machined=_film,
     ),
     Effect(
-        "adhesion", "contact", 0.01, 0.4,
+        "adhesion", "contact", 0.01, 0.6,
         lambda p, s, c: {
             "adhesion_force_n": (s * p.loads).tolist(), "adhesion_range_m": (c["range_share"] * p.static).tolist()
+        },
+        draw=lambda rng, plan: {"range_share": float(rng.uniform(0.1, 0.6)) * typical_ratio(plan)},
+        machined=_attraction,
+    ),
+    Effect(
+        "menisci", "contact", 0.01, 0.4,
+        lambda p, s, c: {
+            "meniscus_force_n": (s * p.loads).tolist(), "meniscus_range_m": (c["range_share"] * p.static).tolist()
         },
         draw=_draw_menisci, machined=_meniscus,
     ),
@@ -415,27 +263,16 @@ _LISTED = (
         lambda p, s, c: {"cubic_stiffness_n_per_m3": s * p.springs[1] / c["place_m"] ** 2},
         draw=_draw_spring_place, machined=_spring_cubic,
     ),
-    Effect(
-        "attached_mass", "lower mass", 5e-4, 0.02, _tell_attached,
-        draw=lambda rng, plan: {"frequency_hz": float(rng.uniform(1500, 4500)), "zeta": float(rng.uniform(0.01, 0.04))},
-        machined=_attached,
-    ),
-    Effect(
-        "frame_compliance", "frame", 0.05, 1.0, _tell_frame,
-        draw=lambda rng, plan: {"frequency_hz": float(rng.uniform(90, 200)), "zeta": float(rng.uniform(0.01, 0.04))},
-        machined=_frame,
-    ),
-    Effect(
-        "rocking", "lower mass", 0.02, 0.5, _tell_rocking,
-        draw=lambda rng, plan: {
-            "inertia_kg_m2": float(rng.uniform(0.8e-5, 2e-5)), "arm_m": float(rng.uniform(0.009, 0.014)),
-            "frequency_hz": float(rng.uniform(2200, 6000)), "zeta": float(rng.uniform(0.005, 0.02)),
-        },
-        machined=_rocking,
-    ),
+    *BODIES,
     Effect(
         "double_hit", "impactor", 0.02, 0.6, lambda p, s, c: {"second_impulse_fraction": s},
         draw=lambda rng, plan: {"delays_s": rng.uniform(2.5e-3, 12e-3, plan.group.size)}, machined=_double_hit,
+    ),
+    Effect(
+        "converter_step", "sensor chain", 0.01, 0.5,
+        lambda p, s, c: {"step_m_s2": c["sign"] * s * p.noise.rms * 100, "channel": "AB"[c["channel"]]},
+        draw=lambda rng, plan: {"sign": float(rng.choice([-1.0, 1.0])), "channel": int(rng.integers(2))},
+        sensed=_stepped_scale,
     ),
     Effect(
         "channel_gain", "sensor chain", 3e-3, 0.5, lambda p, s, c: {"gain_of_b": 1 + c["sign"] * s},

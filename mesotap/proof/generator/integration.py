@@ -52,6 +52,8 @@ class Machine:
         (n, k, 5) of each impact: start (s), duration (s), peak (N), and two exponents of the shape, see `pulse`.
     acting
         The laws, in the order in which they act.
+    placed
+        (c, b) places of the bodies, m, to what each channel sees besides, m/s2; None where it sees none.
     """
 
     mass: Real
@@ -62,6 +64,7 @@ class Machine:
     seen: Real
     pulses: Real
     acting: tuple[Acting, ...] = field(default=())
+    placed: Real | None = None
 
 
 def integrate(machine: Machine, steps: int, step_s: float) -> Real:
@@ -84,6 +87,7 @@ def integrate(machine: Machine, steps: int, step_s: float) -> Real:
         machine.contact,
         machine.contact_line,
         machine.seen,
+        _padded(machine),
         machine.pulses,
         laws,
         directions,
@@ -91,6 +95,14 @@ def integrate(machine: Machine, steps: int, step_s: float) -> Real:
         step_s,
         out,
     )
+    return out
+
+
+def _padded(machine: Machine) -> Real:
+    """Return ``placed`` for all bodies, those that came later among them."""
+    out = np.zeros_like(machine.seen)
+    if machine.placed is not None:
+        out[: len(machine.placed), : machine.placed.shape[1]] = machine.placed
     return out
 
 
@@ -105,8 +117,8 @@ def pulse(t: float, shape: Real) -> float:
 
 @njit
 def _accelerate(
-    t: float, x: Real, v: Real, mass: Real, stiffness: Real, damping: Real, contact: Real, line: Real, pulses: Real,
-    laws: Whole, directions: Real, numbers: Real, memory: Real, held: Real, start: Real, out: Real,
+    t: float, elapsed: float, x: Real, v: Real, mass: Real, stiffness: Real, damping: Real, contact: Real, line: Real,
+    pulses: Real, laws: Whole, directions: Real, numbers: Real, memory: Real, held: Real, start: Real, out: Real,
 ) -> None:  # fmt: skip
     bodies = mass.size
     for i in range(bodies):
@@ -129,7 +141,7 @@ def _accelerate(
             at_contact = at_contact and directions[j, k] == contact[k]
         if remembers(laws[j]):
             for i in range(memory.shape[1]):
-                held[i] = remember(numbers[j], i, memory[j, i], start[j], d)
+                held[i] = remember(laws[j], numbers[j], i, memory[j, i], start[j], d, elapsed)
         more = push(laws[j], numbers[j], t, d, rate, held, borne)
         if at_contact:
             borne += more
@@ -141,8 +153,8 @@ def _accelerate(
 
 @njit
 def _integrate(
-    mass: Real, stiffness: Real, damping: Real, contact: Real, line: Real, seen: Real, pulses: Real, laws: Whole,
-    directions: Real, numbers: Real, h: float, out: Real,
+    mass: Real, stiffness: Real, damping: Real, contact: Real, line: Real, seen: Real, placed: Real, pulses: Real,
+    laws: Whole, directions: Real, numbers: Real, h: float, out: Real,
 ) -> None:  # fmt: skip
     bodies = mass.size
     x = np.zeros(bodies)
@@ -164,33 +176,33 @@ def _integrate(
         for s in range(out.shape[2]):
             t = s * h
             _accelerate(
-                t, x, v, mass, stiffness[n], damping[n], contact, line[n], pulses[n], laws, directions, numbers[n],
+                t, 0.0, x, v, mass, stiffness[n], damping[n], contact, line[n], pulses[n], laws, directions, numbers[n],
                 memory, held, start, a1,
             )  # fmt: skip
             for c in range(seen.shape[0]):
                 total = 0.0
                 for k in range(bodies):
-                    total += seen[c, k] * a1[k]
+                    total += seen[c, k] * a1[k] + placed[c, k] * x[k]
                 out[n, c, s] = total
             for k in range(bodies):
                 xs[k] = x[k] + h / 2 * v[k]
                 vs[k] = v[k] + h / 2 * a1[k]
             _accelerate(
-                t + h / 2, xs, vs, mass, stiffness[n], damping[n], contact, line[n], pulses[n], laws, directions,
+                t + h / 2, h / 2, xs, vs, mass, stiffness[n], damping[n], contact, line[n], pulses[n], laws, directions,
                 numbers[n], memory, held, start, a2,
             )  # fmt: skip
             for k in range(bodies):
                 xs[k] = x[k] + h / 2 * v[k] + h * h / 4 * a1[k]
                 vs[k] = v[k] + h / 2 * a2[k]
             _accelerate(
-                t + h / 2, xs, vs, mass, stiffness[n], damping[n], contact, line[n], pulses[n], laws, directions,
+                t + h / 2, h / 2, xs, vs, mass, stiffness[n], damping[n], contact, line[n], pulses[n], laws, directions,
                 numbers[n], memory, held, start, a3,
             )  # fmt: skip
             for k in range(bodies):
                 xs[k] = x[k] + h * v[k] + h * h / 2 * a2[k]
                 vs[k] = v[k] + h * a3[k]
             _accelerate(
-                t + h, xs, vs, mass, stiffness[n], damping[n], contact, line[n], pulses[n], laws, directions,
+                t + h, h, xs, vs, mass, stiffness[n], damping[n], contact, line[n], pulses[n], laws, directions,
                 numbers[n], memory, held, start, a4,
             )  # fmt: skip
             for k in range(bodies):
@@ -202,5 +214,5 @@ def _integrate(
                     d += directions[j, k] * x[k]
                 if remembers(laws[j]):
                     for i in range(MEMORY):
-                        memory[j, i] = remember(numbers[n, j], i, memory[j, i], start[j], d)
+                        memory[j, i] = remember(laws[j], numbers[n, j], i, memory[j, i], start[j], d, h)
                 start[j] = d

@@ -52,6 +52,9 @@ class Law(IntEnum):
     CUBED_RATE = 14
     MODULATED = 15
     STEP = 16
+    LEAKING = 17
+    YIELDING = 18
+    ATTRACTION = 19
 
 
 _HERTZ, _EXPONENTIAL, _PARTING, _GROWING = (
@@ -69,6 +72,7 @@ _CREEP, _FRICTION, _DASHPOT, _CUBED = (
 )
 _BILINEAR, _DRIFTING = int(Law.BILINEAR), int(Law.DRIFTING)
 _CUBED_RATE, _MODULATED, _STEP = int(Law.CUBED_RATE), int(Law.MODULATED), int(Law.STEP)
+_LEAKING, _YIELDING, _ATTRACTION = int(Law.LEAKING), int(Law.YIELDING), int(Law.ATTRACTION)
 
 
 @njit
@@ -163,6 +167,21 @@ def modulated(p: Real, t: float, d: float) -> float:
 
 
 @njit
+def leaking(p: Real, m: Real) -> float:
+    """Springs that leak, f' = k v - f / tau each; p[3] their number, then k (N/m) and tau (s) of each; ``m``: f."""
+    total = 0.0
+    for i in range(int(p[3])):
+        total += m[i]
+    return total
+
+
+@njit
+def attraction(p: Real, d: float) -> float:
+    """Attraction p[3] (N) while pressed, falling off with the gap within the range p[4] (m), on the way in as out."""
+    return p[3] * (1.0 - math.exp(min(d, 0.0) / p[4]))
+
+
+@njit
 def push(law: int, p: Real, t: float, d: float, v: float, m: Real, force: float) -> float:
     """Return the force of a law, N."""
     if law == _HERTZ:
@@ -197,17 +216,34 @@ def push(law: int, p: Real, t: float, d: float, v: float, m: Real, force: float)
         return p[3] * v**3
     if law == _MODULATED:
         return modulated(p, t, d)
+    if law == _LEAKING:
+        return leaking(p, m)
+    if law == _YIELDING:
+        return -p[1] * p[3] * m[0]
+    if law == _ATTRACTION:
+        return attraction(p, d)
     return p[1] * p[3] * d if t > p[4] else 0.0
 
 
 @njit
 def remembers(law: int) -> bool:
     """Return whether a law has a memory."""
-    return law == _SLIDERS
+    return law in (_SLIDERS, _LEAKING, _YIELDING)
 
 
 @njit
-def remember(p: Real, i: int, before: float, d0: float, d: float) -> float:
-    """Return the deformation of slider i after the link's went from d0 to d."""
+def remember(law: int, p: Real, i: int, before: float, d0: float, d: float, elapsed: float) -> float:
+    """Return memory i after the link's deformation went from d0 to d within ``elapsed`` s.
+
+    Of springs that leak the force, of what yields the largest deformation, of sliders the deformation of each.
+    """
+    if law == _LEAKING:
+        if i >= p[3] or elapsed <= 0.0:
+            return before
+        tau = p[5 + 2 * i]
+        left = math.exp(-elapsed / tau)
+        return before * left + p[4 + 2 * i] * (d - d0) / elapsed * tau * (1.0 - left)
+    if law == _YIELDING:
+        return max(before, d)
     limit = p[4] * (i + 1) / p[5]
     return min(max(before + d - d0, -limit), limit)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from daq.session_file import write_session
-from mesotap.proof.generator.concealed import Concealed, conceal, record, surviving, truth
-from mesotap.proof.generator.effects import LISTED, OUTSIDE, Effect
-from mesotap.proof.generator.plan import random_plan
+from mesotap.proof.generator.concealed import Concealed, Hidden, conceal, record, surviving, truth
+from mesotap.proof.generator.effect import Effect
+from mesotap.proof.generator.effects import LISTED, OUTSIDE
+from mesotap.proof.generator.hidden import HIDDEN
+from mesotap.proof.generator.plan import Plan, random_plan
 from mesotap.proof.generator.survival import alike
 
 KINDS = ("null", "single", "two", "excluded", "outside")
@@ -21,14 +24,16 @@ GRADES = (3.0, 10.0, 30.0, 100.0, 300.0)
 STRONG_GRADES = (30.0, 100.0, 300.0)
 PAIR_GRADES = (30.0, 100.0)
 FORCE_RATIO_TO_PART = 0.4
-NULLS = ("exact", "declared wrongly", "undeclared filter", "load drift")
-NULL_WEIGHTS = (0.4, 0.4, 0.1, 0.1)
+NULLS = ("exact", "declared wrongly", "undeclared filter", "load drift", *HIDDEN)
+NULL_WEIGHTS = (0.35, 0.35, 0.05, 0.05, *[0.2 / len(HIDDEN)] * len(HIDDEN))
 UNDECLARED_HZ = (3000.0, 8000.0)
 LARGEST_DRIFT_N = 2e-3
 CHARACTERS = 4  # with which a look-alike is tried
 
 STIFFNESS_LAWS = {"hertz_stiffness", "rough_surface_stiffness", "contact_loss"}
-LOWER_SPRING = {"frame_compliance", "tube_spring_damping", "tube_spring_cubic"}
+LOWER_SPRING = {"frame_compliance", "base_motion", "tube_spring_damping", "tube_spring_cubic"}
+TOLD_AS_ANOTHER = {"base_motion", "cable_drag"}
+"""Effects of the same equations as another one, which is named for both: without them nothing is missing."""
 NEVER_TOGETHER = (STIFFNESS_LAWS, LOWER_SPRING)
 
 
@@ -70,7 +75,7 @@ def draw_scenarios(seed: int, sessions: int, only: str | None = None) -> list[Sc
     kinds = DOZEN if only is None else (only,)
     rng = np.random.default_rng([seed, 0])
     singles = _cycle(rng, [(e, d) for e in LISTED for d in GRADES])
-    excluded = _cycle(rng, [(e, d) for e in LISTED for d in STRONG_GRADES])
+    excluded = _cycle(rng, [(e, d) for e in LISTED if e not in TOLD_AS_ANOTHER for d in STRONG_GRADES])
     outside = _cycle(rng, [(e, d) for e in OUTSIDE for d in STRONG_GRADES])
     scenarios: list[Scenario] = []
     while len(scenarios) < sessions:
@@ -111,6 +116,8 @@ def make(seed: int, scenario: Scenario, folder: Path) -> dict[str, Any]:
     recorded = record(rng, concealed, scenario.number)
     write_session(folder / f"{scenario.name}.h5", recorded.session)
     known = truth(concealed, d, recorded.knowing_rms)
+    if scenario.kind == "null":  # what no free decay shows is nothing that a diagnosis could name
+        known |= {"kinds": [], "components": [], "strength": [], "d_of_each": []}
     excluded = scenario.effects[0] if scenario.kind == "excluded" else None
     return {
         "kind": scenario.kind,
@@ -129,6 +136,8 @@ def _concealed(rng: np.random.Generator, scenario: Scenario) -> Concealed:
             return Concealed(plan, undeclared_hz=float(rng.uniform(*UNDECLARED_HZ)))
         if scenario.variety == NULLS[3]:
             return Concealed(plan, drift_n=float(rng.uniform(-1, 1) * LARGEST_DRIFT_N))
+        if scenario.variety in HIDDEN:
+            return hiding(rng, plan, HIDDEN[scenario.variety])
         return Concealed(plan)
     # effects that set the strength of the taps come first: the grades of the others depend on it
     effects = sorted((effect_named(e) for e in scenario.effects), key=lambda e: not e.fixed)
@@ -141,6 +150,12 @@ def _concealed(rng: np.random.Generator, scenario: Scenario) -> Concealed:
         character = effect.draw(rng, concealed.plan)
         concealed = conceal(concealed.plan, effect, character, grades[effect.id], concealed.hidden)
     return graded_anew(concealed) if len(effects) > 1 else concealed
+
+
+def hiding(rng: np.random.Generator, plan: Plan, effect: Effect) -> Concealed:
+    """Return a session with an effect of `HIDDEN`, its strength drawn."""
+    strength = math.exp(rng.uniform(math.log(effect.first), math.log(effect.largest)))
+    return Concealed(plan, (Hidden(effect, strength, effect.draw(rng, plan)),))
 
 
 def graded_anew(concealed: Concealed) -> Concealed:

@@ -157,7 +157,7 @@ def _meniscus(at: Setting) -> Drawn:
     load, reach = at.between(1.5, 4.0) * at.scale.f, at.between(0.2, 1.0)
     return Drawn(
         lambda s: (s * at.scale.f, reach * load / at.k, 0.03 * at.scale.v),
-        lambda s: {"adhesion_force_share": s * at.scale.f / load, "adhesion_range_share": reach},
+        lambda s: {"meniscus_force_share": s * at.scale.f / load, "meniscus_range_share": reach},
         lambda s: load,
     )
 
@@ -193,7 +193,7 @@ FORCES = (
     _force("contact_loss", laws.PARTING, LOADED, (), _parting),
     _force("hunt_crossley_damping", laws.APPROACH_DAMPING, LOADED, (), _approach_damping),
     _force("squeeze_film", laws.FILM, LOADED, (), _film),
-    _force("adhesion", laws.MENISCUS, LOADED, (), _meniscus),
+    _force("menisci", laws.MENISCUS, LOADED, (), _meniscus),
     _force("rough_surface_stiffness", laws.ROUGH, LOADED, (), _hertz),
     _force("contact_creep", laws.LOG_CREEP, LOADED_OVER_TIME, (), _dwelling),
     _force("micro_slip", laws.SLIP, LOADED, (), _loaded(_slip)),

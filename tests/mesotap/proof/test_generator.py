@@ -189,12 +189,12 @@ def test_a_record_begins_with_noise_alone_and_is_what_the_rig_shows() -> None:
 
 
 def test_scenarios_are_those_of_their_seed_and_hold_every_kind() -> None:
-    scenarios = draw_scenarios(7, 240)
-    assert scenarios == draw_scenarios(7, 240)
-    assert scenarios != draw_scenarios(8, 240)
+    scenarios = draw_scenarios(7, 360)
+    assert scenarios == draw_scenarios(7, 360)
+    assert scenarios != draw_scenarios(8, 360)
     assert scenarios[:50] == draw_scenarios(7, 50)
     kinds = [c.kind for c in scenarios]
-    assert {k: kinds.count(k) for k in set(kinds)} == {k: 20 * DOZEN.count(k) for k in set(DOZEN)}
+    assert {k: kinds.count(k) for k in set(kinds)} == {k: 30 * DOZEN.count(k) for k in set(DOZEN)}
     singles = [(c.effects[0], c.d[0]) for c in scenarios if c.kind == "single"]
     assert set(singles) == {(e, d) for e in LISTED for d in GRADES}
     assert {c.kind for c in draw_scenarios(1, 9, only="null")} == {"null"}

@@ -44,3 +44,13 @@ def test_a_rig_without_filter_keeps_its_poles(problem: RingDowns) -> None:
     squares = np.sort(np.roots([m1 * m2, -(m1 + m2) * (k + kc), (k + kc) ** 2 - kc**2]).real)
     np.testing.assert_allclose(found.poles.imag, np.sqrt(squares), rtol=1e-9)
     np.testing.assert_allclose(found.filtered, found.raw_gains, rtol=0)
+
+
+def test_base_strain_shows_the_contacts_force_which_newtons_law_gives(problem: RingDowns) -> None:
+    rig = eq_9(0.107, 0.108, 5e5, 5e5, 1e6, 3.0, mass_uncertainty=1e-3, spring_uncertainty=1e-2)
+    strained = listed("base_strain").extend(rig, {"base_strain_m_s2_per_n": 0.02}, (2, 1))  # type: ignore[misc]
+    found = linear_rig(strained, strained.declared(), problem.analog, problem.experiment.noise, 25e3)
+    s, x2 = found.poles, found.shapes[1]
+    force = 0.108 * s**2 * x2 + 5e5 * x2  # of the contact on the lower mass
+    np.testing.assert_allclose(found.raw_gains[1], s**2 * x2 + 0.02 * force, rtol=1e-9)
+    np.testing.assert_allclose(found.raw_gains[0], s**2 * x2, rtol=1e-9)

@@ -35,7 +35,7 @@ def test_a_law_that_makes_all_far_worse_at_its_screened_strength_begins_weaker(
     friction = at_work("guide_friction", {"friction_force_n": 1e-6, "rounding": 0.05})
     adhesion = at_work(
         "adhesion",
-        {"adhesion_force_share": 0.3, "adhesion_range_share": 0.5, "sets_in_m_per_s": 1e-4, "menisci": 0.0},
+        {"adhesion_force_share": 0.3, "adhesion_range_share": 0.5},
     )
     model, point = begun(linear, friction, adhesion)
     objective = over_linear * linear.objective

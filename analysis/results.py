@@ -11,6 +11,7 @@ from analysis.modal.amplitude import AmplitudePoint
 from analysis.modal.identify import StablePole
 from analysis.modal.spectrum import SpectralMode
 from analysis.statistics import BoxStatistics
+from calibration.budget import Budget
 from calibration.estimate import Estimate
 from calibration.gauge import GaugeResult
 
@@ -48,7 +49,7 @@ class LoadResult:
     """One load: the accepted impacts combined. f in Hz is abs(s) / 2 pi, zeta is -Re s / abs(s) of the pole s.
 
     ``spectral_mode`` is the contact mode from the spectra alone, an independent check; ``along_decay`` the contact
-    mode against its amplitude.
+    mode against its amplitude. ``budgets`` says what each uncertainty is made of, named as the fields are.
     """
 
     load_set: int
@@ -67,6 +68,7 @@ class LoadResult:
     notes: tuple[str, ...] = ()
     spectral_mode: SpectralMode | None = None
     along_decay: tuple[AmplitudePoint, ...] = ()
+    budgets: tuple[Budget, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

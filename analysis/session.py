@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from analysis.budgets import (
+    RigSource,
+    contact_budgets,
+    mass_sources,
+    modal_budget,
+    with_clock,
+)
 from analysis.modal.amplitude import AmplitudePoint, along_the_decay, combined_curve, varies
 from analysis.modal.modes import ModeEstimate
 from analysis.modal.noise import NoiseModel, noise_model
@@ -35,15 +42,18 @@ from analysis.stiffness import (
     pole,
     springs_from_system_mode,
 )
+from analysis.tap_scatter import QUANTITIES, Repeated, Scatter, known_scatter, repeated, single_tap_note
+from calibration.budget import Budget
 from calibration.estimate import Estimate
 from calibration.gauge import GaugeHistory
 from calibration.settings import CalibrationSettings
 from daq.contact_force import contact_force
 from daq.records import Impact, RigDescription, Session
 from rig.errors import MesotapError
-from rig.settings import Masses, Springs
+from rig.settings import Masses, Springs, Wiring
 from rig.tube import OwnMode
 
+BUDGETED = ("load_mn", *QUANTITIES, "contact_stiffness_n_per_m", "contact_damping_n_s_per_m")
 CALM_SAMPLES = 5  # after the first one used, by which the last of the pulse and of the low-pass is gone
 GUARD_SAMPLES = 8  # before the trigger that may already belong to the tap
 VARIES_LEVEL = 1e-5  # chance of calling a mode that is constant along its decay a changing one, each load
@@ -71,6 +81,8 @@ class KnownRig:
     ``tube_damping`` is a viscous damper beside each tube spring, N s/m, which Eq. 9 leaves out: zero unless the system
     mode is seen to decay. Its share is taken off k_c and c_c, and counts in part as uncertain. ``m1`` and ``m2`` are
     the masses at rest; the tube springs' ``own_mode`` adds to them with the frequency.
+    ``sources`` are what the covariance is made of, ``springs_by_clock`` what an error of the recorder's clock does to k1
+    and k2.
     """
 
     m1: Estimate
@@ -80,6 +92,8 @@ class KnownRig:
     covariance: NDArray[np.float64]
     tube_damping: float = 0.0
     own_mode: OwnMode | None = None
+    sources: tuple[RigSource, ...] = ()
+    springs_by_clock: tuple[float, float] = (0.0, 0.0)
 
     def contact(self, mode: ModeEstimate) -> ContactEstimate:
         """k_c and c_c of one impact."""
@@ -88,12 +102,15 @@ class KnownRig:
         full[:2, :2], full[2:, 2:] = both, self.covariance
         return self._without_tubes(mode.frequency_hz, mode.damping_ratio, full)
 
-    def contact_of_load(self, f2: Estimate, zeta2: Estimate) -> ContactEstimate:
-        """k_c and c_c of the combined impacts of a load."""
+    def contact_of_load(self, found: Mapping[str, Repeated], wiring: Wiring) -> tuple[Budget, Budget]:
+        """Budgets of k_c and c_c of the combined impacts of a load."""
+        f2, zeta2 = found["f2_hz"].estimate, found["zeta2"].estimate
         full = np.zeros((6, 6))
         full[0, 0], full[1, 1] = f2.standard_error**2, zeta2.standard_error**2
         full[2:, 2:] = self.covariance
-        return self._without_tubes(f2, zeta2, full)
+        plain = replace(self, tube_damping=0.0)._without_tubes(f2, zeta2, full)
+        corrected = self._without_tubes(f2, zeta2, full)
+        return contact_budgets(found, plain, corrected, self.sources, self.springs_by_clock, wiring, TUBE_SHARE_UNSURE)
 
     def _without_tubes(self, f2: Estimate, zeta2: Estimate, covariance: NDArray[np.float64]) -> ContactEstimate:
         """k_c and c_c by Eq. 10, less what dampers beside the tube springs add: each k_i becomes k_i + c s."""
@@ -114,6 +131,18 @@ class KnownRig:
         return replace(plain, stiffness_n_per_m=corrected[0], damping_n_s_per_m=corrected[1])
 
 
+@dataclass(frozen=True, slots=True)
+class _Beside:
+    """What a session knows beside its taps: rig, gauge and its reading error (mV), noise, recorder, usual scatter."""
+
+    known: KnownRig
+    history: GaugeHistory
+    reading: float
+    noise: NoiseModel
+    wiring: Wiring
+    scatter: Mapping[str, Scatter]
+
+
 def analyse_session(
     session: Session,
     settings: AnalysisSettings,
@@ -121,6 +150,7 @@ def analyse_session(
     masses: Masses,
     springs: Springs,
     on_progress: OnProgress | None = None,
+    wiring: Wiring | None = None,
 ) -> SessionResults:
     """Analyse all accepted impacts of a session.
 
@@ -129,13 +159,15 @@ def analyse_session(
     session
         From a session file, with masses and springs known.
     settings
-        Method, and whether the springs are taken from the session's own system mode.
+        Method, whether the springs are taken from the session's own system mode, and how single taps scatter.
     calibration
-        Uncertainty of the weights and level of the drift test.
+        What is declared of weights, gravity and the gauge's stability, and the level of the drift test.
     masses, springs
         Their uncertainties (values are those of the session).
     on_progress
         Called with loads done and loads in all.
+    wiring
+        Accuracy of the recorder's clock and of the accelerometers; None: the defaults.
 
     Raises
     ------
@@ -162,18 +194,24 @@ def analyse_session(
             f"{session.source or 'session'}: the declared high-pass begins at {rig.highpass_hz:g} Hz, so nothing "
             f"that {slowest_hz:g} samples a second show would pass it; correct highpass_hz of /rig"
         )
-    history = GaugeHistory(session.pre, session.post, calibration)
+    history = GaugeHistory(session.pre, session.post, calibration, session.zeros)
     noise = _noise(session)
     load_sets = session.load_sets()
     # the matrices are small: further BLAS threads would only get in each other's way
     with threadpool_limits(limits=1, user_api="blas"):
         modes = _modes(session, load_sets, noise, settings, on_progress)
     known, notes = _known_rig(session, modes, settings, masses, springs)
-    gauge_reading = _gauge_reading_error(session.impacts)
-    impacts = [
-        _impact(impact, modes.get(impact.number), known, history, gauge_reading, rig) for impact in session.impacts
-    ]
-    loads = [_load(session, load_set, modes, impacts, known, history, gauge_reading, noise) for load_set in load_sets]
+    taps = {load_set: _taps(session.accepted(load_set), modes) for load_set in load_sets}
+    beside = _Beside(
+        known=known,
+        history=history,
+        reading=_gauge_reading_error(session.impacts),
+        noise=noise,
+        wiring=wiring or Wiring(),
+        scatter=known_scatter(list(taps.values()), settings.tap_scatter),
+    )
+    impacts = [_impact(impact, modes.get(impact.number), beside, rig) for impact in session.impacts]
+    loads = [_load(session, load_set, modes, taps[load_set], impacts, beside) for load_set in load_sets]
     return SessionResults(
         source=session.source,
         method=settings.method,
@@ -217,6 +255,20 @@ def _modes(
     return modes
 
 
+def _taps(impacts: Sequence[Impact], modes: dict[int, ImpactModes]) -> dict[str, list[Estimate]]:
+    """Each quantity of the accepted taps of a load that show a contact mode, without what all taps have in common."""
+    taps: dict[str, list[Estimate]] = {name: [] for name in QUANTITIES}
+    for impact in impacts:
+        found = modes.get(impact.number)
+        if found is None or found.contact is None:
+            continue
+        for mode, frequency, damping in ((found.system, "f1_hz", "zeta1"), (found.contact, "f2_hz", "zeta2")):
+            if mode is not None:
+                taps[frequency].append(mode.frequency_hz)
+                taps[damping].append(mode.damping_ratio)
+    return taps
+
+
 def _noise(session: Session) -> NoiseModel:
     """Noise of the mean of A and B, from the accepted records before their triggers."""
     good = [s for s in session.impacts if s.accepted]
@@ -257,9 +309,14 @@ def _known_rig(
         errors = [k * springs.uncertainty_percent / 100 for k in (rig.k1_n_per_m, rig.k2_n_per_m)]
         covariance[2, 2], covariance[3, 3] = errors[0] ** 2, errors[1] ** 2
         k1, k2 = Estimate(rig.k1_n_per_m, errors[0]), Estimate(rig.k2_n_per_m, errors[1])
+        sources = [
+            *mass_sources((m1.value, m2.value), covariance[:2, :2], None),
+            RigSource("tube spring k1", k1.value, "N/m", errors[0], np.array([0.0, 0.0, 1.0, 0.0])),
+            RigSource("tube spring k2", k2.value, "N/m", errors[1], np.array([0.0, 0.0, 0.0, 1.0])),
+        ]
         if settings.springs != "declared":
             notes.append("no system mode was found: the springs are the declared ones")
-        return KnownRig(m1, m2, k1, k2, covariance, own_mode=own_mode), notes
+        return KnownRig(m1, m2, k1, k2, covariance, own_mode=own_mode, sources=tuple(sources)), notes
     ratio = rig.k2_n_per_m / rig.k1_n_per_m
     values = _spring_values(moving, modes, f1.value, ratio)
     mass = sum(m.value for m in moving.at(f1.value))
@@ -271,13 +328,29 @@ def _known_rig(
     covariance[2:, :2], covariance[:2, 2:] = mass_part, mass_part.T
     covariance[2:, 2:] = mass_part @ by_mass.T + np.outer(by_f1, by_f1) + np.outer(split, split)
     k1, k2 = (Estimate(k, math.sqrt(covariance[i, i])) for i, k in enumerate(values, start=2))
+    sources = [
+        *mass_sources((m1.value, m2.value), covariance[:2, :2], by_mass),
+        RigSource(
+            "f1, for the tube springs", f1.value, "Hz", f1.standard_error, np.array([0, 0, *values]) * 2 / f1.value
+        ),
+        RigSource(
+            "how the tube springs' sum splits",
+            0.0,
+            "%",
+            settings.spring_asymmetry_percent,
+            np.array([0, 0, values[0], -values[1]]) / 100 / math.sqrt(2),
+        ),
+    ]
     declared = (rig.k1_n_per_m + rig.k2_n_per_m) / sum(values) - 1
     if abs(declared) > 3 * springs.uncertainty_percent / 100:
         notes.append(
             f"the declared springs are {100 * declared:+.1f} % off what the system mode of this session says; "
             "its own are used"
         )
-    return KnownRig(m1, m2, k1, k2, covariance, _tube_damping(modes, mass, f1.value, notes), own_mode), notes
+    damping = _tube_damping(modes, mass, f1.value, notes)
+    # a clock that runs wrong shifts f1 as it does f2
+    by_clock = 2 * values[0], 2 * values[1]
+    return KnownRig(m1, m2, k1, k2, covariance, damping, own_mode, tuple(sources), by_clock), notes
 
 
 def _tube_damping(modes: dict[int, ImpactModes], mass: float, f1: float, notes: list[str]) -> float:
@@ -348,9 +421,7 @@ def _impact_load(impact: Impact, history: GaugeHistory, reading: float) -> Estim
 def _impact(
     impact: Impact,
     found: ImpactModes | None,
-    known: KnownRig,
-    history: GaugeHistory,
-    reading: float,
+    beside: _Beside,
     rig: RigDescription,
 ) -> ImpactResult:
     mean = impact.acceleration.mean(axis=0)
@@ -361,7 +432,7 @@ def _impact(
     stiffness = damping = None
     if contact is not None:
         try:
-            interface = known.contact(contact)
+            interface = beside.known.contact(contact)
             stiffness, damping = interface.stiffness_n_per_m, interface.damping_n_s_per_m
         except ResonanceError as error:
             notes.append(str(error))
@@ -370,9 +441,9 @@ def _impact(
         load_set=impact.load_set,
         accepted=impact.accepted,
         reject_reason=impact.reject_reason,
-        load_mn=_impact_load(impact, history, reading),
-        f1_hz=None if system is None else system.frequency_hz,
-        f2_hz=None if contact is None else contact.frequency_hz,
+        load_mn=_impact_load(impact, beside.history, beside.reading),
+        f1_hz=None if system is None else with_clock(system.frequency_hz, beside.wiring),
+        f2_hz=None if contact is None else with_clock(contact.frequency_hz, beside.wiring),
         zeta1=None if system is None else system.damping_ratio,
         zeta2=None if contact is None else contact.damping_ratio,
         contact_stiffness_n_per_m=stiffness,
@@ -383,56 +454,50 @@ def _impact(
     )
 
 
-def _combined(estimates: Sequence[Estimate | None]) -> Estimate | None:
-    present = [e for e in estimates if e is not None]
-    return combine([e.value for e in present], [e.standard_error for e in present])
-
-
 def _load(
     session: Session,
     load_set: int,
     modes: dict[int, ImpactModes],
+    taps: Mapping[str, Sequence[Estimate]],
     found: Sequence[ImpactResult],
-    known: KnownRig,
-    history: GaugeHistory,
-    reading: float,
-    noise: NoiseModel,
+    beside: _Beside,
 ) -> LoadResult:
     impacts = session.accepted(load_set)
     accepted = [i for i in found if i.load_set == load_set and i.accepted]
     used = [i for i in accepted if i.f2_hz is not None]
-    f1, f2 = _combined([i.f1_hz for i in used]), _combined([i.f2_hz for i in used])
-    zeta1, zeta2 = _combined([i.zeta1 for i in used]), _combined([i.zeta2 for i in used])
-    notes: list[str] = []
-    stiffness = damping = None
-    if f2 is not None and zeta2 is not None:
+    together = {name: r for name in QUANTITIES if (r := repeated(taps[name], beside.scatter[name])) is not None}
+    budgets = {name: modal_budget(name, r, beside.wiring) for name, r in together.items()}
+    load_budget, load_mn = _mean_load(impacts, beside.history, beside.reading)
+    if load_budget is not None:
+        budgets["load_mn"] = load_budget
+    notes = [note] if (note := single_tap_note(together)) else []
+    if {"f2_hz", "zeta2"} <= together.keys():
         try:
-            interface = known.contact_of_load(f2, zeta2)
-            stiffness, damping = interface.stiffness_n_per_m, interface.damping_n_s_per_m
+            budgets |= {b.quantity: b for b in beside.known.contact_of_load(together, beside.wiring)}
         except ResonanceError as error:
             notes.append(str(error))
     elif not accepted:
         notes.append("no accepted impact at this load")
     else:
         notes += sorted({n for i in accepted for n in i.notes})
-    notes += _load_notes(used, [modes[s.number] for s in impacts if s.number in modes], history)
-    spectral, curve, found_along = _along(impacts, modes, session.rig, noise)
+    notes += _load_notes(used, [modes[s.number] for s in impacts if s.number in modes], beside.history)
+    spectral, curve, found_along = _along(impacts, modes, session.rig, beside.noise)
     notes += found_along
-    if spectral is not None and f2 is not None and zeta2 is not None:
-        notes += _spectral_notes(spectral, f2, zeta2)
+    if spectral is not None and {"f2_hz", "zeta2"} <= together.keys():
+        notes += _spectral_notes(spectral, together["f2_hz"].estimate, together["zeta2"].estimate)
     rejected = [s for s in session.impacts if s.load_set == load_set]
-    target = (impacts or rejected)[0].target_load_mn
+    estimates = {name: budget.estimate() for name, budget in budgets.items()}
     return LoadResult(
         load_set=load_set,
-        target_load_mn=target,
-        load_mn=_mean_load(impacts, history, reading),
+        target_load_mn=(impacts or rejected)[0].target_load_mn,
+        load_mn=load_mn if load_budget is None else estimates["load_mn"],
         impacts_used=len(used),
-        f1_hz=f1,
-        f2_hz=f2,
-        zeta1=zeta1,
-        zeta2=zeta2,
-        contact_stiffness_n_per_m=stiffness,
-        contact_damping_n_s_per_m=damping,
+        f1_hz=estimates.get("f1_hz"),
+        f2_hz=estimates.get("f2_hz"),
+        zeta1=estimates.get("zeta1"),
+        zeta2=estimates.get("zeta2"),
+        contact_stiffness_n_per_m=estimates.get("contact_stiffness_n_per_m"),
+        contact_damping_n_s_per_m=estimates.get("contact_damping_n_s_per_m"),
         stiffness_box=box_statistics(
             [i.contact_stiffness_n_per_m.value for i in used if i.contact_stiffness_n_per_m is not None]
         ),
@@ -441,6 +506,7 @@ def _load(
         notes=tuple(notes),
         spectral_mode=spectral,
         along_decay=tuple(curve),
+        budgets=tuple(budgets[name] for name in BUDGETED if name in budgets),
     )
 
 
@@ -514,25 +580,31 @@ def _spectral_notes(spectral: SpectralMode, f2: Estimate, zeta2: Estimate) -> li
     return notes
 
 
-def _mean_load(impacts: Sequence[Impact], history: GaugeHistory, reading: float) -> Estimate | None:
-    """Load of the accepted impacts of a load: mean voltage through the gauge's line, or what the file says."""
+def _mean_load(
+    impacts: Sequence[Impact], history: GaugeHistory, reading: float
+) -> tuple[Budget | None, Estimate | None]:
+    """Load of the accepted impacts of a load: mean voltage through the gauge's curve, or what the file says."""
     if not impacts:
-        return None
+        return None, None
     voltage = [_impact_voltage(s) for s in impacts]
     middle = sorted(s.time for s in impacts)[len(impacts) // 2]
     if all(map(math.isfinite, voltage)):
-        spread = float(np.std(voltage, ddof=1)) if len(voltage) > 1 else reading
-        by_gauge = history.load_at(float(np.mean(voltage)), middle, max(spread, reading / 2) / math.sqrt(len(voltage)))
+        count = len(voltage)
+        spread, dof = (float(np.std(voltage, ddof=1)), count - 1.0) if count > 1 else (reading, math.inf)
+        if spread < reading / 2:
+            spread, dof = reading / 2, math.inf
+        budget = history.budget_at(float(np.mean(voltage)), middle, spread / math.sqrt(count), dof)
         each = [load for load in (_impact_load(s, history, reading) for s in impacts) if load is not None]
-        if by_gauge is not None and each:
+        if budget is not None and each:
             # each tap has its own place between the calibrations
-            return replace(by_gauge, value=float(np.mean([load.value for load in each])))
+            return replace(budget, quantity="load_mn", value=float(np.mean([load.value for load in each]))), None
     written = [w for w in map(_written_load, impacts) if math.isfinite(w)]
     if not written:
-        return None
+        return None, None
     if len(written) == 1:
-        return _impact_load(impacts[0], history, reading)
-    return Estimate(float(np.mean(written)), float(np.std(written, ddof=1)) / math.sqrt(len(written)), len(written) - 1)
+        return None, _impact_load(impacts[0], history, reading)
+    error = float(np.std(written, ddof=1)) / math.sqrt(len(written))
+    return None, Estimate(float(np.mean(written)), error, len(written) - 1)
 
 
 def _averaged_spectrum(impacts: Sequence[Impact]) -> Spectrum | None:

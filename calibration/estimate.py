@@ -20,15 +20,21 @@ class Estimate:
         In the unit of the quantity.
     dof
         Degrees of freedom of ``standard_error``; infinite where it is known beforehand.
+    coverage
+        Half of the 95 % interval over the standard error, where it is not that of Student's t: an error between known
+        limits reaches less far than a normal one of the same size.
     """
 
     value: float
     standard_error: float
     dof: float = math.inf
+    coverage: float | None = None
 
     @property
     def half_width(self) -> float:
-        """Half of the 95 % interval (Student's t)."""
+        """Half of the 95 % interval (Student's t, unless ``coverage`` says otherwise)."""
+        if self.coverage is not None:
+            return self.coverage * self.standard_error
         quantile = stats.norm.ppf(0.5 + LEVEL / 2) if math.isinf(self.dof) else stats.t.ppf(0.5 + LEVEL / 2, self.dof)
         return float(quantile) * self.standard_error
 

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-import numpy as np
-from numpy.typing import NDArray
-
+from calibration.budget import Budget, Contribution
+from calibration.curve import fit_curve
 from calibration.estimate import Estimate
 from calibration.line import CalibrationError, DriftVerdict, GaugeFit, compare, fit_line
 from calibration.settings import CalibrationSettings
-from daq.records import CalibrationPoints
+from calibration.wander import Timeline, Wander
+from calibration.weights import Gravity
+from daq.records import CalibrationPoints, ZeroReading
 from rig.readings import GaugeScale
 
 __all__ = ["CalibrationError", "DriftVerdict", "GaugeFit", "GaugeHistory", "GaugeResult", "compare", "fit_line"]
 
 MIDWAY = 0.5
+LONGEST_TEST_H = 48.0  # from the only calibration of a test; a time beyond it is a clock set wrong
 BEYOND = 1.0  # a time farther from the calibrations than they are from each other is a clock set wrong
 
 
@@ -25,7 +28,9 @@ BEYOND = 1.0  # a time farther from the calibrations than they are from each oth
 class GaugeResult:
     """The gauge over a whole test: the line midway between the calibrations, and whether they agree.
 
-    ``drift_p_value`` is None where drift could not be tested.
+    ``drift_p_value`` is None where drift could not be tested. ``hysteresis_percent`` is half of the largest distance
+    between the way up and the way down, % of the range; ``misfit_mn`` what the gauge departs from its curve beyond the
+    errors of weights and readings; ``zero_readings`` counts the readings without load between the calibrations.
     """
 
     sensitivity_mv_per_mn: Estimate
@@ -34,17 +39,19 @@ class GaugeResult:
     drifted: bool
     drift_p_value: float | None
     statement: str
+    hysteresis_percent: float = 0.0
+    misfit_mn: float = 0.0
+    gravity: Gravity | None = None
+    zero_readings: int = 0
 
 
 class GaugeHistory:
     """The gauge between the calibration before a test and the one after it.
 
-    Sensitivity and offset are interpolated linearly in time. With tau from 0 (before) to 1 (after), a quantity that
-    the two calibrations disagree about by d has, when they drifted apart, the additional variance d^2 tau (1 - tau):
-    that of a random walk pinned at both calibrations whose one known increment d stands for its size, and also that
-    of a single jump by d at an unknown time between them. Steady drift and a jump are covered as stated; a free random
-    walk less well, as its size is known from one increment alone. Before the first and after the last calibration
-    the nearest one holds, with variance d^2 times the time beyond it as a share of the time between them.
+    The curve of both calibrations (`calibration.curve`) shares one curvature; offset and sensitivity wander
+    (`calibration.random_walk`), seen at the calibrations and, for the offset, wherever the gauge was read without a
+    load. A drift that begins and ends between two such readings leaves no trace: what is declared of the gauge's
+    stability has to cover it.
 
     With one calibration only, that one holds throughout, with a note; with neither, every answer is None.
     A calibration that cannot be used counts as absent, with a note that says why.
@@ -54,7 +61,9 @@ class GaugeHistory:
     pre, post
         Calibrations before and after the test, or None.
     settings
-        Uncertainty of the weights and level of the drift test.
+        What is declared of weights, gravity and drift, and the level of the drift test.
+    zeros
+        Readings without load between them.
 
     Attributes
     ----------
@@ -67,20 +76,40 @@ class GaugeHistory:
     """
 
     def __init__(
-        self, pre: CalibrationPoints | None, post: CalibrationPoints | None, settings: CalibrationSettings
+        self,
+        pre: CalibrationPoints | None,
+        post: CalibrationPoints | None,
+        settings: CalibrationSettings,
+        zeros: Sequence[ZeroReading] = (),
     ) -> None:
         notes: list[str] = []
         self.pre_fit = _usable(pre, "before", settings, notes)
         self.post_fit = _usable(post, "after", settings, notes)
         self.verdict: DriftVerdict | None = None
+        self._settings = settings
         if pre is not None and post is not None and self.pre_fit is not None and self.post_fit is not None:
             self.verdict = compare(pre, post, settings.drift_test_level)
         elif self.pre_fit is not None or self.post_fit is not None:
             which = "before" if self.pre_fit is not None else "after"
-            notes.append(f"only the calibration {which} the test is there: loads do not allow for drift of the gauge")
+            notes.append(
+                f"only the calibration {which} the test is there: of drift, loads allow only for what is declared"
+            )
         else:
             notes.append("there is no calibration to tell loads from voltages")
         self.notes = tuple(notes)
+        used = [p for p, fit in ((pre, self.pre_fit), (post, self.post_fit)) if p is not None and fit is not None]
+        self._quantum = max([settings.resolution_mv, *(p.quantum_mv for p in used)])
+        self._wander = Wander(fit_curve(used, settings), self._hours(used), zeros, settings) if used else None
+
+    def _hours(self, used: Sequence[CalibrationPoints]) -> Timeline:
+        """Times of the calibrations in hours; an hour apart where they cannot be told apart."""
+        seconds = [_seconds(points.time) for points in used]
+        if len(used) == 1:
+            return Timeline(seconds[0], (0.0,))
+        start, end = seconds
+        if start is None or end is None or not end > start:
+            return Timeline(None, (0.0, 1.0))
+        return Timeline(start, (0.0, (end - start) / 3600))
 
     def fraction_at(self, time: str) -> tuple[float, str]:
         """Where a time lies between the calibrations: 0 before, 1 after; and a note, empty if there is none to make.
@@ -106,83 +135,63 @@ class GaugeHistory:
             return fraction, f"the time {time} is {side} calibration: the nearest one holds"
         return fraction, ""
 
+    def _hour(self, time: str) -> float:
+        """Hours since the first calibration; a time that nothing is known of is that of the only calibration."""
+        if self._wander is None:
+            return 0.0
+        timeline = self._wander.timeline
+        if len(timeline.hours) == 2:
+            return self.fraction_at(time)[0] * timeline.hours[1]
+        start, now = timeline.start_s, _seconds(time)
+        hour = 0.0 if start is None or now is None else (now - start) / 3600
+        return hour if abs(hour) <= LONGEST_TEST_H else 0.0
+
     def scale_at(self, time: str) -> GaugeScale | None:
-        """Return the line in force at a time."""
-        fraction, _ = self.fraction_at(time)
-        line = self._line(fraction)
-        return None if line is None else GaugeScale(sensitivity_mv_per_mn=float(line[1]), offset_mv=float(line[0]))
+        """Return the straight line in force at a time: the curve's least-squares line over the range of the weights."""
+        if self._wander is None:
+            return None
+        offset, slope = self._wander.line(self._hour(time))
+        return GaugeScale(sensitivity_mv_per_mn=slope, offset_mv=offset)
 
     def load_at(self, voltage_mv: float, time: str, voltage_uncertainty_mv: float = 0.0) -> Estimate | None:
-        """Load behind a bridge voltage, mN.
+        """Load behind a bridge voltage, mN, with everything in its `budget_at`.
 
-        The standard error combines the reading (``voltage_uncertainty_mv``, standard, mV), the fits, the weights and
-        the drift as the class describes. None without a calibration or where the voltage is not finite.
+        ``voltage_uncertainty_mv`` is the standard uncertainty of the reading. None without a calibration or where the
+        voltage is not finite.
         """
-        fraction, _ = self.fraction_at(time)
-        line = self._line(fraction)
-        if line is None or not math.isfinite(voltage_mv):
+        budget = self.budget_at(voltage_mv, time, voltage_uncertainty_mv)
+        return None if budget is None else budget.estimate()
+
+    def budget_at(
+        self, voltage_mv: float, time: str, voltage_uncertainty_mv: float = 0.0, voltage_dof: float = math.inf
+    ) -> Budget | None:
+        """Return the load behind a bridge voltage with every source of its uncertainty, mN."""
+        if self._wander is None or not math.isfinite(voltage_mv):
             return None
-        offset, slope = line
-        load = (voltage_mv - offset) / slope
-        # dP = -(d offset + P d slope) / slope
-        gradient = np.array([-1.0, -load]) / slope
-        return self._spread(float(load), gradient, fraction, (voltage_uncertainty_mv / slope) ** 2)
+        reading = Contribution(
+            "bridge voltage during the taps", voltage_mv, "mV", voltage_uncertainty_mv, 1.0, voltage_dof
+        )
+        return self._wander.budget(voltage_mv, self._hour(time), reading, self._quantum)
 
     def result(self) -> GaugeResult | None:
         """Return the gauge over the whole test, or None without a calibration."""
-        line = self._line(MIDWAY)
-        if line is None:
+        if self._wander is None:
             return None
         fits = [fit for fit in (self.pre_fit, self.post_fit) if fit is not None]
+        hours = self._wander.timeline.hours
+        midway = MIDWAY * (hours[0] + hours[-1])
         return GaugeResult(
-            sensitivity_mv_per_mn=self._spread(float(line[1]), np.array([0.0, 1.0]), MIDWAY),
-            offset_mv=self._spread(float(line[0]), np.array([1.0, 0.0]), MIDWAY),
+            sensitivity_mv_per_mn=self._wander.sensitivity(midway),
+            offset_mv=self._wander.offset(midway),
             nonlinearity_percent=max(fit.nonlinearity_percent for fit in fits),
             drifted=self.verdict is not None and self.verdict.drifted,
             drift_p_value=None if self.verdict is None else self.verdict.p_value,
             statement=self._statement(),
+            hysteresis_percent=self._wander.hysteresis_percent(),
+            misfit_mn=self._wander.curve.misfit_mn,
+            gravity=self._settings.gravity,
+            zero_readings=self._wander.zeros_used,
         )
-
-    def _line(self, fraction: float) -> NDArray[np.float64] | None:
-        """(2,) offset and sensitivity."""
-        parts = self._shares(fraction)
-        if not parts:
-            return None
-        total = np.zeros(2)
-        for share, fit in parts:
-            total += share * np.array([fit.offset_mv.value, fit.sensitivity_mv_per_mn.value])
-        return total
-
-    def _shares(self, fraction: float) -> list[tuple[float, GaugeFit]]:
-        if self.pre_fit is not None and self.post_fit is not None:
-            inside = min(max(fraction, 0.0), 1.0)
-            return [(1.0 - inside, self.pre_fit), (inside, self.post_fit)]
-        return [(1.0, fit) for fit in (self.pre_fit, self.post_fit) if fit is not None]
-
-    def _spread(self, value: float, gradient: NDArray[np.float64], fraction: float, known: float = 0.0) -> Estimate:
-        """Estimate of a quantity whose derivatives by offset and sensitivity are ``gradient`` (2,)."""
-        variance = known
-        uncertain = 0.0
-        weight_std = 0.0
-        for share, fit in self._shares(fraction):
-            by_reading = share**2 * float(gradient @ fit.normal_inverse @ gradient)
-            variance += fit.reading_std_mv**2 * by_reading
-            if fit.dof > 0:
-                uncertain += (fit.residual_std_mv**2 * by_reading) ** 2 / fit.dof
-            # The same weights hang in both calibrations: their errors add up rather than average out.
-            weight_std += share * math.sqrt(max(float(gradient @ fit.weight_covariance @ gradient), 0.0))
-        variance += weight_std**2
-        if self.verdict is not None and self.verdict.drifted and self.pre_fit is not None and self.post_fit is not None:
-            difference = np.array(
-                [
-                    self.post_fit.offset_mv.value - self.pre_fit.offset_mv.value,
-                    self.post_fit.sensitivity_mv_per_mn.value - self.pre_fit.sensitivity_mv_per_mn.value,
-                ]
-            )
-            inside = min(max(fraction, 0.0), 1.0)
-            variance += float(gradient @ difference) ** 2 * (inside * (1.0 - inside) + abs(fraction - inside))
-        dof = variance**2 / uncertain if uncertain > 0 else math.inf
-        return Estimate(value, math.sqrt(variance), max(dof, 1.0))
 
     def _statement(self) -> str:
         sentence = self.verdict.statement if self.verdict is not None else ""
@@ -201,7 +210,7 @@ def _usable(
     if points is None:
         return None
     try:
-        return fit_line(points, settings.weight_uncertainty_mn, settings.drift_test_level)
+        return fit_line(points, settings.typical_weight_error_mn(points.load_mn), settings.drift_test_level)
     except CalibrationError as error:
         notes.append(f"the calibration {which} the test cannot be used: {error}")
         return None

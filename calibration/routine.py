@@ -68,8 +68,8 @@ def calibrate(
     sequence = list(_sequence(settings))
     readings: list[LoadReading] = []
     operator_say(
-        f"Calibrating the strain gauge with {len(set(settings.weights_mn))} weights up to "
-        f"{max(settings.weights_mn):g} mN, {len(sequence)} readings of {settings.averaging_s:g} s."
+        f"Calibrating the strain gauge with {len(set(settings.loads_mn))} weights up to "
+        f"{max(settings.loads_mn):g} mN, {len(sequence)} readings of {settings.averaging_s:g} s."
     )
     begun = rig.clock.utc()
     with _weights_removed(rig, operator_say):
@@ -85,6 +85,17 @@ def calibrate(
     return CalibrationPoints(np.array(sequence, dtype=np.float64), voltages, _midway(begun, ended), quantum)
 
 
+def read_empty(rig: Rig, settings: CalibrationSettings) -> LoadReading:
+    """Read the gauge while the surfaces are apart and no weight hangs on it.
+
+    Raises
+    ------
+    StaleReading
+        The gauge is frozen or does not read a number.
+    """
+    return _living_reading(rig, 0.0, settings.averaging_s)
+
+
 def check_points(points: CalibrationPoints, settings: CalibrationSettings, declared_sensitivity: float) -> list[str]:
     """Complaints about a calibration, a sentence each; empty if it is fit to be used.
 
@@ -97,7 +108,7 @@ def check_points(points: CalibrationPoints, settings: CalibrationSettings, decla
                 f"the gauge reads {voltage[0]:.4g} mV under every weight: it is frozen or not connected; "
                 "check the amplifier and its cable"
             ]
-        fit = fit_line(points, settings.weight_uncertainty_mn, settings.drift_test_level)
+        fit = fit_line(points, settings.typical_weight_error_mn(points.load_mn), settings.drift_test_level)
     except CalibrationError as error:
         return [str(error)]
     complaints = []
@@ -124,7 +135,7 @@ def check_points(points: CalibrationPoints, settings: CalibrationSettings, decla
 
 
 def _sequence(settings: CalibrationSettings) -> Iterator[float]:
-    upwards = sorted(settings.weights_mn)
+    upwards = sorted(settings.loads_mn)
     for repeat in range(settings.repeats):
         yield from upwards if repeat % 2 == 0 else reversed(upwards)
 

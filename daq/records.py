@@ -63,6 +63,14 @@ class CalibrationPoints:
 
 
 @dataclass(frozen=True, slots=True)
+class ZeroReading:
+    """Bridge voltage without a load between the calibrations, mV, and when (ISO 8601 UTC)."""
+
+    voltage_mv: float
+    time: str
+
+
+@dataclass(frozen=True, slots=True)
 class Impact:
     """One tap as recorded, accepted or not.
 
@@ -125,6 +133,8 @@ class Session:
     impacts: tuple[Impact, ...]
     pre: CalibrationPoints | None = None
     post: CalibrationPoints | None = None
+    zeros: tuple[ZeroReading, ...] = ()
+    """Readings of the gauge while the surfaces were apart, between the calibrations."""
     operator: str = ""
     specimen: str = ""
     title: str = ""

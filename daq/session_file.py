@@ -24,7 +24,7 @@ from daq.impact_group import (
 )
 from daq.limited import read_limited
 from daq.limits import data_room
-from daq.records import CalibrationPoints, Impact, RigDescription, Session
+from daq.records import CalibrationPoints, Impact, RigDescription, Session, ZeroReading
 from daq.texts import LONGEST_TEXT, is_storable
 from rig.hardware_log import Repetition
 
@@ -34,6 +34,9 @@ MOST_POLES = 8
 """Poles of an analog filter ahead of a recorder; `rig.filter` of the configuration allows as many."""
 
 MOST_BITS = 64
+ZEROS = "zero_readings"
+MOST_ZEROS = 10_000
+"""Readings without load that are read; a plan has a tenth as many loads."""
 FAMILIES = ("butterworth", "none", "")
 RATE_TOLERANCE = 0.01
 """Relative difference between the rig's sampling rate and an impact's that a recorder's clock may explain."""
@@ -118,6 +121,8 @@ def _image(session: Session, compress: bool) -> bytes:
         file.attrs["complete"] = bool(session.complete)
         if session.hardware is not None:
             write_json_item(file, "hardware", [asdict(entry) for entry in session.hardware])
+        if session.zeros:
+            write_json_item(file, ZEROS, [asdict(zero) for zero in session.zeros])
         file.create_dataset("config", data=session.config, dtype=h5py.string_dtype())
         rig = file.create_group("rig")
         for item in fields(RigDescription):
@@ -137,7 +142,7 @@ def _image(session: Session, compress: bool) -> bytes:
         return bytes(file.id.get_file_image())
 
 
-KINDS = (Session, Impact, RigDescription, CalibrationPoints, Repetition)
+KINDS = (Session, Impact, RigDescription, CalibrationPoints, Repetition, ZeroReading)
 
 
 def read_session(path: str | Path) -> Session:
@@ -176,6 +181,7 @@ def session_in(path: Path) -> Session:
             impacts=_read_impacts(root.need_group("impacts"), rig.sample_rate_hz),
             pre=_read_points(calibration, "pre"),
             post=_read_points(calibration, "post"),
+            zeros=_read_zeros(root),
             operator=root.text("operator"),
             specimen=root.text("specimen"),
             title=root.text("title"),
@@ -200,6 +206,23 @@ def _read_hardware(root: Node) -> tuple[Repetition, ...] | None:
         if not all(isinstance(entry.get(name), str) for name in names if name != "count"):
             return None
         found.append(Repetition(**{name: entry[name] for name in names}))
+    return tuple(found)
+
+
+def _read_zeros(root: Node) -> tuple[ZeroReading, ...]:
+    """Return the readings without load, none where the file does not give them in the way of this program."""
+    entries = read_json_item(root, ZEROS)
+    if not isinstance(entries, list):
+        return ()
+    found = []
+    for entry in entries[:MOST_ZEROS]:
+        voltage, time = (entry.get("voltage_mv"), entry.get("time")) if isinstance(entry, dict) else (None, None)
+        if (
+            isinstance(voltage, int | float)
+            and not BOUNDS["voltage_mv"].fault(float(voltage))
+            and isinstance(time, str)
+        ):
+            found.append(ZeroReading(float(voltage), time))
     return tuple(found)
 
 

@@ -127,6 +127,7 @@ class Channel(Section):
 
     input: Annotated[int, Field(ge=0, le=31)]
     sensitivity_mv_per_g: Positive = 100.0
+    sensitivity_uncertainty_percent: NonNegative = 1.5  # standard; of a certificate of back-to-back calibration about 1
     gain: Positive = 10.0
     polarity: Literal[1, -1] = 1
 
@@ -146,6 +147,7 @@ class Wiring(Section):
     input_range_v: Positive = 5.0
     bits: Annotated[int, Field(ge=8, le=32)] = 16
     sample_rate_hz: Positive = 25000.0
+    clock_accuracy_ppm: Annotated[float, Field(ge=0, le=10_000)] = 50.0  # limits; NI 9234: 50 by its data sheet
 
     @model_validator(mode="after")
     def _distinct(self) -> Wiring:

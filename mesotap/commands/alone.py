@@ -42,7 +42,9 @@ def calibrate_gauge(
         points = calibrate(rig, config.calibration, operator.say)
     finally:
         rig.close()
-    fit = fit_line(points, config.calibration.weight_uncertainty_mn, config.calibration.drift_test_level)
+    fit = fit_line(
+        points, config.calibration.typical_weight_error_mn(points.load_mn), config.calibration.drift_test_level
+    )
     complaints = check_points(points, config.calibration, config.rig.gauge_sensitivity_mv_per_mn)
     sensitivity, offset = fit.sensitivity_mv_per_mn, fit.offset_mv
     console.print(

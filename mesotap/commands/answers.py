@@ -25,6 +25,7 @@ def analysed(session: Session, config: Config, console: Console) -> SessionResul
             config.rig.masses,
             config.rig.springs,
             lambda done, total: shown.update(task, description=f"analysed {done} of {total} loads"),
+            wiring=config.rig.wiring,
         )
 
 

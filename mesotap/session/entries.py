@@ -17,7 +17,7 @@ from daq.impact_group import check_time
 from daq.journal import JOURNAL, SessionFolder
 from daq.journal_file import mend
 from mesotap.session.hand_verdicts import BY_HAND, IMPACT, LONGEST_REASON
-from mesotap.session.progress import HARDWARE, NO_TAP, SAFE, STARTED, VERSION, Progress
+from mesotap.session.progress import HARDWARE, NO_TAP, SAFE, STARTED, VERSION, ZERO, Progress
 from mesotap.session.states import Event, State
 
 FARTHEST_UM = 1e9
@@ -90,6 +90,16 @@ class _Safe(Entry):
     troubles: list[str] = []
 
 
+class _Zero(Entry):
+    voltage_mv: Voltage
+    time: str
+
+    @model_validator(mode="after")
+    def _when(self) -> _Zero:
+        check_time(self.time, "time")
+        return self
+
+
 class _Repeated(BaseModel):
     model_config = ConfigDict(strict=True, extra="allow")
 
@@ -113,6 +123,7 @@ KINDS: dict[str, type[Entry]] = {
     BY_HAND: _ByHand,
     NO_TAP: _NoTap,
     SAFE: _Safe,
+    ZERO: _Zero,
     STARTED: Entry,
     HARDWARE: _Hardware,
     VERSION: Entry,

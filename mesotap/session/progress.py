@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from daq.records import CalibrationPoints, Impact, RigDescription, Session
+from daq.records import CalibrationPoints, Impact, RigDescription, Session, ZeroReading
 from mesotap import __version__
 from mesotap.configuration.config import Config
 from mesotap.session.hand_verdicts import BY_HAND, IMPACT
@@ -21,6 +21,7 @@ SAFE = "safe"  # journal event: the surfaces were taken apart before the plan wa
 NO_TAP = "no tap"  # nothing was felt in time
 STARTED = "started"
 HARDWARE = "hardware"  # what had to be repeated in one run of the program
+ZERO = "zero"  # the gauge was read while the surfaces were apart
 VERSION = "version"  # another version of the program went on
 NOTES = (NO_TAP, STARTED, HARDWARE, VERSION, BY_HAND)  # what changes nothing of where the session stands
 
@@ -52,6 +53,8 @@ class Progress:
         The rig's own state after the last event.
     truths
         What a simulated rig was set to at each load.
+    zeros
+        Readings of the gauge without load, between the calibrations.
     hardware
         What had to be repeated in all runs that came to an end; None where none has told.
     """
@@ -66,6 +69,7 @@ class Progress:
     load_mn: float = float("nan")
     checkpoint: dict[str, Any] = field(default_factory=dict)
     truths: list[dict[str, Any]] = field(default_factory=list)
+    zeros: list[ZeroReading] = field(default_factory=list)
     hardware: tuple[Repetition, ...] | None = None
 
     @property
@@ -84,6 +88,9 @@ class Progress:
             self.contact = None
             if self.state in (State.SET_LOAD, State.LOCK, State.TAP):
                 self.state = State.APPROACH
+            return
+        if name == ZERO:
+            self.zeros.append(ZeroReading(float(entry["voltage_mv"]), str(entry["time"])))
             return
         if name == HARDWARE:
             told = tuple(Repetition(**{k: r[k] for k in REPETITION}) for r in entry["repeated"])
@@ -163,6 +170,7 @@ def assemble(header: dict[str, Any], config: Config, progress: Progress, impacts
         impacts=recorded,
         pre=progress.pre,
         post=progress.post,
+        zeros=tuple(progress.zeros),
         operator=config.mesotap.operator,
         specimen=config.mesotap.specimen,
         title=config.mesotap.title,

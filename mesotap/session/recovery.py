@@ -26,7 +26,7 @@ from daq.journal_file import LARGEST_TEXT
 from daq.json_text import GivenTwice, parsed_once
 from daq.limited import LimitedReader
 from daq.limits import folder_room
-from daq.records import CalibrationPoints, Impact, RigDescription, Session
+from daq.records import CalibrationPoints, Impact, RigDescription, Session, ZeroReading
 from daq.session_file import RATE_TOLERANCE, read_session
 from daq.texts import LONGEST_TEXT, is_storable
 from mesotap import __version__
@@ -35,7 +35,7 @@ from mesotap.configuration.yaml_text import NOT_YAML, parsed
 from mesotap.session.entries import fault_of, walk
 from mesotap.session.hand_verdicts import IMPACT, with_hand_verdicts
 from mesotap.session.header import header_fault, kept_config, physical_part
-from mesotap.session.progress import Progress, describe_rig
+from mesotap.session.progress import ZERO, Progress, describe_rig
 from mesotap.session.states import Event, State
 
 SESSION_FILE = "session.h5"
@@ -98,6 +98,7 @@ def recover(folder: Path) -> Recovered:
         impacts=tuple(with_hand_verdicts(impacts, entries)),
         pre=before,
         post=after,
+        zeros=tuple(ZeroReading(e["voltage_mv"], e["time"]) for e in entries if e["event"] == ZERO),
         operator=names["operator"],
         specimen=names["specimen"],
         title=names["title"],

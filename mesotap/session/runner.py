@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from calibration.line import fit_line
-from calibration.routine import calibrate, check_points
+from calibration.routine import calibrate, check_points, read_empty
 from daq.errors import RecordingError, UnwrittenError
 from daq.journal import SessionFolder
 from daq.records import CalibrationPoints, Impact
@@ -21,7 +21,7 @@ from mesotap.configuration.config import Config
 from mesotap.session.guardian import Guardian
 from mesotap.session.hand_verdicts import BY_HAND, IMPACT, HandVerdict, verdicts_in
 from mesotap.session.impacts import impact_entry, judged_impact
-from mesotap.session.progress import NO_TAP, NOTES, SAFE, STARTED, Progress, progress_of
+from mesotap.session.progress import NO_TAP, NOTES, SAFE, STARTED, ZERO, Progress, progress_of
 from mesotap.session.states import Event, State
 from mesotap.session.watching import GaugeWatch
 from rig import GaugeScale, Operator, Rig, RigError
@@ -241,6 +241,9 @@ class SessionRunner:
             self._use_scale(points)
 
     def _approach(self) -> None:
+        if self.progress.was_loaded:  # apart again between two loads: what the gauge reads now is its zero
+            reading = read_empty(self._rig, self._config.calibration)
+            self._note(ZERO, voltage_mv=reading.voltage_mv, time=self._rig.clock.utc())
         self._attention.watch_moves()  # by now it is known how long a reply takes, whatever was asked when connecting
         self._bench.guardian.arm(True)
         load = self._interlock.approach(lambda text: self._tell(State.APPROACH, text))
@@ -248,7 +251,18 @@ class SessionRunner:
         position = math.nan if contact is None else contact[0]
         self._done(Event.CONTACT, position_um=position if math.isfinite(position) else None, load_mn=load)
 
+    def _zero_is_due(self) -> bool:
+        """Whether the surfaces are to be taken apart before this load, to read the gauge without one."""
+        every = self._config.calibration.zero_every_loads
+        if every is None or self.progress.load_set == 0 or self.progress.load_set % every:
+            return False
+        return all(e["event"] != ZERO for e in self._events_of_this_load())
+
     def _set_load(self) -> None:
+        if self._zero_is_due():
+            self._take_apart(State.SET_LOAD)
+            self._note(SAFE)
+            return
         target = self._target()
         self._bench.gauge.aim(self.progress.load_set, target)
         load = self._interlock.set_load(
@@ -436,7 +450,7 @@ class SessionRunner:
         return max(allowed, self._config.mesotap.load_tolerance_mn)
 
     def _use_scale(self, points: CalibrationPoints) -> None:
-        self._interlock.scale = fit_line(points, self._config.calibration.weight_uncertainty_mn).scale
+        self._interlock.scale = fit_line(points, self._config.calibration.typical_weight_error_mn(points.load_mn)).scale
         self._bench.guardian.scale(self._interlock.scale)
 
     def _wait(self, seconds: float) -> None:

@@ -7,12 +7,20 @@ from hypothesis import strategies as st
 
 from calibration.gauge import GaugeHistory
 from calibration.settings import CalibrationSettings
-from daq.records import CalibrationPoints
+from daq.records import CalibrationPoints, ZeroReading
 
 WEIGHTS = np.array([0.0, 100, 200, 400, 600, 800, 1000])
 UP_DOWN = np.concatenate([WEIGHTS, WEIGHTS[::-1]])
 EIGHT, NINE, TEN = "2024-05-01T08:00:00.000Z", "2024-05-01T09:00:00Z", "2024-05-01T10:00:00.5Z"
-SETTINGS = CalibrationSettings()
+SETTINGS = CalibrationSettings(gravity_m_s2=9.81)
+# nothing but the readings: weights without error, no drift but the one that is seen; of the force there remains 0.009 %
+EXACT = SETTINGS.model_copy(
+    update={
+        "weight_uncertainty_mn": 0.0,
+        "zero_drift_mn_per_root_hour": 0.0,
+        "sensitivity_drift_percent_per_root_hour": 0.0,
+    }
+)
 
 
 def line(time, offset=0.35, sensitivity=0.042, noise=0.0, rng=None, load=UP_DOWN):
@@ -93,27 +101,79 @@ def test_outside_the_nearest_calibration_holds(time, offset):
 
 
 def test_bridge_is_widest_midway_and_absent_without_drift():
-    exact = SETTINGS.model_copy(update={"weight_uncertainty_mn": 0.0})
-    drifted = GaugeHistory(line(EIGHT, 0.35), line("2024-05-01T10:00:00Z", 0.35 + 0.42), exact)  # by 10 mN
-    assert drifted.load_at(20.0, NINE).standard_error == pytest.approx(5.0)
-    assert drifted.load_at(20.0, EIGHT).standard_error == pytest.approx(0.0, abs=1e-6)
-    assert drifted.load_at(20.0, "2024-05-01T08:30:00Z").standard_error == pytest.approx(10 * np.sqrt(3 / 16))
-    assert drifted.load_at(20.0, "2024-05-01T11:00:00Z").standard_error == pytest.approx(10 * np.sqrt(1 / 2))
-    steady = GaugeHistory(line(EIGHT), line(TEN), exact)
-    assert steady.load_at(20.0, NINE).standard_error == pytest.approx(0.0, abs=1e-6)
+    drifted = GaugeHistory(line(EIGHT, 0.35), line("2024-05-01T10:00:00Z", 0.35 + 0.42), EXACT)  # by 10 mN
+    near = {"rel": 1e-3, "abs": 0.06}
+    assert drifted.load_at(20.0, NINE).standard_error == pytest.approx(5.0, **near)
+    assert drifted.load_at(20.0, EIGHT).standard_error == pytest.approx(0.0, **near)
+    assert drifted.load_at(20.0, "2024-05-01T08:30:00Z").standard_error == pytest.approx(10 * np.sqrt(3 / 16), **near)
+    assert drifted.load_at(20.0, "2024-05-01T11:00:00Z").standard_error == pytest.approx(10 * np.sqrt(1 / 2), **near)
+    steady = GaugeHistory(line(EIGHT), line(TEN), EXACT)
+    assert steady.load_at(20.0, NINE).standard_error == pytest.approx(0.0, **near)
 
 
 def test_uncertainty_of_the_reading_is_propagated():
-    exact = SETTINGS.model_copy(update={"weight_uncertainty_mn": 0.0})
-    history = GaugeHistory(line(EIGHT), line(TEN), exact)
-    assert history.load_at(20.0, NINE, 0.021).standard_error == pytest.approx(0.5, rel=1e-6)
+    history = GaugeHistory(line(EIGHT), line(TEN), EXACT)
+    assert history.load_at(20.0, NINE, 0.021).standard_error == pytest.approx(0.5, rel=1e-2)
+
+
+def shares(budget):
+    return {c.source: c.uncertainty for c in budget.contributions}
 
 
 def test_errors_of_weights_do_not_average_out_between_the_calibrations():
     history = GaugeHistory(line(EIGHT), line(TEN), SETTINGS)
     single = GaugeHistory(line(EIGHT), None, SETTINGS)
-    midway, alone = history.load_at(20.0, NINE), single.load_at(20.0, NINE)
-    assert midway.standard_error == pytest.approx(alone.standard_error, rel=1e-6)
+    midway, alone = (shares(h.budget_at(20.0, NINE))["weights, each by itself"] for h in (history, single))
+    assert midway == pytest.approx(alone, rel=1e-6)
+
+
+def test_unknown_gravity_counts_in_proportion_to_the_load():
+    unknown = GaugeHistory(line(EIGHT), line(TEN), CalibrationSettings())
+    for load in (200.0, 900.0):
+        parts = shares(unknown.budget_at(0.35 + 0.042 * load, NINE))
+        (part,) = (u for source, u in parts.items() if source.startswith("local gravity"))
+        assert part / load == pytest.approx(0.055 / 2 / np.sqrt(3) / 9.8045, rel=1e-3)
+
+
+def test_a_gauge_that_is_bent_is_read_by_its_curve():
+    bent = 0.45 * WEIGHTS / 1000 * (1 - WEIGHTS / 1000)
+    twice = np.concatenate([bent, bent[::-1]])
+    both = [CalibrationPoints(UP_DOWN, 0.35 + 0.042 * UP_DOWN + twice, time) for time in (EIGHT, TEN)]
+    load = GaugeHistory(*both, EXACT).load_at(0.35 + 21.0 + 0.45 / 4, NINE)
+    assert load.value == pytest.approx(500.0, abs=1e-6)
+    assert load.standard_error < 0.06
+
+
+def test_a_loop_between_up_and_down_counts_as_either_of_its_sides():
+    x = WEIGHTS / 1000
+    loop = 0.021 * 4 * x * (1 - x)  # half a millinewton to either side at 500 mN
+    voltage = 0.35 + 0.042 * UP_DOWN + np.concatenate([-loop, loop[::-1]])
+    both = [CalibrationPoints(UP_DOWN, voltage, time) for time in (EIGHT, TEN)]
+    history = GaugeHistory(*both, EXACT)
+    load = history.load_at(0.35 + 0.042 * 400 + 0.021 * 0.96, NINE)  # 400 mN on the way down
+    assert load.value == pytest.approx(400.48, abs=1e-3)
+    assert shares(history.budget_at(0.35 + 0.042 * 400, NINE))["hysteresis"] == pytest.approx(0.48, rel=1e-2)
+    assert load.low <= 400.0
+    assert load.half_width < 0.60
+
+
+def test_a_bump_is_followed_where_the_gauge_was_read_without_load():
+    times = [f"2024-05-01T{8 + m // 60:02d}:{m % 60:02d}:00Z" for m in range(10, 120, 10)]
+    bump = [0.042 * 1.2 * np.sin(np.pi * m / 120) for m in range(10, 120, 10)]
+    zeros = [ZeroReading(0.35 + b, time) for b, time in zip(bump, times, strict=True)]
+    calibrations = line(EIGHT), line("2024-05-01T10:00:00Z")
+    voltage = 0.35 + 0.042 * (500 + 1.2)
+    blind, seeing = (GaugeHistory(*calibrations, SETTINGS, z).load_at(voltage, NINE) for z in ((), zeros))
+    assert blind.value == pytest.approx(501.2, abs=0.01)
+    assert seeing.value == pytest.approx(500.0, abs=0.01)
+    assert seeing.low < 500 < seeing.high
+
+
+def test_zero_readings_whose_time_is_unknown_are_left_out():
+    zeros = [ZeroReading(5.0, "noon"), ZeroReading(5.0, "2024-05-02T09:00:00Z"), ZeroReading(float("nan"), NINE)]
+    history = GaugeHistory(line(EIGHT), line(TEN), SETTINGS, zeros)
+    assert history.result().zero_readings == 0
+    assert history.load_at(0.35 + 21.0, NINE).value == pytest.approx(500.0)
 
 
 @given(st.floats(0.01, 1), st.floats(0.5, 2), st.floats(-5, 5), st.floats(-10, 50), st.integers(0, 120))
@@ -133,7 +193,7 @@ def test_a_voltage_that_is_no_number_has_no_load():
 @pytest.mark.parametrize("scenario", ["still", "steady", "jump"])
 def test_load_intervals_cover(scenario):
     rng = np.random.default_rng(11)
-    draws, hits = 1200, 0
+    draws, hits = 500, 0
     drift = 0.0 if scenario == "still" else 0.3  # mV over the test
     for _ in range(draws):
         errors = rng.normal(0, 0.1, len(WEIGHTS)) * (WEIGHTS > 0)
@@ -149,22 +209,21 @@ def test_load_intervals_cover(scenario):
         voltage = 0.35 + drift * share + 0.042 * load + rng.normal(0, 0.005)
         estimate = GaugeHistory(pre, post, SETTINGS).load_at(voltage, time, 0.005)
         hits += estimate.low <= load <= estimate.high
-    assert hits / draws > 0.93
+    assert hits / draws > 0.92
     if scenario == "still":
         assert hits / draws < 0.985
 
 
 def test_a_random_walk_is_covered_as_far_as_one_increment_can_tell():
-    # Bridge over the increment of a walk of unknown size is Cauchy: P(|C| < 1.96) = 0.70.
+    # Bridge over the increment of a walk of unknown size is Student's t with one degree of freedom.
     rng = np.random.default_rng(12)
-    draws, hits = 600, 0
-    exact = SETTINGS.model_copy(update={"weight_uncertainty_mn": 0.0})
+    draws, hits = 400, 0
     for _ in range(draws):
         half, end = np.cumsum(rng.normal(0, 5.0, 2))  # mN
-        history = GaugeHistory(line(EIGHT), line("2024-05-01T10:00:00Z", 0.35 + 0.042 * end), exact)
+        history = GaugeHistory(line(EIGHT), line("2024-05-01T10:00:00Z", 0.35 + 0.042 * end), EXACT)
         estimate = history.load_at(0.35 + 0.042 * (500 + half), NINE)
         hits += estimate.low <= 500 <= estimate.high
-    assert 0.63 < hits / draws < 0.77
+    assert 0.92 < hits / draws < 0.98
 
 
 def test_result_is_the_line_midway():

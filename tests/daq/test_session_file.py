@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from daq.errors import RecordingError
-from daq.records import RigDescription, Session
+from daq.records import RigDescription, Session, ZeroReading
 from daq.session_file import read_session, write_session
 from rig.hardware_log import Repetition
 from tests.fuzz.forked import reading_in_forks
@@ -394,3 +394,17 @@ def test_what_another_program_calls_hardware_is_no_fault(session: Session, tmp_p
     with h5py.File(tmp_path / "session.h5", "r+") as file:
         file.attrs["hardware"] = theirs
     assert read_session(tmp_path / "session.h5").hardware is None
+
+
+def test_readings_without_load_come_back(session: Session, tmp_path: Path) -> None:
+    zeros = (ZeroReading(0.35, "2026-01-01T10:00:00Z"), ZeroReading(0.36, "2026-01-01T11:00:00Z"))
+    write_session(tmp_path / "session.h5", replace(session, zeros=zeros))
+    assert read_session(tmp_path / "session.h5").zeros == zeros
+
+
+@pytest.mark.parametrize("theirs", ["no JSON", "[1]", '[{"voltage_mv": "a", "time": 3}]', '{"voltage_mv": 1}'])
+def test_what_another_program_calls_zero_readings_is_no_fault(session: Session, tmp_path: Path, theirs: str) -> None:
+    write_session(tmp_path / "session.h5", session)
+    with h5py.File(tmp_path / "session.h5", "r+") as file:
+        file.attrs["zero_readings"] = theirs
+    assert read_session(tmp_path / "session.h5").zeros == ()

@@ -55,6 +55,19 @@ def test_a_session_recovers_itself(tmp_path):
     assert all(s.reject_reason for s in rejected)
 
 
+def test_the_gauge_is_read_without_load_between_loads_where_that_is_asked_for(tmp_path):
+    config = small_config("calibration.zero_every_loads=1", "sim_backend.gauge.drift_mv_per_hour=0.4")
+    folder, runner = new_runner(tmp_path / "s", config)
+    with folder:
+        runner.run()
+    session, results, progress = analysed(config, tmp_path / "s")
+    assert len(session.zeros) == len(progress.zeros) == 1
+    assert session.impacts[0].time < session.zeros[0].time < session.impacts[-1].time
+    assert results.calibration.zero_readings == 1
+    for load, truth in zip(results.loads, progress.truths, strict=True):
+        assert load.load_mn.low < truth["load_mn"] < load.load_mn.high
+
+
 def test_the_same_seed_is_the_same_session_and_another_is_not(tmp_path):
     config = small_config()
     records = []
@@ -80,6 +93,18 @@ class Interrupt:
             self.left -= 1
             if self.left == 0:
                 raise self.error
+
+
+def test_the_gauge_is_read_without_load_before_an_interrupted_session_goes_on(tmp_path):
+    config = small_config()
+    control = Interrupt(SessionAborted("ended by the operator"), State.TAP, 2)
+    folder, control.runner = new_runner(tmp_path / "s", config, control=control)
+    with folder, pytest.raises(SessionAborted):
+        control.runner.run()
+    with SessionFolder.open(tmp_path / "s") as again:
+        assert not progress_of(again.events()).zeros
+        runner_in(again, config, simulated_rig(config)).run()
+    assert len(analysed(config, tmp_path / "s")[0].zeros) == 1
 
 
 RUNNING = [

@@ -1,0 +1,107 @@
+"""A quantity that wanders, observed now and then: its value in between, and how far it may have gone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+DECLARED_DOF = 10.0  # how much a declared drift weighs, in increments that were seen: it is known to a quarter
+ASSUMED_DOF = 0.25  # and one that is only assumed: little enough that a single increment, once seen, decides
+_RANGE, _GRID = 1e4, 81  # rates that are considered, about the declared one and what was seen
+
+
+class RandomWalk:
+    """A random walk of unknown rate, seen with noise.
+
+    Its increments over a time h have the variance D h. D has the prior of a rate D_0 that is known beforehand with so
+    many degrees of freedom (scaled inverse chi-squared) times the likelihood of what was observed, the unknown level
+    left out (REML); between observations the walk is predicted by ordinary kriging, at the mean D.
+
+    Parameters
+    ----------
+    hours
+        (n,) times of the observations.
+    values
+        (n,) what was observed.
+    noise
+        (n,) variance of each observation.
+    prior_rate
+        Standard deviation of an increment in an hour as known beforehand; zero: nothing is known of it.
+    prior_dof
+        Degrees of freedom of that knowledge.
+
+    Examples
+    --------
+    >>> walk = RandomWalk([0.0, 2.0], [1.0, 1.0], [0.0, 0.0], 0.1, 10.0)
+    >>> walk.weights(0.5)
+    array([0.75, 0.25])
+    """
+
+    def __init__(
+        self, hours: ArrayLike, values: ArrayLike, noise: ArrayLike, prior_rate: float, prior_dof: float
+    ) -> None:
+        self._hours = np.asarray(hours, dtype=np.float64)
+        self._noise = np.asarray(noise, dtype=np.float64)
+        values = np.asarray(values, dtype=np.float64)
+        self._gamma = np.abs(self._hours[:, None] - self._hours[None, :]) / 2
+        self.rate_variance, self.dof = self._posterior(values, prior_rate**2, prior_dof)
+
+    def weights(self, hour: float) -> FloatArray:
+        """(n,) weights of the observations in the prediction at a time; they sum to one."""
+        n = len(self._hours)
+        if n == 1:
+            return np.ones(1)
+        system = np.zeros((n + 1, n + 1))
+        # a walk that does not move, seen without noise, is predicted as the slowest one
+        rate = max(self.rate_variance, 1e-12 * float(np.max(self._noise, initial=0.0)), 1e-30)
+        scale = rate * max(float(np.max(self._gamma)), 1e-12)
+        system[:n, :n] = (rate * self._gamma - np.diag(self._noise)) / scale
+        system[n, :n] = system[:n, n] = 1.0
+        right = np.append(rate * np.abs(hour - self._hours) / 2 / scale, 1.0)
+        solution: FloatArray = np.linalg.lstsq(system, right, rcond=None)[0]
+        return solution[:n]
+
+    def variance(self, hour: float) -> float:
+        """Variance of the walk about its prediction at a time, the noise of the observations left out."""
+        w = self.weights(hour)
+        unit = 2 * w @ (np.abs(hour - self._hours) / 2) - w @ self._gamma @ w
+        return self.rate_variance * max(float(unit), 0.0)
+
+    def _posterior(self, values: FloatArray, known: float, prior_dof: float) -> tuple[float, float]:
+        """Mean of D and the degrees of freedom that its spread is worth."""
+        n = len(values)
+        span = float(np.ptp(self._hours)) if n > 1 else 0.0
+        if n < 2 or span == 0.0:
+            return known, max(prior_dof, 1.0) if known > 0 else math.inf
+        order = np.argsort(self._hours)
+        seen = float(np.sum(np.diff(values[order]) ** 2)) / span
+        if known == 0.0:
+            by_noise = float(np.sum(self._noise[order][1:] + self._noise[order][:-1])) / span
+            rate = max(seen - by_noise, 0.0)
+            return rate, n - 1.0 if rate > 0 else math.inf
+        rates = max(seen, known) * np.geomspace(1 / _RANGE, _RANGE, _GRID)
+        log = self._likelihood(values[order], order, rates)
+        log -= prior_dof / 2 * (np.log(rates) + known / rates)
+        p = np.exp(log - log.max())
+        p /= p.sum()
+        # of D itself the mean need not exist; of 1 / D it does, and for a scaled inverse chi-squared both agree
+        inverse = float(p @ (1 / rates))
+        spread = float(p @ (1 / rates**2)) - inverse**2
+        return 1 / inverse, max(2 * inverse**2 / max(spread, 1e-300), 1.0)
+
+    def _likelihood(self, values: FloatArray, order: NDArray[np.intp], rates: FloatArray) -> FloatArray:
+        """(r,) log of the restricted likelihood of (r,) rates: increments are normal, their level unknown."""
+        n = len(values)
+        difference = np.diff(np.eye(n), axis=0)
+        noise = difference @ np.diag(self._noise[order]) @ difference.T
+        covariance = rates[:, None, None] * np.diag(np.diff(self._hours[order])) + noise
+        # two observations at one time, without noise, say nothing of the rate
+        least = 1e-12 * np.trace(covariance, axis1=1, axis2=2) / (n - 1)
+        covariance += least[:, None, None] * np.eye(n - 1)
+        increments = difference @ values
+        squares = np.linalg.solve(covariance, np.broadcast_to(increments[:, None], (len(rates), n - 1, 1)))[..., 0]
+        return np.asarray(-0.5 * (squares @ increments) - 0.5 * np.linalg.slogdet(covariance)[1], dtype=np.float64)

@@ -155,7 +155,7 @@ def _repeatability(found: Repeated, unit: str, of: str = "") -> Contribution:
 def _clock(wiring: Wiring, sensitivity: float) -> Contribution:
     return Contribution(
         "clock of the recorder",
-        1.0,
+        math.nan,
         "1",
         wiring.clock_accuracy_ppm * PPM / math.sqrt(3),
         sensitivity,
@@ -166,4 +166,4 @@ def _clock(wiring: Wiring, sensitivity: float) -> Contribution:
 def _accelerometers(wiring: Wiring) -> Contribution:
     """Sensitivity scales all samples alike: poles, and what follows from them, do not change."""
     worst = max(c.sensitivity_uncertainty_percent for c in (wiring.accelerometer_a, wiring.accelerometer_b))
-    return Contribution("sensitivity of the accelerometers", 1.0, "1", worst / 100, 0.0)
+    return Contribution("sensitivity of the accelerometers", math.nan, "1", worst / 100, 0.0)

@@ -80,9 +80,8 @@ class KnownRig:
     ``covariance`` is that of (m1, m2, k1, k2): springs that were measured through the system mode follow the masses.
     ``tube_damping`` is a viscous damper beside each tube spring, N s/m, which Eq. 9 leaves out: zero unless the system
     mode is seen to decay. Its share is taken off k_c and c_c, and counts in part as uncertain. ``m1`` and ``m2`` are
-    the masses at rest; the tube springs' ``own_mode`` adds to them with the frequency.
-    ``sources`` are what the covariance is made of, ``springs_by_clock`` what an error of the recorder's clock does to k1
-    and k2.
+    the masses at rest; the tube springs' ``own_mode`` adds to them with the frequency. ``sources`` are what the
+    covariance is made of, ``springs_by_clock`` what an error of the recorder's clock does to k1 and k2.
     """
 
     m1: Estimate
@@ -335,7 +334,7 @@ def _known_rig(
         ),
         RigSource(
             "how the tube springs' sum splits",
-            0.0,
+            math.nan,
             "%",
             settings.spring_asymmetry_percent,
             np.array([0, 0, values[0], -values[1]]) / 100 / math.sqrt(2),

@@ -56,9 +56,11 @@ class RandomWalk:
         if n == 1:
             return np.ones(1)
         system = np.zeros((n + 1, n + 1))
-        # a walk that does not move, seen without noise, is predicted as the slowest one
-        rate = max(self.rate_variance, 1e-12 * float(np.max(self._noise, initial=0.0)), 1e-30)
-        scale = rate * max(float(np.max(self._gamma)), 1e-12)
+        rate, longest = self.rate_variance, max(float(np.max(self._gamma)), 1e-12)
+        noisiest = float(np.max(self._noise))
+        if rate == 0.0 and noisiest == 0.0:
+            rate = 1.0  # a walk that does not move, seen without noise, is predicted as any other
+        scale = max(rate * longest, noisiest)
         system[:n, :n] = (rate * self._gamma - np.diag(self._noise)) / scale
         system[n, :n] = system[:n, n] = 1.0
         right = np.append(rate * np.abs(hour - self._hours) / 2 / scale, 1.0)

@@ -165,7 +165,7 @@ class Wander:
         return [
             Contribution(
                 "weights, in common",
-                1.0,
+                math.nan,
                 "1",
                 settings.common_weight_uncertainty_percent / 100,
                 load,

@@ -133,8 +133,6 @@ class Session:
     impacts: tuple[Impact, ...]
     pre: CalibrationPoints | None = None
     post: CalibrationPoints | None = None
-    zeros: tuple[ZeroReading, ...] = ()
-    """Readings of the gauge while the surfaces were apart, between the calibrations."""
     operator: str = ""
     specimen: str = ""
     title: str = ""
@@ -144,6 +142,8 @@ class Session:
     source: str = ""
     hardware: tuple[Repetition, ...] | None = None
     """What had to be repeated to get the recording; None where nobody kept count."""
+    zeros: tuple[ZeroReading, ...] = ()
+    """Readings of the gauge while the surfaces were apart, between the calibrations."""
 
     def load_sets(self) -> list[int]:
         """Numbers of the load sets in the session, ascending."""

@@ -22,6 +22,10 @@ config_app = typer.Typer(help="Check, show or start a config.yaml.", no_args_is_
 app.add_typer(config_app, name="config")
 rig_app = typer.Typer(help="Begin or check the description of a rig other than the tester.", no_args_is_help=True)
 app.add_typer(rig_app, name="rig")
+certificate_app = typer.Typer(
+    help="Write or check a digital calibration certificate of the strain gauge.", no_args_is_help=True
+)
+app.add_typer(certificate_app, name="certificate")
 
 ConfigPath = Annotated[
     Path | None,
@@ -598,3 +602,35 @@ def rig_check(
     from mesotap.commands.rigs import check_rig
 
     check_rig(file, recordings or (), json, _console(json))
+
+
+@certificate_app.command("write")
+def certificate_write(
+    source: Annotated[Path, typer.Argument(help="Session file or folder.", show_default=False)],
+    output: Annotated[Path, typer.Option("--output", "-o", help="XML file to write; a new one.", show_default=False)],
+    laboratory: Annotated[str, typer.Option("--laboratory", help="Who calibrated.", show_default=False)],
+    city: Annotated[str, typer.Option("--city", help="Where.", show_default=False)],
+    country: Annotated[str, typer.Option("--country", help="Two letters, as DE or US.", show_default=False)],
+    config: ConfigPath = None,
+    changes: Changes = None,
+) -> None:
+    """Write the gauge's calibration as a certificate in PTB's DCC format (supports ISO/IEC 17025; not signed)."""
+    from mesotap.answers.certificate import Laboratory
+    from mesotap.commands.certificate import write_certificate
+
+    write_certificate(source, output, Laboratory(laboratory, city, country), config, changes or (), _console(None))
+
+
+@certificate_app.command("check")
+def certificate_check(
+    file: Annotated[Path, typer.Argument(help="Certificate, XML.", show_default=False)],
+    schema: Annotated[
+        Path | None,
+        typer.Option("--schema", help="dcc.xsd of PTB, with what it imports beside it.", show_default=False),
+    ] = None,
+    json: JsonPath = None,
+) -> None:
+    """Read a digital calibration certificate and say what is wrong with it."""
+    from mesotap.commands.certificate import check_certificate
+
+    check_certificate(file, schema, json, _console(json))

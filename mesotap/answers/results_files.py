@@ -14,7 +14,9 @@ from analysis.modal.spectrum import SpectralMode
 from analysis.results import ImpactResult, LoadResult, RecordingModes, SessionResults
 from calibration.estimate import Estimate
 from calibration.gauge import GaugeResult
+from calibration.weights import Gravity
 from daq.errors import one_line
+from mesotap.answers.budgets import COLUMNS, budget_rows, budgets_json
 
 RESULTS_FORMAT, MODES_FORMAT, VERSION = "mesotap-results", "mesotap-modes", 1
 MODAL = ("f1_hz", "f2_hz", "zeta1", "zeta2")
@@ -100,6 +102,11 @@ def impacts_csv(results: SessionResults) -> str:
     return _csv(header, rows)
 
 
+def budgets_csv(results: SessionResults) -> str:
+    """Return a table of one row for each source of uncertainty of each number of each load."""
+    return _csv(COLUMNS, budget_rows(results))
+
+
 def _number(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
 
@@ -160,6 +167,7 @@ def _load(load: LoadResult, drift: bool) -> dict[str, Any]:
         **estimates,
         "spectral_mode": _spectral(load.spectral_mode),
         "along_decay": [_point(point, "amplitude_m_s2") for point in load.along_decay],
+        "budgets": budgets_json(load),
         "notes": _with_drift(_reasons(load, estimates), drift),
     }
 
@@ -189,7 +197,20 @@ def _calibration(calibration: GaugeResult) -> dict[str, Any]:
         "nonlinearity_percent": _number(calibration.nonlinearity_percent),
         "drifted": bool(calibration.drifted),
         "drift_p_value": _number(calibration.drift_p_value),
+        "hysteresis_percent": _number(calibration.hysteresis_percent),
+        "misfit_mn": _number(calibration.misfit_mn),
+        "zero_readings": int(calibration.zero_readings),
+        "gravity_m_s2": None if calibration.gravity is None else _gravity(calibration.gravity),
         "statement": calibration.statement,
+    }
+
+
+def _gravity(gravity: Gravity) -> dict[str, Any]:
+    return {
+        "value": gravity.value,
+        "standard_uncertainty": gravity.standard_uncertainty,
+        "distribution": gravity.distribution,
+        "source": gravity.source,
     }
 
 

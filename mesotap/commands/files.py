@@ -80,7 +80,7 @@ def _analyze_one(
 ) -> dict[str, Any]:
     opened = opened_file(file, rate)
     if isinstance(opened, Session) and opened.rig.is_tester:
-        config = _config_for(opened, config_path, changes, console)
+        config = config_for(opened, config_path, changes, console)
         correction = None if model is None else _corrected(opened, model, config.analysis.mechanisms, console)
         if report is not None:
             results = _session_report(file, opened, config, report, console, correction)
@@ -144,7 +144,7 @@ def modes_of(recording: Recording, method: str) -> RecordingModes:
     )
 
 
-def _config_for(session: Session, config_path: Path | None, changes: Sequence[str], console: Console) -> Config:
+def config_for(session: Session, config_path: Path | None, changes: Sequence[str], console: Console) -> Config:
     """Return the configuration named on the command line, else the session's own, else the defaults.
 
     Masses and springs are always the session's: a change of them is refused, not ignored.
@@ -195,7 +195,7 @@ def write_session_report(
             f"{source}: is not a session of the tester; 'mesotap analyze --report' reports any other file"
         )
     default = source if source.is_dir() else source.parent / f"{source.stem}-report"
-    config = _config_for(opened, config_path, changes, console)
+    config = config_for(opened, config_path, changes, console)
     results = _session_report(source, opened, config, output or default, console)
     write_json(json_path, results_json(results))
 

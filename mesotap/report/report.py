@@ -23,9 +23,17 @@ from calibration.estimate import LEVEL
 from daq.durable import write_error, write_whole
 from daq.errors import UnwrittenError
 from daq.records import Impact, Session
+from mesotap.answers.budgets import shown_budgets, shown_load
 from mesotap.answers.comparison import N_PER_MN, Ratio, count_inside, recovered_against, spectral_check, theory_ratios
 from mesotap.answers.explanations import SHOWN, chance, explain, known
-from mesotap.answers.results_files import impacts_csv, json_text, loads_csv, modes_json, results_json
+from mesotap.answers.results_files import (
+    budgets_csv,
+    impacts_csv,
+    json_text,
+    loads_csv,
+    modes_json,
+    results_json,
+)
 from mesotap.answers.rounding import UNKNOWN, significant, with_uncertainty
 from mesotap.answers.summary import summary
 from mesotap.report import figures
@@ -78,7 +86,8 @@ def write_report(
     correction: Correction | None = None,
     pdf_figures: bool = True,
 ) -> Path:
-    """Write ``report.html`` and beside it ``results.json``, ``results.csv``, ``impacts.csv`` and ``figures/*.pdf``.
+    """Write ``report.html`` and beside it ``results.json``, ``results.csv``, ``impacts.csv``, ``budgets.csv`` and
+    ``figures/*.pdf``.
 
     Parameters
     ----------
@@ -123,11 +132,13 @@ def write_report(
     written(folder / "results.json", json_text(answer))
     written(folder / "results.csv", loads_csv(results))
     written(folder / "impacts.csv", impacts_csv(results))
+    written(folder / "budgets.csv", budgets_csv(results))
     ratios = theory_ratios(results, theory)
     recovered = None if truth is None else recovered_against(results, truth)
     page = environment().get_template("report.html")
     drift = results.calibration is not None and results.calibration.drifted
     footnotes = _footnotes(results.loads)
+    budgeted = shown_load(results)
     html = page.render(
         session=session,
         results=results,
@@ -150,6 +161,8 @@ def write_report(
         explanations_shown=SHOWN,
         taps=_taps(results),
         rejected=[(i, _impact(session, i)) for i in results.impacts if not i.accepted],
+        budgeted=budgeted,
+        budgets=[] if budgeted is None else shown_budgets(budgeted),
         recovered=recovered,
         inside=count_inside(recovered),
         truth_missing=truth is not None and not recovered,

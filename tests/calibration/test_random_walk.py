@@ -39,3 +39,9 @@ def test_what_is_declared_holds_until_more_is_seen():
 def test_observations_at_one_time_are_no_reason_to_fail():
     walk = RandomWalk([0.0, 0.0, 1.0], [1.0, 1.1, 1.0], [0.01, 0.01, 0.01], 0.1, 0.25)
     assert np.sum(walk.weights(0.5)) == pytest.approx(1.0)
+
+
+def test_a_walk_that_does_not_move_weighs_observations_by_their_noise():
+    walk = RandomWalk([0.0, 2.0], [0.0, 1e-6], [1.0, 4.0], 0.0, 1.0)
+    assert walk.rate_variance == 0.0
+    assert walk.weights(0.1) == pytest.approx([0.8, 0.2])

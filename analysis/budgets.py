@@ -65,7 +65,7 @@ def mass_sources(
         sources.append(RigSource(f"mass m{i + 1}", value, "kg", math.sqrt(own), effect))
     if common > 0:
         both = np.concatenate([np.ones(2), follow.sum(axis=1)])
-        sources.append(RigSource("both masses together", math.nan, "kg", math.sqrt(common), both))
+        sources.append(RigSource("what both masses have in common", math.nan, "kg", math.sqrt(common), both))
     return sources
 
 

@@ -25,6 +25,7 @@ CHANGES = (
     "calibration.weights_mn=[0, 200, 400, 600, 800, 1000]",
     "calibration.latitude_deg=52",
 )
+TUBES = ("rig.springs.system_resonance_hz=356", "rig.springs.added_mass_kg=0.0027")
 QUANTITIES = {
     "load_mn",
     "f1_hz",
@@ -181,3 +182,8 @@ def test_scatter_is_that_of_the_loads_with_several_taps():
 
 def test_stated_scatter_is_that_of_the_paper():
     assert AnalysisSettings().tap_scatter.relative("f2_hz") == pytest.approx(0.026 / 2)
+
+
+def test_what_both_masses_have_of_the_tube_springs_is_a_source_of_its_own(session):
+    found = shares(budget_of(analysed(session, *TUBES), "contact_stiffness_n_per_m"))
+    assert found["what both masses have in common"] > found["mass m1"]

@@ -297,10 +297,13 @@ def page(written: Path) -> Page:
     return Page((written / "report.html").read_text(encoding="utf-8"))
 
 
+TABLES = ("results.json", "results.csv", "impacts.csv", "budgets.csv")
+
+
 def test_writes_page_numbers_and_figures(written: Path) -> None:
     found = {str(p.relative_to(written)) for p in written.rglob("*") if p.is_file()}
     names = ("amplitude", "calibration", "damping", "impacts", "record", "spectra", "stiffness")
-    assert found == {"report.html", "results.json", "results.csv", "impacts.csv", *(f"figures/{n}.pdf" for n in names)}
+    assert found == {"report.html", *TABLES, *(f"figures/{n}.pdf" for n in names)}
 
 
 def test_page_stands_alone(written: Path, page: Page) -> None:
@@ -567,7 +570,7 @@ def test_same_input_gives_the_same_bytes(small: tuple[Session, SessionResults], 
     for name in ("one", "two"):
         write_report(tmp_path / name, *small, THEORY)
     files = sorted(p.relative_to(tmp_path / "one") for p in (tmp_path / "one").rglob("*") if p.is_file())
-    assert len(files) == 11
+    assert len(files) == 12
     for file in files:
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
 

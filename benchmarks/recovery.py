@@ -50,6 +50,7 @@ CONDITIONS = {
     "noise": NOISE,
     "scatter-noise": [*PAPER_SCATTER, *NOISE],
     "single-tap": [*PAPER_SCATTER, "mesotap.impacts_per_load=1"],
+    "tubes": ["rig.springs={system_resonance_hz: 356.0, tube: {}}"],  # of the paper, their inertia declared to 5 %
 }
 PLACE = ["calibration.latitude_deg=52.3"]
 QUANTITIES = (

@@ -1,7 +1,8 @@
 """The two gaps that the paper leaves between its stiffnesses and theory (Fig. 7a, 8a), and what may fill them.
 
 The flats fall below theory at high load, the sphere lies between smooth and rough Hertz. Tables 3 and 5 go through
-Eq. 11, and every explanation of `candidates` is weighed against the eight points of each.
+Eq. 11, for the flats also the two points of another assembly that Fig. 6 has, and every explanation of `candidates` is
+weighed against them, under several lists and priors.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.contact.candidates import stiffness_candidates
+from analysis.contact.changes import REVIEWED, WIDE
 from analysis.contact.inversion import TheoryError
+from analysis.contact.lists import UnderList, in_first_list, spring_sentence, under_lists
 from analysis.contact.presets import published_numbers
 from analysis.contact.theory import TheoryCurve, surfaces_of, theory
 from analysis.contact.weighing import Known, Weighed, percent, weigh, what_is_missed
@@ -23,7 +26,7 @@ from analysis.stiffness import contact_stiffness, springs_from_system_mode
 FloatArray = NDArray[np.float64]
 WHICH: dict[str, tuple[int, str]] = {"flat": (5, "Eq. 5"), "sphere": (3, "Eq. 3")}  # table, and the law drawn beside it
 VARIATION, TAPS = 0.026, 8  # Sec. 4.1: stiffness of the eight taps of a load varies by less than this
-SERIES = "series_compliance"
+FIG_6 = "Fig. 6"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,13 +38,17 @@ class PublishedGap:
     which, table
         ``flat`` or ``sphere``; number of the table.
     load_mn, f2_hz, stiffness_n_per_m
-        (n,) each: as published, and through Eq. 11.
+        (n,) each, by load: as published, and through Eq. 11.
+    place
+        Where each point stands: the table, or Fig. 6 (another assembly).
     drawn
         The theory that the paper draws beside the points.
     before
         (n,) log of measured over that theory, which nothing was fitted to.
     weighed
-        Explanations, most probable first.
+        Explanations under the reviewed priors, most probable first.
+    lists
+        What several lists of explanations and priors say of a spring in series.
     """
 
     which: str
@@ -49,14 +56,35 @@ class PublishedGap:
     load_mn: FloatArray
     f2_hz: FloatArray
     stiffness_n_per_m: FloatArray
+    place: tuple[str, ...]
     drawn: TheoryCurve
     before: FloatArray
     weighed: tuple[Weighed, ...]
+    lists: tuple[UnderList, ...]
 
     @property
     def before_rms(self) -> float:
         """Root mean square of ``before``."""
         return float(np.sqrt(np.mean(self.before**2)))
+
+    @property
+    def in_table(self) -> NDArray[np.bool_]:
+        """(n,) whether a point stands in the table."""
+        return np.array([place != FIG_6 for place in self.place])
+
+    def other_assembly(self) -> str:
+        """Say how the points of Fig. 6 compare with the table; empty without any."""
+        table, other = self.in_table, ~self.in_table
+        if not other.any():
+            return ""
+        load, k = np.log(self.load_mn), np.log(self.stiffness_n_per_m)
+        off = 100 * np.expm1(k[other] - np.interp(load[other], load[table], k[table]))
+        pairs = zip(self.load_mn[other], self.stiffness_n_per_m[other], strict=True)
+        points = " and ".join(f"{k_c * 1e-6:.2f} MN/m at {P:g} mN" for P, k_c in pairs)
+        return (
+            f"Another assembly of such flats (Fig. 6) gave {points}, {off[0]:+.1f} and {off[1]:+.1f} % from Table "
+            f"{self.table} there: an area that meets by chance of the alignment would differ by more."
+        )
 
     def sentences(self) -> list[str]:
         """Say what came out."""
@@ -81,8 +109,8 @@ class PublishedGap:
                 + "; ".join(f"{_named(w.candidate.id)} ({percent(w.probability)})" for w in alike)
                 + "."
             )
-        part = sum(w.probability for w in self.weighed if SERIES in w.candidate.id.split("+"))
-        said.append(f"A spring in series takes part in explanations that hold {percent(part)} of the probability.")
+        said.append(spring_sentence(self.lists))
+        said += [self.other_assembly()] if self.other_assembly() else []
         said.append(what_is_missed(best, self.load_mn * 1e-3, VARIATION / math.sqrt(TAPS)))
         return said
 
@@ -94,6 +122,7 @@ class PublishedGap:
             "which": self.which,
             "table": self.table,
             "load_mn": self.load_mn.tolist(),
+            "place": list(self.place),
             "f2_hz": self.f2_hz.tolist(),
             "contact_stiffness_n_per_m": self.stiffness_n_per_m.tolist(),
             "drawn": {
@@ -103,6 +132,7 @@ class PublishedGap:
                 "rms_log_error": self.before_rms,
             },
             "explanations": [weighed_json(w) for w in self.weighed],
+            "lists": [under.as_json() for under in self.lists],
             "sentences": self.sentences(),
         }
 
@@ -135,27 +165,55 @@ def diagnose_published(which: str) -> PublishedGap:
     numbers = published_numbers()
     table, masses = numbers["tables"][number], numbers["masses"]
     preset: Literal["paper-flat", "paper-sphere"] = table["preset"]
-    load_mn, f2_hz = (np.array(table[key], dtype=np.float64) for key in ("load_mn", "f2_hz"))
-    m1, m2 = masses["m1_kg"], masses["m2_kg"]
-    k1, k2 = springs_from_system_mode(table["system_resonance_hz"], math.inf, m1, m2)
-    stiffness = contact_stiffness(f2_hz, m1, m2, k1, k2)
+    masses_kg = masses["m1_kg"], masses["m2_kg"]
+    points = [_Points.of(f"Table {number}", table, masses_kg, 0.5, 0.05)]
+    if which == "flat":
+        points.append(_Points.of(FIG_6, numbers["quoted"]["spectra"], masses_kg, 5.0, 5.0))
+    load_mn, f2_hz, stiffness, error = (
+        np.concatenate([getattr(p, name) for p in points]) for name in ("load_mn", "f2_hz", "stiffness", "error")
+    )
+    place = np.concatenate([[p.place] * len(p.load_mn) for p in points])
+    by_load = np.argsort(load_mn)
+    load, k = load_mn[by_load] * 1e-3, stiffness[by_load]
+    other = load[place[by_load] == FIG_6]
     drawn = next(curve for curve in theory(preset) if curve.equation == equation)
-    half_hz, half_mn = 0.5 / math.sqrt(3), 0.05 / math.sqrt(3)  # tables are rounded to 1 Hz and 0.1 mN
-    by_hz = (contact_stiffness(f2_hz + half_hz, m1, m2, k1, k2) - stiffness) / stiffness
+    surfaces = surfaces_of(preset)
+    first = [c for c in stiffness_candidates(surfaces, WIDE, other) if in_first_list(c.id)]
+    reviewed = weigh(load, k, error[by_load], stiffness_candidates(surfaces, REVIEWED, other))
     return PublishedGap(
         which=which,
         table=number,
-        load_mn=load_mn,
-        f2_hz=f2_hz,
-        stiffness_n_per_m=stiffness,
+        load_mn=load_mn[by_load],
+        f2_hz=f2_hz[by_load],
+        stiffness_n_per_m=k,
+        place=tuple(str(p) for p in place[by_load]),
         drawn=drawn,
-        before=np.log(stiffness / drawn.stiffness(load_mn * 1e-3)),
-        weighed=tuple(
-            weigh(
-                load_mn * 1e-3, stiffness, np.hypot(by_hz, half_mn / load_mn), stiffness_candidates(surfaces_of(preset))
-            )
-        ),
+        before=np.log(k / drawn.stiffness(load)),
+        weighed=tuple(reviewed),
+        lists=under_lists(weigh(load, k, error[by_load], first), reviewed),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Points:
+    """Points of one assembly, (n,) each: published, through Eq. 11, and the relative error that rounding makes."""
+
+    place: str
+    load_mn: FloatArray
+    f2_hz: FloatArray
+    stiffness: FloatArray
+    error: FloatArray
+
+    @classmethod
+    def of(
+        cls, place: str, given: dict[str, Any], masses_kg: tuple[float, float], half_hz: float, half_mn: float
+    ) -> _Points:
+        """Return the points of a table or a quoted figure; half a digit of what they are rounded to, Hz and mN."""
+        load_mn, f2_hz = (np.array(given[key], dtype=np.float64) for key in ("load_mn", "f2_hz"))
+        k1, k2 = springs_from_system_mode(given["system_resonance_hz"], math.inf, *masses_kg)
+        stiffness = contact_stiffness(f2_hz, *masses_kg, k1, k2)
+        more = contact_stiffness(f2_hz + half_hz / math.sqrt(3), *masses_kg, k1, k2)
+        return cls(place, load_mn, f2_hz, stiffness, np.hypot(more / stiffness - 1, half_mn / math.sqrt(3) / load_mn))
 
 
 def _known_json(known: Known) -> dict[str, Any]:

@@ -31,7 +31,7 @@ def gaussian_flats() -> Callable[[FloatArray], FloatArray]:
 
 
 @functools.cache
-def _yielding_table() -> tuple[interpolate.RectBivariateSpline, FloatArray, FloatArray]:
+def _yielding_table(unloading: bool) -> tuple[interpolate.RectBivariateSpline, FloatArray, FloatArray]:
     log_omega, log_load = (
         np.linspace(math.log(1e-6), math.log(1e3), 64),
         np.linspace(math.log(1e-8), math.log(1e2), 160),
@@ -40,20 +40,25 @@ def _yielding_table() -> tuple[interpolate.RectBivariateSpline, FloatArray, Floa
     h = GRID[(GRID > -15) & (GRID < 9)]
     for omega_c in np.exp(log_omega):
         flats = ElasticPlasticFlats.normalised(float(omega_c))
-        load, slope = np.log(flats.load(h)[::-1]), np.log(flats.slope(h)[::-1])
-        rows.append(interpolate.CubicSpline(load, slope)(log_load))
+        slope = flats.unloading_slope(h) if unloading else flats.slope(h)
+        rows.append(interpolate.CubicSpline(np.log(flats.load(h)[::-1]), np.log(slope[::-1]))(log_load))
     return interpolate.RectBivariateSpline(log_omega, log_load, np.array(rows)), log_omega, log_load
 
 
-def yielding_flats(omega_c: FloatArray, P: FloatArray) -> FloatArray:
-    """Return what `gaussian_flats` does for asperities that yield at ``omega_c`` R_q; NaN beyond the table."""
-    table, log_omega, log_load = _yielding_table()
+def yielding_flats(omega_c: FloatArray, P: FloatArray, unloading: bool = False) -> FloatArray:
+    """Return what `gaussian_flats` does for asperities that yield at ``omega_c`` R_q; NaN beyond the table.
+
+    Of first loading, or of elastic ``unloading``.
+    """
+    table, log_omega, log_load = _yielding_table(unloading)
     x, y = np.broadcast_arrays(np.log(omega_c), np.log(P))
     outside = (x < log_omega[0]) | (x > log_omega[-1]) | (y < log_load[0]) | (y > log_load[-1])
     return np.where(outside, np.nan, np.exp(table.ev(x, y)))
 
 
-def rough_sphere(s: Surfaces, R: Number, factor: FloatArray, H: float = math.inf, density: Number = 1.0) -> Law:
+def rough_sphere(
+    s: Surfaces, R: Number, factor: FloatArray, H: float = math.inf, density: Number = 1.0, unloading: bool = False
+) -> Law:
     """Greenwood and Tripp for arrays of R, roughness and asperity density, interpolated between tables in mu."""
     R_q = s.R_q * factor
     mu = 8 / 3 * s.eta * density * R_q * np.sqrt(2 * R * s.R_s)
@@ -67,7 +72,8 @@ def rough_sphere(s: Surfaces, R: Number, factor: FloatArray, H: float = math.inf
         ends = float(y.min()), float(y.max()) + 1e-9
         along = np.linspace(*ends, 64)
         rungs = np.arange(first, last + 1)
-        shares = np.log([hertz_share(np.exp(along), 10.0 ** (rung / PER_DECADE), omega_c) for rung in rungs.tolist()])
+        mus = (10.0 ** (rung / PER_DECADE) for rung in rungs.tolist())
+        shares = np.log([hertz_share(np.exp(along), value, omega_c, unloading) for value in mus])
         share = interpolate.RectBivariateSpline(rungs, along, shares).ev(x, y)
         return np.exp(share) * hertz.stiffness(P, 1.0, s.E_star) * np.cbrt(R)
 

@@ -35,6 +35,13 @@ def published_gap(which: str, json: Path | None, report: Path | None, console: C
     """Say what may fill the gap between theory and the published stiffnesses of ``flat`` or ``sphere``."""
     gap = diagnose_published(which)
     show_weighed(gap.weighed, f"Table {gap.table}: explanations of the contact stiffness", console)
+    lists = Table(title="Does a spring in series take part?")
+    for heading in ("list", "explanations", "spring in series, %", "most probable", "%"):
+        lists.add_column(heading, justify="left" if heading in ("list", "most probable") else "right", overflow="fold")
+    for u in gap.lists:
+        best = escape(u.best.replace("_", " "))
+        lists.add_row(u.name, str(u.explanations), f"{100 * u.spring:.0f}", best, f"{100 * u.best_probability:.0f}")
+    console.print(lists)
     for sentence in gap.sentences():
         console.print(f"- {escape(sentence)}", highlight=False)
     if report is not None:

@@ -18,10 +18,11 @@ GAP_LABEL = "Stiffness against load with explanations, their errors at loads lef
 
 
 def gap_report(folder: Path, gap: PublishedGap) -> Path:
-    """Write ``report.html``, ``gap.json`` and ``gap.pdf`` into a folder; return the page."""
+    """Write ``report.html``, ``gap.json``, ``gap.pdf`` and ``gap.svg`` into a folder; return the page."""
     folder.mkdir(parents=True, exist_ok=True)
     figure = gap_figure(gap)
     figures.save(figure, folder / "gap.pdf")
+    figures.save(figure, folder / "gap.svg")
     written(folder / "gap.json", json_text(gap.as_json()))
     plate = Plate(Markup(figures.inline_svg(figure, "gap", GAP_LABEL)))
     return written(folder / "report.html", environment().get_template("gap.html").render(gap=gap, plate=plate))
@@ -29,7 +30,7 @@ def gap_report(folder: Path, gap: PublishedGap) -> Path:
 
 def gap_figure(gap: PublishedGap) -> Figure:
     """Draw a published gap and what may fill it."""
-    return figures.weighing_figure(gap.load_mn, gap.stiffness_n_per_m, gap.weighed, gap.drawn)
+    return figures.weighing_figure(gap.load_mn, gap.stiffness_n_per_m, gap.weighed, gap.drawn, elsewhere=~gap.in_table)
 
 
 def paper_page(folder: Path, drawn: Sequence[tuple[str, str, str, Figure]], quoted: Sequence[Quoted]) -> Path:

@@ -27,6 +27,7 @@ def weighing_figure(
     weighed: Sequence[Weighed],
     drawn: TheoryCurve | None = None,
     half_width: NDArray[np.float64] | None = None,
+    elsewhere: NDArray[np.bool_] | None = None,
 ) -> Figure:
     """Draw (a) points and curves, (b) the error at each load predicted from the others, (c) probabilities.
 
@@ -40,6 +41,8 @@ def weighing_figure(
         A theory that nothing was fitted to, to hold beside them.
     half_width
         (n,) half of the interval of each stiffness, N/m.
+    elsewhere
+        (n,) which points are of another assembly.
     """
     figure = blank(PAGE_MM, 92)
     curves, errors, bars = figure.subplots(1, 3, width_ratios=(1.15, 0.9, 0.8))
@@ -59,6 +62,11 @@ def weighing_figure(
         label="measured",
         zorder=5,
     )
+    if elsewhere is not None and elsewhere.any():
+        curves.plot(
+            load_mn[elsewhere], stiffness_n_per_m[elsewhere] * 1e-6, "o", mfc="white", mec=BLUE, markersize=5.5,
+            label="of another assembly (Fig. 6)", zorder=6,
+        )  # fmt: skip
     top = 1.45 * float(stiffness_n_per_m.max()) * 1e-6
     if drawn is not None:
         k = np.asarray(drawn.stiffness(along * N_PER_MN)) * 1e-6

@@ -8,12 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, special, stats
 
-from analysis.contact.candidates import damping_candidates, in_series, stiffness_candidates, swinging
+from analysis.contact.candidates import damping_candidates, stiffness_candidates
+from analysis.contact.changes import FRACTAL, REVIEWED, WIDE, in_series, swinging, with_mass_left_out
 from analysis.contact.gap import diagnose_published
 from analysis.contact.inversion import TheoryError
+from analysis.contact.lists import cause, in_first_list, takes_part, under_lists
 from analysis.contact.swing import apparent_share
 from analysis.contact.theory import surfaces_of, theory
 from analysis.contact.weighing import Candidate, Parameter, tolerance, weigh
+from analysis.stiffness import contact_stiffness, springs_from_system_mode
+from sim_backend.two_mass import TwoMass
 
 LOADS = np.array([0.26, 0.35, 0.43, 0.52, 0.55, 0.63, 0.78, 0.93])
 NO_ERROR = np.full(8, 1e-3)
@@ -99,7 +103,8 @@ def test_intervals_hold_the_truth():
     series = next(c for c in stiffness_candidates(surfaces) if c.id == "series_compliance")
     inside = np.zeros(2, int)
     for _ in range(300):
-        truth = [math.exp(rng.uniform(math.log(0.3), math.log(1000.0))), math.exp(0.1 * rng.standard_normal())]
+        k_s = math.exp(rng.uniform(math.log(REVIEWED.series.low), math.log(REVIEWED.series.high)))
+        truth = [k_s, math.exp(0.1 * rng.standard_normal())]
         scatter = math.exp(rng.uniform(math.log(0.003), math.log(0.2)))
         (known,) = weigh(LOADS, draw(series, truth, rng, scatter), NO_ERROR, [series])
         inside += [p.low <= t <= p.high for p, t in zip(known.parameters, truth, strict=True)]
@@ -158,6 +163,7 @@ def test_candidates_at_the_published_values_are_the_theories(preset):
             "Eq. 5": "elastic_asperities",
             "Eq. 6": "yielding_asperities",
             "Eq. 7, 8": "exponential_heights",
+            "contact spots of Eq. 6": "unloading",
         },
         "paper-sphere": {"Greenwood and Tripp": "rough_sphere"},
     }[preset]
@@ -169,6 +175,32 @@ def test_candidates_at_the_published_values_are_the_theories(preset):
 def test_springs_in_series():
     law = in_series(lambda P: 2e6 * P, np.float64(3.0))
     assert law(np.array([1.0])) == pytest.approx(1.2e6)
+
+
+@pytest.mark.parametrize("mass_g", [2.7, 15.0])
+def test_a_mass_left_out_lowers_every_stiffness_alike(mass_g):
+    # the tester with heavier blocks, its springs from its own f1, read with masses that lack it
+    k_c, m = 8e6, 0.1075
+    heavy = TwoMass(m + mass_g * 1e-3, m + mass_g * 1e-3, 5.4e5, 5.4e5, k_c, 0.0)
+    f1, _, f2, _ = heavy.modes()
+    shown = contact_stiffness(f2, m, m, *springs_from_system_mode(f1, np.inf, m, m))
+    assert with_mass_left_out(lambda P: k_c + 0 * P, mass_g)(np.ones(1)) == pytest.approx(float(shown), rel=1e-9)
+
+
+def test_fractal_surfaces_stay_within_the_exponents_that_were_computed_for_them():
+    for preset in ("paper-flat", "paper-sphere"):
+        fractal = next(c for c in stiffness_candidates(surfaces_of(preset)) if c.id == "fractal")
+        assert (fractal.parameters[1].low, fractal.parameters[1].high) == FRACTAL == (0.51, 0.77)
+        low, high = (fractal.predict(LOADS, np.full((1, 1), 5.0), np.full((1, 1), e))[0] for e in FRACTAL)
+        assert np.log(high[-1] / high[0]) / np.log(LOADS[-1] / LOADS[0]) == pytest.approx(0.77)
+        assert low[0] > high[0]
+
+
+def test_reviewed_ranges_lie_within_the_wide_ones():
+    for name in ("series", "hardness", "share", "adhesion", "carried", "roughness", "exponent"):
+        wide, reviewed = (getattr(priors, name) for priors in (WIDE, REVIEWED))
+        assert wide.low <= reviewed.low < reviewed.high <= wide.high
+    assert REVIEWED.power_law(8.0).high / REVIEWED.power_law(8.0).low == pytest.approx(100)
 
 
 @pytest.mark.parametrize("e", [0.0, 1 / 3, 0.7])
@@ -208,7 +240,61 @@ def test_damping_of_one_dashpot():
 
 def test_eight_points_tell_several_explanations_of_the_flats_alike():
     best = FLAT.weighed[0]
-    assert {"series_compliance", "misalignment", "crowned_flats"} <= {best.candidate.id, *best.indistinguishable_from}
+    assert {"series_compliance", "fractal", "crowned_flats"} <= {best.candidate.id, *best.indistinguishable_from}
+
+
+def test_fig_6_is_another_assembly_that_agrees_and_speaks_against_misalignment():
+    other = ~FLAT.in_table
+    np.testing.assert_allclose(FLAT.load_mn[other], [440, 800])
+    np.testing.assert_allclose(FLAT.stiffness_n_per_m[other] * 1e-6, [7.26, 9.75], atol=0.005)
+    assert "+2.5 and +1.7 % from Table 5" in FLAT.other_assembly()
+    assert SPHERE.other_assembly() == ""
+    apart = next(w for w in FLAT.weighed if w.candidate.id == "misalignment")
+    once = [c for c in stiffness_candidates(surfaces_of("paper-flat")) if c.id == "misalignment"]
+    error = np.full(10, 5e-3)
+    (together,) = weigh(FLAT.load_mn * 1e-3, FLAT.stiffness_n_per_m, error, once)
+    assert apart.log_evidence < together.log_evidence - 1  # two assemblies would have to meet on the same share
+
+
+def test_the_stated_hardness_does_not_explain_the_flats_in_unloading():
+    by_id = {w.candidate.id: w for w in FLAT.weighed}
+    assert by_id["unloading"].left_out_rms > 1
+    assert by_id["unloading+series_compliance"].probability < 1e-4
+    harder = by_id["unloading_hardness+series_compliance"].parameters[0]
+    assert harder.low > 2 * 2.96
+
+
+# Lists of explanations.
+
+
+def test_lists_are_shares_of_the_evidence_of_what_they_hold():
+    lists = {u.name: u for u in FLAT.lists}
+    evidence = {w.candidate.id: w.log_evidence for w in FLAT.weighed}
+    names = [n for n in evidence if in_first_list(n)]
+    chance = np.exp([evidence[n] for n in names])
+    spring = chance[[takes_part(n) for n in names]].sum() / chance.sum()
+    found = lists["first list, reviewed priors"]
+    assert (found.explanations, found.spring) == (len(names), pytest.approx(spring))
+    by_cause: dict[str, list[float]] = {}
+    for name, log in evidence.items():
+        by_cause.setdefault(cause(name), []).append(math.exp(log))
+    means = {said: np.mean(values) for said, values in by_cause.items()}
+    assert lists["causes alike"].spring == pytest.approx(means["a spring in series"] / sum(means.values()))
+    assert lists["all, reviewed priors"].best == FLAT.weighed[0].candidate.id
+
+
+@pytest.mark.parametrize("gap", [FLAT, SPHERE])
+def test_what_is_said_of_a_spring_is_a_range(gap):
+    springs = [u.spring for u in gap.lists]
+    assert len(springs) >= 3
+    assert max(springs) - min(springs) > 0.2
+    assert sum("under 5 lists of explanations and priors" in said for said in gap.sentences()) == 1
+    assert [u["spring_in_series"] for u in gap.as_json()["lists"]] == springs
+
+
+def test_one_explanation_is_a_list_of_its_own():
+    (level,) = weigh(LOADS, 2 + 0 * LOADS, NO_ERROR, [Candidate("power_law", "", LEVEL.parameters, LEVEL.predict)])
+    assert {u.spring for u in under_lists([level], [level])} == {0.0}
 
 
 @pytest.mark.parametrize("gap", [FLAT, SPHERE])
@@ -238,7 +324,7 @@ def test_one_holder_does_not_serve_both():
 
 def test_the_lightest_load_of_the_sphere_stands_apart():
     series = next(w for w in SPHERE.weighed if w.candidate.id == "series_compliance")
-    assert series.apart[0] > 0.9
+    assert series.apart[0] > 0.85
     assert (series.apart[1:] < 0.5).all()
 
 

@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 from rig.errors import RigError
 from rig.settings import RigSettings
+from rig.tube import OwnMode
 from sim_backend.adopted import adopted
 from sim_backend.mechanisms.catalogue import catalogue, variants
 from sim_backend.pulses import half_sine
@@ -40,6 +41,16 @@ def test_without_mechanisms_it_is_the_exact_solution() -> None:
     exact = ring_down_linear(RIG, pulse_of(RIG, LOAD_N, 0.9), ONSET, SAMPLES, RATE_HZ, ANALOG)
     assert share(acceleration - exact.acceleration, exact.acceleration) < 1e-9
     assert share(lower - exact.lower_displacement, exact.lower_displacement) < 1e-9
+
+
+def test_a_declared_mode_of_the_tube_springs_is_in_it_too() -> None:
+    rig = replace(RIG, tube_mode=OwnMode(0.0013, 6078.0))
+    acceleration, lower = twin(rig=rig)
+    exact = ring_down_linear(rig, pulse_of(RIG, LOAD_N, 0.9), ONSET, SAMPLES, RATE_HZ, ANALOG)
+    assert share(acceleration - exact.acceleration, exact.acceleration) < 1e-9
+    assert share(lower - exact.lower_displacement, exact.lower_displacement) < 1e-9
+    without, _ = twin()
+    assert share(acceleration - without, without) > 1e-3
 
 
 def contact_force(mechanism: str, d: float, rate: float) -> float:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import linalg
 
 from analysis.mismatch.answer import RecordingFile
 from analysis.mismatch.diagnosis import diagnose_sessions
@@ -15,7 +17,9 @@ from analysis.session import AnalysisError
 from analysis.stiffness import ResonanceError, contact_from_pole
 from daq.records import Session
 from mesotap.configuration.declared import header_uncertainty
+from rig.tube import OwnMode
 from sim_backend.arrangement import tester as eq_9
+from sim_backend.two_mass import TwoMass
 from tests.analysis.ring_downs import K1, K2, LOADS_N, M1, M2, RATIOS, RIG, problem_of, session_of, two_mass, with_law
 
 
@@ -32,6 +36,20 @@ def test_loads_stay_each_sessions_own_and_every_impact_takes_part() -> None:
     assert sorted({s.group for s in segments}) == list(range(2 * len(LOADS_N)))
     assert [s.order for s in segments] == list(range(len(segments)))
     assert len({s.name for s in segments}) == len(segments)
+
+
+def test_what_a_header_says_of_the_tube_springs_is_part_of_the_rig() -> None:
+    session, mode = made(1), OwnMode(0.0013, 6078.0)
+    header = replace(session.rig, m1_kg=M1 + 0.0027, m2_kg=M2 + 0.0027, tube_added_kg=0.0027,
+                     tube_mode_kg=mode.mass_kg, tube_mode_hz=mode.frequency_hz)  # fmt: skip
+    rig = problem_of(replace(session, rig=header)).arrangement
+    assert rig.bodies == ("upper mass", "lower mass", "tube", "tube'")
+    values = rig.declared() | {"kc": 8e6, "cc": 0.0, "ct": 0.0}
+    mass, _, stiffness = rig.matrices(values)
+    poles = np.sqrt(linalg.eigh(stiffness, np.diag(mass), eigvals_only=True)) / (2 * np.pi)
+    whole = TwoMass(M1 + 0.0027, M2 + 0.0027, K1, K2, 8e6, 0.0, tube_mode=mode)
+    assert poles[:2] == pytest.approx(whole.modes()[::2], rel=1e-7)
+    assert problem_of(session).arrangement.bodies == ("upper mass", "lower mass")
 
 
 def test_two_sound_sessions_together_are_consistent_and_told_by_both_names() -> None:

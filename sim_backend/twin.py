@@ -174,7 +174,10 @@ class _Rig:
         c = np.concatenate([row, np.zeros(n)])[None]
         if order == 0:
             return StateSpace(self.matrix, b, c, np.zeros(1))
-        c = np.concatenate([np.zeros(n), row])[None] @ self.matrix
+        c = np.concatenate([np.zeros(n), row])[None]
+        if order == 1:
+            return StateSpace(self.matrix, b, c, np.zeros(1))
+        c = c @ self.matrix
         return StateSpace(self.matrix, b, c, np.array([float(row @ push)]))
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from sim_backend.arrangement import Arrangement, Element, Parameter
-from sim_backend.mechanisms.kinds import AddedBody, Derived, Quantity, Scale, Values, geometric
+from sim_backend.mechanisms.kinds import AddedBody, Quantity, Scale, Values, geometric
 from sim_backend.mechanisms.places import Place, channels_alike, unused_name
 
 SHARE, STIFFNESS, DAMPING, MASS = (
@@ -84,7 +84,6 @@ MECHANISM = AddedBody(
     one_signed=False,
     on_sensor=True,
     shaken=False,
-    derived=(Derived("lateral_frequency_hz", "Hz", frequency_hz, positive=True),),
     statement=lambda values, name: (
         f"{name[:1].upper()}{name[1:]} also shows motion across its axis: {100 * abs(values[SHARE]):.2g} % of what "
         f"the contact's force would give the body alone, which resonates at {frequency_hz(values):.0f} Hz."

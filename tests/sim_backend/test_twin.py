@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from scipy.integrate import solve_ivp
 
 from rig.errors import RigError
-from rig.settings import RigSettings
+from rig.settings import Filter, RigSettings
 from rig.tube import OwnMode
 from sim_backend.adopted import adopted
 from sim_backend.mechanisms.catalogue import catalogue, variants
@@ -22,6 +22,7 @@ from sim_backend.settings import SimBackendSettings
 from sim_backend.twin import twin_record
 from tests.analysis.ring_downs import FILTER, ONSET_S, RATE_HZ, analog_filter, pulse_of, two_mass
 
+NONE = Filter(family="none")
 LOAD_N, SAMPLES = 0.4, 1500
 ONSET = ONSET_S + 1.3e-5  # between two samples
 RIG = two_mass(LOAD_N)
@@ -184,3 +185,59 @@ def test_every_tap_is_followed_by_the_second_impact() -> None:
     assert good
     assert all(t.peaks_n[1] == pytest.approx(0.05 * t.peaks_n[0]) for t in good)
     assert half_sine(1.0, 3e-4).duration_s <= min(t.delays_s[1] for t in good)
+
+
+def in_the_twin(name: str, **values: float) -> tuple[np.ndarray, np.ndarray]:
+    return twin_record(
+        RIG, LOAD_N, [adopted(name, values)], pulse_of(RIG, LOAD_N, 0.5), ONSET, SAMPLES, RATE_HZ, analog_filter(NONE)
+    )
+
+
+def test_strain_of_its_base_adds_the_contacts_force_to_one_channel() -> None:
+    (a, b), lower = in_the_twin("base_strain", base_strain_m_s2_per_n=0.03)
+    force = RIG.m2 * b + RIG.k2 * lower  # by Newton's law; B is not strained
+    assert share(a - b - 0.03 * force, force) < 1e-9
+
+
+def test_motion_across_the_axis_shows_in_one_channel() -> None:
+    omega, mass = 2 * np.pi * 3000.0, 0.1
+    lateral = {"lateral_stiffness_n_per_m": mass * omega**2, "lateral_damping_n_s_per_m": 2.0}
+    (a, b), lower = in_the_twin("cross_axis_sensitivity", cross_axis_share=1e-3, lateral_mass_kg=mass, **lateral)
+    seen = np.abs(np.fft.rfft(a[600:] - b[600:]))[1:]
+    assert np.argmax(seen) + 1 == pytest.approx(3000.0 * seen.size * 2 / RATE_HZ, abs=2)
+    below = in_the_twin("cross_axis_sensitivity", cross_axis_share=1e-3, lateral_mass_kg=mass, **lateral)[1]
+    np.testing.assert_array_equal(lower, below)
+    force = RIG.m2 * b + RIG.k2 * lower
+    assert share(a - b, force / mass) < 0.05  # a thousandth of what the force would give the mass, amplified
+
+
+SERIES = {"specimen_mass_kg": 1e-5, "holder_stiffness_n_per_m": 4e7, "holder_damping_n_s_per_m": 1e-3}
+
+
+def test_a_holder_in_series_is_a_softer_contact() -> None:
+    """A specimen that weighs next to nothing on a holder: 1/k = 1/k_c + 1/k_h in the place of k_c."""
+    held = in_the_twin("holder_compliance", **SERIES)[0][0]
+    softer = replace(RIG, kc=1 / (1 / RIG.kc + 1 / SERIES["holder_stiffness_n_per_m"]))
+    softer = replace(softer, cc=RIG.cc * (softer.kc / RIG.kc) ** 2)
+    exact = ring_down_linear(softer, pulse_of(RIG, LOAD_N, 0.5), ONSET, SAMPLES, RATE_HZ, analog_filter(NONE))
+    assert share(held - exact.acceleration, held) < 0.03
+    plain = ring_down_linear(RIG, pulse_of(RIG, LOAD_N, 0.5), ONSET, SAMPLES, RATE_HZ, analog_filter(NONE))
+    assert share(held - plain.acceleration, held) > 0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("air_film", {"film_side_m": 1.35e-3, "film_gap_m": 5e-7}),
+        ("contact_relaxation", {"relaxing_share": 0.2, "relaxation_time_s": 1e-4}),
+        ("plastic_loading", {"yielding_share": 0.5}),
+        ("cable_drag", {"cable_damping_n_s_per_m": 2.0}),
+        ("sampling_jitter", {"jitter_samples": 0.01}),
+        ("converter_step", {"step_m_s2": 0.01, "rounded_share": 0.01}),
+    ],
+)
+def test_what_a_free_decay_hides_can_be_simulated(name: str, values: dict[str, float]) -> None:
+    found = in_the_twin(name, **values)[0]
+    plain = ring_down_linear(RIG, pulse_of(RIG, LOAD_N, 0.5), ONSET, SAMPLES, RATE_HZ, analog_filter(NONE)).acceleration
+    assert np.all(np.isfinite(found))
+    assert 1e-4 < share(found - plain, plain) < 2.0

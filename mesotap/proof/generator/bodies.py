@@ -113,6 +113,16 @@ def _tell_rolling(plan: Plan, s: float, c: Character) -> dict[str, Any]:
     }
 
 
+def _sideways(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
+    """The contact, inclined by s, pushes the lower mass sideways too, which no channel shows."""
+    angular, mass = 2 * math.pi * c["frequency_hz"], plan.masses[1]
+    return driven_by_the_contact(machine, mass, s, mass * angular**2, 2 * c["zeta"] * mass * angular)
+
+
+def _draw_turning(rng: np.random.Generator, plan: Plan) -> Character:
+    return {"frequency_hz": float(rng.uniform(900, 4500)), "zeta": float(rng.uniform(0.005, 0.03))}
+
+
 def _strained(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
     """One channel shows, besides, the contact's force: m2 a2 + k2 x2 by Newton's law for the lower mass."""
     seen = machine.seen if len(machine.seen) > 1 else np.repeat(machine.seen, 2, axis=0)
@@ -224,8 +234,11 @@ BODIES = (
         "cross_axis_sensitivity", "sensor chain", 0.02, 0.3, _tell_across, draw=_draw_across, machined=_across,
     ),
     Effect(
-        "upper_roll", "upper mass", 0.05, 0.6, _tell_rolling, machined=_rolling,
-        draw=lambda rng, plan: {"frequency_hz": float(rng.uniform(900, 4500)), "zeta": float(rng.uniform(0.005, 0.03))},
+        "upper_roll", "upper mass", 0.05, 0.6, _tell_rolling, machined=_rolling, draw=_draw_turning,
+    ),
+    Effect(
+        "normal_tangential_coupling", "contact", 0.05, 0.6,
+        lambda p, s, c: {"inclination": s, **c}, machined=_sideways, draw=_draw_turning,
     ),
     Effect(
         "base_strain", "sensor chain", 3e-3, 0.3,

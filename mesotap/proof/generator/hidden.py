@@ -54,6 +54,12 @@ def _film(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
     return machine
 
 
+def _jittered(y: Real, plan: Plan, s: float, c: Character) -> Real:
+    """Sample times that scatter by s of a sample, alike in both channels: the slope times the error of the time."""
+    late = s * np.random.default_rng(c["clock"]).standard_normal((y.shape[0], 1, y.shape[2]))
+    return np.asarray(y + late * np.gradient(y, axis=2))
+
+
 def _tell(name: str) -> Any:
     return lambda plan, s, c: {name: s, **c}
 
@@ -68,6 +74,10 @@ HIDDEN = {
         Effect(
             "air_film", "contact", 0.8e-6, 3e-6, _tell("film_gap_m"), machined=_film,
             draw=lambda rng, plan: {"film_side_m": 1.35e-3},
+        ),
+        Effect(
+            "sampling_jitter", "sensor chain", 1e-4, 1e-3, _tell("jitter_samples"), sensed=_jittered,
+            draw=lambda rng, plan: {"clock": int(rng.integers(2**31))},
         ),
         Effect("plastic_loading", "contact", 0.05, 0.6, _tell("yielding_share"), machined=_yielding),
         Effect(

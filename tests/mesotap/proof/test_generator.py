@@ -11,6 +11,7 @@ from scipy.linalg import expm
 from mesotap.proof.generator import integration
 from mesotap.proof.generator.concealed import Concealed, Hidden, conceal, record, signals, surviving
 from mesotap.proof.generator.effects import LISTED, OUTSIDE
+from mesotap.proof.generator.hidden import HIDDEN, film_modes
 from mesotap.proof.generator.plan import PRETRIGGER, RATE_HZ, Noise, Plan, machine_of, random_plan
 from mesotap.proof.generator.recorder import converted, filtered, innovations, noise_of, sampled, whitened
 from mesotap.proof.generator.scenarios import DOZEN, GRADES, draw_scenarios
@@ -94,6 +95,43 @@ def test_what_is_no_number_survives_without_bound() -> None:
 def test_traceless_faults_leave_no_trace() -> None:
     plan = small_plan()
     assert surviving(Concealed(plan, undeclared_hz=4000.0)).d < 0.3
+
+
+@pytest.mark.parametrize("name", sorted(set(HIDDEN) - {"sampling_jitter"}))
+def test_what_a_free_decay_hides_leaves_next_to_nothing(name: str) -> None:
+    plan, effect = small_plan(), HIDDEN[name]
+    strongest = effect.first if name == "air_film" else effect.largest  # the thinnest film
+    hidden = Hidden(effect, strongest, effect.draw(np.random.default_rng(1), plan))
+    without, found = signals(Concealed(plan)), signals(Concealed(plan, (hidden,)))
+    if name != "holder_compliance":  # in series with a stiffer contact it is k_c from the beginning
+        assert np.abs(found - without).max() > 2 * plan.noise.rms
+    assert refit(plan, found).d < 0.6  # of two impacts
+
+
+def test_jitter_is_noise_in_proportion_to_the_slope() -> None:
+    plan, effect = small_plan(), HIDDEN["sampling_jitter"]
+    y = signals(Concealed(plan))
+    errors = signals(Concealed(plan, (Hidden(effect, 1e-3, {"clock": 3}),))) - y
+    np.testing.assert_allclose(errors[:, 0] / np.gradient(y, axis=2)[:, 0], errors[:, 1] / np.gradient(y, axis=2)[:, 1])
+    assert np.std(errors / np.gradient(y, axis=2)) == pytest.approx(1e-3, rel=0.1)
+
+
+def test_the_films_modes_bear_its_whole_stiffness_and_leak_as_a_slow_film_does() -> None:
+    side, gap = 1.35e-3, 2e-6
+    modes = film_modes(side, gap)
+    assert sum(k for k, _ in modes) == pytest.approx(1.013e5 * side**2 / gap, rel=0.1)  # of the orders that are kept
+    assert sum(k * t for k, t in modes) == pytest.approx(0.4217 * 1.83e-5 * side**4 / gap**3, rel=0.01)
+
+
+def test_strained_channel_shows_the_force_of_the_contact() -> None:
+    plan, effect = small_plan(), EFFECTS["base_strain"]
+    assert effect.machined is not None
+    machine = effect.machined(machine_of(plan), plan, 0.1, {"sign": 1.0, "channel": 1})
+    a, b = np.moveaxis(integration.integrate(machine, 8000, plan.step_s), 1, 0)
+    h = plan.step_s
+    place = np.cumsum(np.cumsum(a, axis=1), axis=1) * h * h
+    force = plan.masses[1] * a + plan.springs[1] * place
+    assert np.abs(b - a - 0.1 * force / plan.masses[1]).max() < 2e-3 * np.abs(b - a).max()
 
 
 def test_strength_is_graded_by_what_survives() -> None:

@@ -18,7 +18,6 @@ EVEN = 0.02  # relative spread over the loads up to which a ratio counts as one 
 
 _SAME = {
     "attached_mass": ("attached_mass_kg", "mount_stiffness_n_per_m", "mount_damping_n_s_per_m"),
-    "base_strain": ("base_strain_m_s2_per_n",),
     "converter_step": ("step_m_s2",),
     "upper_roll": ("roll_mass_kg", "roll_stiffness_n_per_m", "roll_damping_n_s_per_m"),
     "channel_skew": ("delay_of_b_samples",),
@@ -67,8 +66,13 @@ _DERIVED: dict[str, dict[str, Callable[[Truth], float | None]]] = {
         "adhesion_force_share": lambda t: _ratio(t["effect"]["adhesion_force_n"], t["loads_n"]),
         "adhesion_range_share": lambda t: _ratio(t["effect"]["adhesion_range_m"], _static(t)),
     },
+    "base_strain": {  # of B over A
+        "base_strain_m_s2_per_n": lambda t: (
+            t["effect"]["base_strain_m_s2_per_n"] * (1 if t["effect"]["channel"] == "B" else -1)
+        )
+    },
     "cross_axis_sensitivity": {
-        "cross_axis_share": lambda t: t["effect"]["transverse_sensitivity"] * t["effect"]["inclination"]
+        "cross_axis_share": lambda t: -t["effect"]["transverse_sensitivity"] * t["effect"]["inclination"]
     },
     "menisci": {
         "meniscus_force_share": lambda t: _ratio(t["effect"]["meniscus_force_n"], t["loads_n"]),

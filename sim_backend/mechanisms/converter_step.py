@@ -6,8 +6,9 @@ import math
 
 from scipy.special import erf
 
+from sim_backend.arrangement import Arrangement
 from sim_backend.mechanisms.kinds import ChannelDistortion, Quantity, Real, Values
-from sim_backend.mechanisms.places import each_channel
+from sim_backend.mechanisms.places import Place, channels_alike
 
 NAME = "step_m_s2"
 ROUNDED = "rounded_share"
@@ -20,6 +21,11 @@ def distort(rows: Real, values: Values, sample_rate_hz: float) -> Real:
     return rows + 0.5 * values[NAME] * erf(rows / width)
 
 
+def at(rig: Arrangement) -> list[Place]:
+    """Return each of several channels that show the same: one alone cannot tell a step from a law of the rig."""
+    return [(i,) for group in channels_alike(rig) if len(group) > 1 for i in group]
+
+
 MECHANISM = ChannelDistortion(
     id="converter_step",
     component="sensor chain",
@@ -29,7 +35,7 @@ MECHANISM = ChannelDistortion(
     strength=NAME,
     trials=lambda scale: [{NAME: 1e-6, ROUNDED: share} for share in ROUNDINGS],
     distort=distort,
-    at=each_channel,
+    at=at,
     one_signed=False,
     statement=lambda values, name: (
         f"The scale of {name} has a step of {1e3 * values[NAME]:.3g} mm/s2 at zero: the converter is not linear."

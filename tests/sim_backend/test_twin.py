@@ -195,8 +195,8 @@ def in_the_twin(name: str, **values: float) -> tuple[np.ndarray, np.ndarray]:
 
 def test_strain_of_its_base_adds_the_contacts_force_to_one_channel() -> None:
     (a, b), lower = in_the_twin("base_strain", base_strain_m_s2_per_n=0.03)
-    force = RIG.m2 * b + RIG.k2 * lower  # by Newton's law; B is not strained
-    assert share(a - b - 0.03 * force, force) < 1e-9
+    force = RIG.m2 * a + RIG.k2 * lower  # by Newton's law; A is not strained
+    assert share(b - a - 0.03 * force, force) < 1e-9
 
 
 def test_motion_across_the_axis_shows_in_one_channel() -> None:

@@ -53,7 +53,6 @@ CASES = {
     "common error 0.1 %": Case(common=1e-3, declared={"common_weight_uncertainty_percent": 0.1}),
     "gravity anywhere on Earth": Case(anywhere=True, declared={"latitude_deg": None, "height_m": None}),
     "thermal bump 1.2 mN, zero read after each load": Case(bump_mn=1.2, zeros=True),
-    "thermal bump 1.2 mN, 1 mN/sqrt(h) declared": Case(bump_mn=1.2, declared={"zero_drift_mn_per_root_hour": 1.0}),
     "thermal bump 1.2 mN, nothing read or declared": Case(bump_mn=1.2),
     "random walk, zero read after each load": Case(walk_mn=0.6, zeros=True),
     "random walk, its size declared": Case(walk_mn=0.6, declared={"zero_drift_mn_per_root_hour": 0.6}),

@@ -11,6 +11,8 @@ FloatArray = NDArray[np.float64]
 
 DECLARED_DOF = 10.0  # how much a declared drift weighs, in increments that were seen: it is known to a quarter
 ASSUMED_DOF = 0.25  # and one that is only assumed: little enough that a single increment, once seen, decides
+FEWEST_BETWEEN = 3  # observations between first and last from which they are held against their neighbours
+CORRELATED = 1.94  # neighbouring such errors of a walk share increments: 1 + 2 (4/9 + 1/36), the sum of rho^2
 _RANGE, _GRID = 1e4, 81  # rates that are considered, about the declared one and what was seen
 
 
@@ -20,6 +22,10 @@ class RandomWalk:
     Its increments over a time h have the variance D h. D has the prior of a rate D_0 that is known beforehand with so
     many degrees of freedom (scaled inverse chi-squared) times the likelihood of what was observed, the unknown level
     left out (REML); between observations the walk is predicted by ordinary kriging, at the mean D.
+
+    How far the prediction may be off is judged by how well observations are predicted from their neighbours, where
+    there are at least `FEWEST_BETWEEN` between the first and the last: of a walk that gives the same D, of a drift that
+    is smooth, as a warming rig's, a smaller one.
 
     Parameters
     ----------
@@ -49,6 +55,9 @@ class RandomWalk:
         values = np.asarray(values, dtype=np.float64)
         self._gamma = np.abs(self._hours[:, None] - self._hours[None, :]) / 2
         self.rate_variance, self.dof = self._posterior(values, prior_rate**2, prior_dof)
+        self._error_rate = self.rate_variance
+        if len(values) >= FEWEST_BETWEEN + 2:
+            self._error_rate, self.dof = self._left_out(values, prior_rate**2, prior_dof)
 
     def weights(self, hour: float) -> FloatArray:
         """(n,) weights of the observations in the prediction at a time; they sum to one."""
@@ -71,7 +80,23 @@ class RandomWalk:
         """Variance of the walk about its prediction at a time, the noise of the observations left out."""
         w = self.weights(hour)
         unit = 2 * w @ (np.abs(hour - self._hours) / 2) - w @ self._gamma @ w
-        return self.rate_variance * max(float(unit), 0.0)
+        return self._error_rate * max(float(unit), 0.0)
+
+    def _left_out(self, values: FloatArray, known: float, prior_dof: float) -> tuple[float, float]:
+        """D by the errors of predicting each observation from its two neighbours, and its degrees of freedom."""
+        order = np.argsort(self._hours)
+        t, y, noise = self._hours[order], values[order], self._noise[order]
+        before, after = t[1:-1] - t[:-2], t[2:] - t[1:-1]
+        whole = np.maximum(before + after, 1e-12)
+        share = before / whole
+        error = y[1:-1] - (1 - share) * y[:-2] - share * y[2:]
+        by_noise = noise[1:-1] + (1 - share) ** 2 * noise[:-2] + share**2 * noise[2:]
+        unit = before * after / whole
+        if not np.sum(unit) > 0:
+            return self.rate_variance, self.dof
+        rate = max(float(np.sum(error**2 - by_noise) / np.sum(unit)), 0.0)
+        dof = len(error) / CORRELATED
+        return (prior_dof * known + dof * rate) / (prior_dof + dof), max(prior_dof + dof, 1.0)
 
     def _posterior(self, values: FloatArray, known: float, prior_dof: float) -> tuple[float, float]:
         """Mean of D and the degrees of freedom that its spread is worth."""

@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 DEMO := demo
 SEED := 1
 
-.PHONY: demo test check unit lint types layers kills recovery bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness clean
+.PHONY: demo test check unit lint types layers kills recovery gauges bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness clean
 
 demo: $(VENV)/.installed
 	rm -rf $(DEMO)
@@ -40,6 +40,10 @@ kills: $(VENV)/.tested
 # 200 seeded loads: does every interval cover as often as it says?
 recovery: $(VENV)/.installed
 	$(BIN)/python benchmarks/recovery.py
+
+# loads of a gauge that is bowed, drifts, has hysteresis, and of weights that are off: does their interval cover?
+gauges: $(VENV)/.installed
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/gauge_intervals.py
 
 # an hour of the recorder's stream, emulated: lost samples, processor time, memory
 streaming: $(VENV)/.installed

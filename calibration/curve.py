@@ -26,6 +26,7 @@ FloatArray = NDArray[np.float64]
 
 _SAME_WEIGHT = 1e-6  # of the largest load: loads no further apart are one weight
 FEWEST_FOR_CURVATURE = 4  # weights: with three, a parabola would leave nothing to judge its fit by
+MOST_BENT = 0.5  # curvature over slope: with it, the slope at one end is half of that in the middle
 FEWEST_FOR_A_LOOP = 2  # weights that were reached from both sides
 FEWEST_DOF = 3  # from which the scatter of readings is told from that of the weights
 
@@ -117,14 +118,8 @@ def fit_curve(calibrations: Sequence[CalibrationPoints], settings: CalibrationSe
     weights, place = np.unique(np.round(x / _SAME_WEIGHT), return_inverse=True)
     hung = np.eye(len(weights))[place]
     both = _reached_both_ways(place, direction, len(weights))
-    curved = len(weights) >= FEWEST_FOR_CURVATURE
     c = len(parts)
-    columns = [np.eye(c)[which], np.eye(c)[which] * x[:, None]]
-    columns += [(x**2 - x)[:, None]] if curved else []
-    columns += [(direction * 4 * x * (1 - x))[:, None]] if both.sum() >= FEWEST_FOR_A_LOOP else []
-    design = np.hstack(columns)
-    gain = np.asarray(np.linalg.pinv(design), dtype=np.float64)
-    beta = gain @ voltage
+    design, gain, beta, curved = _monotonic(x, voltage, np.eye(c)[which], direction, len(weights), int(both.sum()))
     slope = float(np.mean(beta[c : 2 * c])) / largest
     weight_std = settings.weight_errors_mn(weights * _SAME_WEIGHT * largest)
     weight_std_mv = np.asarray(slope * weight_std, dtype=np.float64)
@@ -152,6 +147,27 @@ def fit_curve(calibrations: Sequence[CalibrationPoints], settings: CalibrationSe
         zero_mv=np.array([float(np.mean(voltage[e])) if e.any() else math.nan for e in empty]),
         zero_readings=np.array([int(e.sum()) for e in empty]),
     )
+
+
+def _monotonic(
+    x: FloatArray, voltage: FloatArray, hung_in: FloatArray, direction: FloatArray, weights: int, both: int
+) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
+    """Design, its pseudo-inverse, the parameters, and whether a curvature is among them.
+
+    What would make the voltage fall anywhere with the load, or bend more than a gauge can, is left out: it is misfit.
+    """
+    c = hung_in.shape[1]
+    lines = np.hstack([hung_in, hung_in * x[:, None]])
+    bend = [(x**2 - x)[:, None]] if weights >= FEWEST_FOR_CURVATURE else []
+    loop = [(direction * 4 * x * (1 - x))[:, None]] if both >= FEWEST_FOR_A_LOOP else []
+    for extra, curved in ((bend + loop, bool(bend)), (loop, False), ([], False)):
+        design = np.hstack([lines, *extra])
+        gain = np.asarray(np.linalg.pinv(design), dtype=np.float64)
+        beta = np.asarray(gain @ voltage, dtype=np.float64)
+        least = float(np.min(beta[c : 2 * c]))
+        if least > 0 and not (curved and abs(beta[2 * c]) > MOST_BENT * least):
+            break
+    return design, gain, beta, curved
 
 
 def _directions(load: FloatArray) -> FloatArray:

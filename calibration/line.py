@@ -18,6 +18,7 @@ FloatArray = NDArray[np.float64]
 _ROUNDING = 64 * float(np.finfo(np.float64).eps)  # residuals below this share of the voltages are no scatter
 
 _SAME_WEIGHT = 1e-6  # loads that differ by no more than this share (of 1 mN at least) are one weight
+MOST_READINGS = 2000  # a weight a second for half an hour; the usual are 14
 _IMPLAUSIBLE = 1e9  # no gauge and no weight reaches this, in mV or mN
 
 
@@ -216,6 +217,8 @@ def checked(points: CalibrationPoints) -> tuple[FloatArray, FloatArray]:
             f"loads of shape {load.shape} and voltages of shape {voltage.shape} are no calibration: one voltage "
             "belongs to each load"
         )
+    if load.size > MOST_READINGS:
+        raise CalibrationError(f"the calibration has {load.size} readings, more than {MOST_READINGS}")
     bad = ~(np.isfinite(load) & np.isfinite(voltage))
     if bad.any():
         raise CalibrationError(f"point {int(np.argmax(bad)) + 1} of the calibration is not a finite number")

@@ -242,3 +242,22 @@ def test_published_sensitivity_is_within_its_interval():
     result = GaugeHistory(line(EIGHT, noise=0.02, rng=rng), line(TEN, noise=0.02, rng=rng), SETTINGS).result()
     assert result.sensitivity_mv_per_mn.low < 0.042 < result.sensitivity_mv_per_mn.high  # Sec. 3.2
     assert not result.drifted
+
+
+@given(
+    st.lists(st.sampled_from([0.0, 100.0, 250.0, 500.0, 1000.0]), min_size=2, max_size=14),
+    st.lists(st.floats(-50, 50), min_size=14, max_size=14),
+    st.floats(-100, 100),
+)
+def test_whatever_the_points_a_load_is_a_number_or_none(weights, errors, voltage):
+    load = np.array(weights)
+    points = CalibrationPoints(load, 0.35 + 0.042 * load + np.array(errors[: len(load)]), EIGHT)
+    found = GaugeHistory(points, line(TEN), SETTINGS).load_at(voltage, NINE)
+    assert np.isfinite([found.value, found.standard_error, found.half_width]).all()
+    assert found.half_width > 0
+
+
+def test_more_readings_than_anybody_takes_are_no_calibration():
+    many = np.linspace(0, 1000, 3000)
+    history = GaugeHistory(CalibrationPoints(many, 0.042 * many, EIGHT), None, SETTINGS)
+    assert "3000 readings" in history.notes[0]

@@ -147,8 +147,8 @@ def _flats(s: Surfaces, A_n: float) -> list[TheoryCurve]:
             unloads_alike=False,
         ),
         TheoryCurve(
-            "rough flats, Gaussian heights that have yielded, unloading",
-            "contact spots of Eq. 6",
+            "yielded rough flats, unloading",
+            "spots of Eq. 6",
             yielding.unloading_stiffness,
             contact_area=yielding.contact_area,
         ),

@@ -211,7 +211,7 @@ def test_elastic_asperities_unload_as_they_load():
 
 def test_curves_say_whether_a_ring_down_sees_them():
     sees = {curve.equation: curve.unloads_alike for curve in theory("paper-flat")}
-    assert sees == {"Eq. 7, 8": True, "Eq. 5": True, "Eq. 6": False, "contact spots of Eq. 6": True}
+    assert sees == {"Eq. 7, 8": True, "Eq. 5": True, "Eq. 6": False, "spots of Eq. 6": True}
     said = plasticity("paper-flat", [0.2649, 0.927]).sentence(np.array([0.2649, 0.927]))
     assert "plasticity index is 11" in said
     assert "99.99 % of the load" in said

@@ -163,7 +163,7 @@ def test_candidates_at_the_published_values_are_the_theories(preset):
             "Eq. 5": "elastic_asperities",
             "Eq. 6": "yielding_asperities",
             "Eq. 7, 8": "exponential_heights",
-            "contact spots of Eq. 6": "unloading",
+            "spots of Eq. 6": "unloading",
         },
         "paper-sphere": {"Greenwood and Tripp": "rough_sphere"},
     }[preset]

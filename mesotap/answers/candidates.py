@@ -109,5 +109,16 @@ def candidate_table(selection: Selection[RingDownFit], known: Mapping[str, tuple
     return Table(caption, headings, rows, (0, 1, 6))
 
 
+def considered(selection: Selection[RingDownFit], known: Mapping[str, tuple[Mechanism, ...]]) -> str:
+    """Say that no mechanism had to be fitted, and which there were; empty where some were."""
+    if selection.steps:
+        return ""
+    return (
+        f"What {selection.problem.linear} leaves is noise by the overall test, at the level of "
+        f"{100 * selection.problem.policy.level:.0f} %; so none of the {len(known)} mechanisms that took part had to "
+        f"be fitted: {', '.join(sorted(known))}."
+    )
+
+
 def _whole(value: float | None) -> str:
     return UNKNOWN if value is None else f"{value:.0f}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -11,10 +11,11 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from analysis.mismatch.answer import Answer
+from daq.records import Session
 from mesotap.answers.diagnosis_text import linear_rig, probability_words, verdict_sentence, what_was_recorded
 from mesotap.answers.results_files import json_text
 from mesotap.report import figures
-from mesotap.report.report import environment, figure_folder, written
+from mesotap.report.report import environment, figure_folder, is_simulated, written
 
 K_C: Final = Markup("<i>k</i><sub>c</sub>")
 ZETA_C: Final = Markup("<i>ζ</i><sub>c</sub>")
@@ -51,6 +52,8 @@ class Evidence:
         predicted with what was left out.
     candidates, constants
         The selection of mechanisms, and what the fits made of the rig's constants.
+    considered
+        Where no mechanism had to be fitted, a sentence that says so instead of a table.
     excluded
         Mechanisms that did not take part.
     method
@@ -64,6 +67,7 @@ class Evidence:
     constants: tuple[Table, ...]
     excluded: tuple[str, ...]
     method: str | Markup
+    considered: str = ""
 
     @property
     def pictures(self) -> tuple[Picture, ...]:
@@ -72,7 +76,13 @@ class Evidence:
 
 
 def write_page(
-    folder: Path, answer: Answer, evidence: Evidence, content: Mapping[str, Any], *, pdf_figures: bool = True
+    folder: Path,
+    answer: Answer,
+    evidence: Evidence,
+    content: Mapping[str, Any],
+    sessions: Sequence[Session] = (),
+    *,
+    pdf_figures: bool = True,
 ) -> Path:
     """Write ``diagnosis.html``, ``diagnosis.json`` and ``figures/diagnosis-*.pdf`` into a folder; return the page.
 
@@ -80,6 +90,8 @@ def write_page(
     ----------
     content
         The answer as programs read it.
+    sessions
+        What was diagnosed, if it was recorded by this program: specimen, operator and date stand at the head.
     pdf_figures
         Whether to write the figures for print, which takes about as long as the page.
     """
@@ -92,6 +104,8 @@ def write_page(
     html = environment().get_template("diagnosis.html").render(
         answer=answer,
         evidence=evidence,
+        sessions=sessions,
+        simulated=any(is_simulated(session) for session in sessions),
         verdict=verdict_sentence(answer),
         recorded=what_was_recorded(answer),
         linear=linear_rig(answer),

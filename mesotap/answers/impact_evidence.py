@@ -16,10 +16,10 @@ from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.selection import Selection
 from analysis.results import SessionResults
 from calibration.estimate import Estimate
-from mesotap.answers.candidates import candidate_table
+from mesotap.answers.candidates import candidate_table, considered
 from mesotap.answers.diagnosis_page import K_C, ZETA_C, Evidence, Picture, Table
 from mesotap.answers.diagnosis_text import words
-from mesotap.answers.rounding import UNKNOWN, significant, with_uncertainty
+from mesotap.answers.rounding import significant, with_uncertainty
 from mesotap.report import figures
 from sim_backend.mechanisms.catalogue import catalogue
 from sim_backend.mechanisms.kinds import Mechanism
@@ -55,7 +55,8 @@ def evidence_of_impacts(
         where=_where(selection.baseline, results, tester),
         what=(_force(selection),) if tester else (),
         gained=_gained(selection),
-        candidates=(candidate_table(selection, known),),
+        candidates=(candidate_table(selection, known),) if selection.steps else (),
+        considered=considered(selection, known),
         constants=(*((_contact(selection),) if tester else ()), _constants(selection)),
         excluded=tuple(m for m in catalogue() if m not in known),
         method=METHOD,
@@ -120,26 +121,26 @@ def _varying(before: RingDownFit) -> Picture:
 
 def _force(selection: RingDownSelection) -> Picture:
     before, after = selection.baseline, _augmented(selection)
-    pictures = [_picture(before, after, number) for number in telling_impacts(before, selection.best)]
+    numbers = telling_impacts(before, selection.best)
+    columns = "Left: the strongest impact of the load that tells most; right: its weakest. " if len(numbers) > 1 else ""
     return Picture(
         "force",
-        figures.force_figure(pictures, law_name(after)),
+        figures.force_figure([_picture(before, after, number) for number in numbers], law_name(after)),
         "Contact force against deflection, reconstructed and by the laws",
         Markup(
             "The contact's force, read off the recordings without a law: <i>m</i><sub>2</sub> <i>a</i><sub>2</sub> + "
             "<i>k</i><sub>2</sub> <i>x</i><sub>2</sub> is the force, the upper mass's equation gives its own motion. "
-            "Left: the strongest impact of the load that tells most; right: its weakest. Top: against deflection; "
-            "bottom: what it is beyond Eq. 9's, as points and as means over bins of the deflection. Dashed: minus the "
-            "load, where the surfaces would part. The slow part of the deflection, which no accelerometer shows, is "
-            "chosen so that swings of all sizes lie on one curve."
-        ),
+            "{}Top: against deflection; bottom: what it is beyond Eq. 9's, as points and as means over bins of the "
+            "deflection. Dashed: minus the load, where the surfaces would part. The slow part of the deflection, "
+            "which no accelerometer shows, is chosen so that swings of all sizes lie on one curve."
+        ).format(columns),
     )
 
 
 def _picture(before: RingDownFit, after: RingDownFit | None, number: int) -> figures.ForcePicture:
     segment = before.segments[number]
     stiffness = before.constants.at(segment.group)["kc"]
-    motion = stitched(reconstruct(before, number), stiffness)
+    motion = stitched(reconstruct(before, number, after), stiffness)
     frequency = float(np.abs(before.modes[segment.group].rig.poles).max()) / (2 * np.pi)
     augmented = None if after is None else law_along(after, segment, motion)
     return figures.ForcePicture(motion, law_along(before, segment, motion), augmented, stiffness, frequency)
@@ -165,39 +166,35 @@ def _gained(selection: RingDownSelection) -> tuple[Picture, ...]:
 def _contact(selection: RingDownSelection) -> Table:
     after = _augmented(selection)
     before = contact_at_rest(selection.baseline)
-    corrected = [None] * len(before) if after is None else list(contact_at_rest(after))
-    rows = tuple(
-        (
-            f"{1e3 * b.load_n:.1f}",
-            with_uncertainty(b.stiffness, 1e-6),
-            UNKNOWN if a is None else with_uncertainty(a.stiffness, 1e-6),
-            with_uncertainty(b.damping_ratio, 100),
-            UNKNOWN if a is None else with_uncertainty(a.damping_ratio, 100),
-        )
-        for b, a in zip(before, corrected, strict=True)
-    )
-    beside = f", and with {law_name(after)} in the model, where they are those at zero amplitude" if after else ""
-    caption = Markup("{} and {} by Eq. 9{}; ± is half of the 95 % interval of the joint fit.").format(
-        K_C, ZETA_C, beside
-    )
+    corrected = () if after is None else contact_at_rest(after)
     k, z = Markup("{} [MN/m]").format(K_C), Markup("{} [%]").format(ZETA_C)
-    headings = ("Load [mN]", k + ", Eq. 9", k + ", corrected", z + ", Eq. 9", z + ", corrected")
-    return Table(caption, headings, rows, ())
+    rows: list[tuple[str, ...]] = []
+    for place, plain in enumerate(before):
+        row = [f"{1e3 * plain.load_n:.1f}"]
+        row += [with_uncertainty(c.stiffness, 1e-6) for c in (plain, *corrected[place : place + 1])]
+        row += [with_uncertainty(c.damping_ratio, 100) for c in (plain, *corrected[place : place + 1])]
+        rows.append(tuple(row))
+    beside = f", and with {law_name(after)} in the model, where they are those at zero amplitude" if after else ""
+    mean = ", of the mean of a load's impacts where these scatter" if selection.best.problem.scattered else ""
+    caption = Markup("{} and {} by Eq. 9{}; ± is half of the 95 % interval of the joint fit{}.").format(
+        K_C, ZETA_C, beside, mean
+    )
+    models = (", Eq. 9", ", corrected") if after else (", Eq. 9",)
+    return Table(caption, ("Load [mN]", *(q + m for q in (k, z) for m in models)), tuple(rows), ())
 
 
 def _constants(selection: RingDownSelection) -> Table:
     """List the rig's declared constants with what the fits made of them."""
-    before = dict(zip(selection.baseline.constants.names()[0], selection.baseline.constants.rig.tolist(), strict=True))
-    after = dict(zip(selection.best.constants.names()[0], selection.best.constants.rig.tolist(), strict=True))
+    fits = (selection.baseline, selection.best) if selection.best.terms else (selection.baseline,)
+    values = [dict(zip(f.constants.names()[0], f.constants.rig.tolist(), strict=True)) for f in fits]
     rows = tuple(
         (
             Markup("<i>{}</i><sub>{}</sub> [{}]").format(p.name[0], p.name[1:], p.unit),
             with_uncertainty(Estimate(p.value, p.uncertainty)),
-            significant(before[p.name], 5),
-            significant(after[p.name], 5) if selection.best.terms else UNKNOWN,
+            *(significant(v[p.name], 5) for v in values),
         )
         for p in selection.best.problem.arrangement.parameters
-        if p.name in before
+        if p.name in values[0]
     )
     caption = "What the fits had to change of the declared constants; a wrong value is not missing physics."
-    return Table(caption, ("Constant", "Declared", "Eq. 9", "With what was left out"), rows)
+    return Table(caption, ("Constant", "Declared", *("Eq. 9", "With what was left out")[: len(fits)]), rows)

@@ -77,7 +77,7 @@ def diagnose(files: Sequence[Path], asked: Asked, console: Console) -> None:
     from mesotap.commands.outputs import make_ready, write_json
 
     known = known_mechanisms(asked.without, own_folders(asked.config))
-    read = _read(files, asked.rig, console)
+    read = _read([_file_of(file) for file in files], asked.rig, console)
     make_ready(asked.json, asked.report)
     began = time.monotonic()
     found = diagnosed(read, known, console)
@@ -111,6 +111,21 @@ def _read(files: Sequence[Path], rig_file: Path | None, console: Console) -> Rea
         recordings.append(import_recording(file, rig.rate_hz))
         show_left_out(recordings[-1], console)
     return Read(rig, recording_files(files), (), tuple(recordings), tuple(sweeps))
+
+
+def _file_of(path: Path) -> Path:
+    """Return the session file of a session's folder; anything else as it is."""
+    from mesotap.commands.recordings import SESSION_FILE
+
+    if not path.is_dir():
+        return path
+    file = path / SESSION_FILE
+    if not file.exists():
+        raise RecordingError(
+            f"{path}: holds no {SESSION_FILE} yet; finish the session with 'mesotap resume {path}', or "
+            f"'mesotap recover {path}' makes one of what is there"
+        )
+    return file
 
 
 def _session(file: Path, of_tester: bool) -> Session:
@@ -184,7 +199,7 @@ def report_of(
             status.update("following the modes along the ring-downs ...")
             results = _analysed(read.sessions[0])
         status.update("drawing ...")
-        return write_page(folder, found.answer, evidence_of(found, known, results), content)
+        return write_page(folder, found.answer, evidence_of(found, known, results), content, read.sessions)
 
 
 def _analysed(session: Session) -> SessionResults | None:

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Plate",
     "environment",
+    "is_simulated",
     "published_report",
     "recording_report",
     "results_json",
@@ -55,6 +56,11 @@ __all__ = [
 
 FIGURE_FOLDER = "figures"
 SIMULATED = "(simulated rig)"  # in the software that a session file names
+
+
+def is_simulated(session: Session) -> bool:
+    """Return whether a session's taps come from the simulated rig."""
+    return SIMULATED in session.software
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +151,7 @@ def write_report(
         theory=theory,
         drifted=drift,
         drift_footnote=figures.DRIFT_FOOTNOTE,
-        simulated=truth is not None or SIMULATED in session.software,
+        simulated=truth is not None or is_simulated(session),
         summary=summary(results, theory, ratios),
         plates={n: Plate(Markup(figures.inline_svg(drawn[n], n, _label(n, drift)))) for n in drawn},
         typical=_typical_impact(session),

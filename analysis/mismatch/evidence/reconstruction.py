@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 from analysis.mismatch.ring_downs.experiment import Segment
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from sim_backend.acting import laws_in
-from sim_backend.arrangement import DERIVATIVES, LOAD, Arrangement
+from sim_backend.arrangement import DERIVATIVES, Arrangement
 from sim_backend.arrays import Real
 from sim_backend.force_law import MEMORY
 from sim_backend.mechanisms.kinds import AtRest
@@ -84,17 +84,25 @@ class _System:
     force: Real
 
 
-def reconstruct(fit: RingDownFit, number: int) -> Reconstruction:
+def reconstruct(fit: RingDownFit, number: int, rig_of: RingDownFit | None = None) -> Reconstruction:
     """Return the contact force of a segment of a fit, whatever its law.
 
-    Masses and springs are those declared: a fit of the wrong law bends them. The fit gives ``k_c`` and ``c_c``, the
-    line about which the force is sought, and the size of the motion. Channels are averaged.
+    Masses and springs are fitted, not declared, ones: the upper mass is close to resonance with the system mode, and
+    springs that miss its frequency by a thousandth would move it by as much again. The fit gives ``k_c`` and ``c_c``,
+    the line about which the force is sought, and the size of the motion. Channels are averaged.
+
+    Parameters
+    ----------
+    rig_of
+        Fit that gives masses and springs, such as that of the law that was found: a fit of the wrong law bends them.
+        The same fit by default.
     """
     segment = fit.problem.experiment.segments[number]
     rate = fit.problem.experiment.sample_rate_hz
     place = next(i for i, e in enumerate(fit.arrangement.elements) if e.role == "contact")
     fitted = fit.constants.at(segment.group)
-    values = fitted | {p.name: p.value for p in fit.problem.arrangement.parameters if p.scope != LOAD}
+    sound = fit if rig_of is None else rig_of
+    values = fitted | dict(zip(sound.constants.names()[0], sound.constants.rig.tolist(), strict=True))
     rig = fit.modes[segment.group].rig
     seen = fit.arrangement.vector(fit.arrangement.elements[place].row, values) @ rig.shapes
     deformation = float(np.sum(rig.weight * np.abs(seen * fit.amplitudes[number])))
@@ -307,13 +315,11 @@ def _smoothed(system: _System, y: Real) -> tuple[Real, Real]:
 def telling_impacts(before: RingDownFit, after: RingDownFit) -> tuple[int, ...]:
     """Return the strongest and a weak segment of the load at which the better fit takes away most per impact."""
     segments = before.problem.experiment.segments
-    gain = np.zeros(len(before.problem.experiment.loads_n))
-    count = np.zeros_like(gain)
+    gains: dict[float, list[float]] = {}
     for segment, r, s in zip(segments, before.residuals, after.residuals, strict=True):
-        gain[segment.group] += float(np.vdot(r, r) - np.vdot(s, s))
-        count[segment.group] += 1
-    group = int(np.argmax(gain / np.maximum(count, 1)))
-    return _extremes([i for i, r in enumerate(segments) if r.group == group], segments)
+        gains.setdefault(segment.preload_n, []).append(float(np.vdot(r, r) - np.vdot(s, s)))
+    load = max(gains, key=lambda n: float(np.mean(gains[n])))
+    return _extremes([i for i, r in enumerate(segments) if r.preload_n == load], segments)
 
 
 def _extremes(numbers: Sequence[int], segments: Sequence[Segment]) -> tuple[int, ...]:

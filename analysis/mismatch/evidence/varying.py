@@ -64,47 +64,52 @@ def contact_by_amplitude(fit: RingDownFit) -> tuple[Varying, ...]:
 
 
 def _varying(fit: RingDownFit, edges: Real, windows: Windows) -> tuple[Varying, ...]:
-    problem = fit.problem
-    place = next(i for i, e in enumerate(fit.arrangement.elements) if e.role == "contact")
-    nuisance = problem.nuisance()
-    rate, bins = problem.experiment.sample_rate_hz, edges.size - 1
+    bins = edges.size - 1
     middle = np.sqrt(np.maximum(edges[:-1], edges[1:] / 4) * edges[1:])
     found = []
-    for group, load in enumerate(problem.experiment.loads_n):
-        values = fit.constants.at(group)
-        modes = fit.modes[group]
-        to = fit.responded(group)
-        critical = 2 * math.sqrt(values["kc"] * _reduced_mass(fit, place, values))
-        normal, gradient = np.zeros((2 * bins, 2 * bins)), np.zeros(2 * bins)
-        for number, segment in enumerate(problem.experiment.segments):
-            if segment.group != group:
-                continue
-            t = np.arange((segment.y.shape[1] - 1) * SUBSTEPS + 1) / rate / SUBSTEPS
-            d, v = to.motion(fit.amplitudes[number], place, t)
-            fastest = float(np.abs(modes.rig.poles).max())
-            size = values["kc"] * np.hypot(d, v / fastest) / (segment.preload_n or 1.0)
-            window = windows(t, size)
-            forces = values["kc"] * d, UNIT_RATIO * critical * v
-            columns = np.stack(
-                [
-                    whiten(
-                        to.to(place, np.where(window == w, f, 0.0), t[1], SUBSTEPS), problem.experiment.noise
-                    ).ravel()
-                    for f in forces
-                    for w in range(bins)
-                ],
-                axis=1,
-            )
-            own = nuisance.columns(modes, segment).reshape(columns.shape[0], -1)
-            basis = np.linalg.qr(own)[0]
-            columns -= basis @ (basis.T @ columns)
-            normal += columns.T @ columns
-            gradient += columns.T @ fit.residuals[number].ravel()
-        change, error = _solved(normal, gradient)
+    for groups in fit.problem.groups_by_load:
+        parts = [_equations(fit, group, bins, windows) for group in groups]
+        normal, gradient = sum(p[0] for p in parts), sum(p[1] for p in parts)
+        ratio = float(np.mean([p[2] for p in parts]))
+        change, error = _solved(np.asarray(normal), np.asarray(gradient))
         k, ke, c, ce = change[:bins], error[:bins], UNIT_RATIO * change[bins:], UNIT_RATIO * error[bins:]
         kept = (ke < LARGEST_ERROR) & (ce < LARGEST_ERROR)
-        found.append(Varying(load, middle[kept], k[kept], ke[kept], values["cc"] / critical + c[kept], ce[kept]))
+        load = fit.problem.experiment.loads_n[groups[0]]
+        found.append(Varying(load, middle[kept], k[kept], ke[kept], ratio + c[kept], ce[kept]))
     return tuple(found)
+
+
+def _equations(fit: RingDownFit, group: int, bins: int, windows: Windows) -> tuple[Real, Real, float]:
+    """Return normal matrix and gradient of the changes of a group's contact in each window, and its damping ratio."""
+    problem = fit.problem
+    place = next(i for i, e in enumerate(fit.arrangement.elements) if e.role == "contact")
+    nuisance, noise, rate = problem.nuisance(), problem.experiment.noise, problem.experiment.sample_rate_hz
+    values, modes, to = fit.constants.at(group), fit.modes[group], fit.responded(group)
+    critical = 2 * math.sqrt(values["kc"] * _reduced_mass(fit, place, values))
+    fastest = float(np.abs(modes.rig.poles).max())
+    normal, gradient = np.zeros((2 * bins, 2 * bins)), np.zeros(2 * bins)
+    for number, segment in enumerate(problem.experiment.segments):
+        if segment.group != group:
+            continue
+        t = np.arange((segment.y.shape[1] - 1) * SUBSTEPS + 1) / rate / SUBSTEPS
+        d, v = to.motion(fit.amplitudes[number], place, t)
+        size = values["kc"] * np.hypot(d, v / fastest) / (segment.preload_n or 1.0)
+        window = windows(t, size)
+        forces = values["kc"] * d, UNIT_RATIO * critical * v
+        columns = np.stack(
+            [
+                whiten(to.to(place, np.where(window == w, f, 0.0), t[1], SUBSTEPS), noise).ravel()
+                for f in forces
+                for w in range(bins)
+            ],
+            axis=1,
+        )
+        own = nuisance.columns(modes, segment).reshape(columns.shape[0], -1)
+        basis = np.linalg.qr(own)[0]
+        columns -= basis @ (basis.T @ columns)
+        normal += columns.T @ columns
+        gradient += columns.T @ fit.residuals[number].ravel()
+    return normal, gradient, values["cc"] / critical
 
 
 def _solved(normal: Real, gradient: Real) -> tuple[Real, Real]:

@@ -27,26 +27,33 @@ def contact_at_rest(found: RingDownFit) -> tuple[ContactAtRest, ...]:
     """Return the contact at every load of a fit, in the order of its loads.
 
     Standard errors are those of the joint fit: what belongs to each impact, the declared constants and the
-    mechanisms' parameters are left free in them. The errors of the loads themselves are not.
+    mechanisms' parameters are left free in them. Where impacts have a contact of their own, a load has their mean, and
+    their scatter counts. The errors of the loads themselves are not included.
     """
+    return tuple(_at_rest(found, groups) for groups in found.problem.groups_by_load)
+
+
+def _at_rest(found: RingDownFit, groups: Sequence[int]) -> ContactAtRest:
+    """Return the mean contact of groups of the same load."""
     rig_names, load_names = found.constants.names()
-    answers = []
-    for group, load in enumerate(found.problem.experiment.loads_n):
+    slopes = np.zeros((3, len(found.covariance)))  # of k_c, c_c and zeta_c, by the constants of the rig and the groups
+    each = np.empty((len(groups), 3))
+    for place, group in enumerate(groups):
         first = len(rig_names) + group * len(load_names)
         where = [rig_names.index(n) for n in BODY] + [first + load_names.index(n) for n in CONTACT]
-        covariance = found.covariance[np.ix_(where, where)]
         values = found.constants.at(group)
         x = np.array([values[n] for n in (*BODY, *CONTACT)])
-        slopes = np.array([_slope(x, i) for i in range(x.size)])
-        answers.append(
-            ContactAtRest(
-                load,
-                Estimate(float(x[-2]), _error(covariance[-2, -2])),
-                Estimate(float(x[-1]), _error(covariance[-1, -1])),
-                Estimate(_damping_ratio(x), _error(float(slopes @ covariance @ slopes))),
-            )
-        )
-    return tuple(answers)
+        each[place] = x[-2], x[-1], _damping_ratio(x)
+        slopes[0, where[-2]] += 1 / len(groups)
+        slopes[1, where[-1]] += 1 / len(groups)
+        slopes[2, where] += np.array([_slope(x, i) for i in range(x.size)]) / len(groups)
+    variance = np.einsum("qi,ij,qj->q", slopes, found.covariance, slopes)
+    if len(groups) > 1:
+        variance += each.var(axis=0, ddof=1) / len(groups)
+    load = found.problem.experiment.loads_n[groups[0]]
+    return ContactAtRest(
+        load, *(Estimate(float(v), _error(s)) for v, s in zip(each.mean(axis=0), variance, strict=True))
+    )
 
 
 def _damping_ratio(x: Real) -> float:

@@ -76,7 +76,11 @@ class Experiment:
     noise: tuple[NoiseModel, ...]
     sample_rate_hz: float
     loads_n: tuple[float, ...]
-    noise_rms: float
+
+    @property
+    def noise_rms(self) -> float:
+        """Rms of the noise as residuals are measured: of what of it earlier samples do not predict, m/s2."""
+        return float(np.sqrt(np.mean([m.deviation**2 for m in self.noise])))
 
     @property
     def level_error(self) -> float:
@@ -172,8 +176,7 @@ def segments_of(
             )
         )  # fmt: skip
     loads = tuple(loads_n[k] for k in sorted(groups, key=lambda k: groups[k]))
-    rms = float(np.mean([np.std(s.acceleration[:, : s.pretrigger - GUARD_SAMPLES]) for s in impacts]))
-    return Experiment(tuple(segments), noise, rate, loads, rms)
+    return Experiment(tuple(segments), noise, rate, loads)
 
 
 def joined(parts: Sequence[Experiment]) -> Experiment:
@@ -190,5 +193,4 @@ def joined(parts: Sequence[Experiment]) -> Experiment:
             replace(r, name=prefix + r.name, group=r.group + len(loads), order=r.order + last) for r in part.segments
         ]
         loads += part.loads_n
-    rms = float(np.sqrt(np.mean([p.noise_rms**2 for p in parts])))
-    return Experiment(tuple(segments), parts[0].noise, parts[0].sample_rate_hz, tuple(loads), rms)
+    return Experiment(tuple(segments), parts[0].noise, parts[0].sample_rate_hz, tuple(loads))

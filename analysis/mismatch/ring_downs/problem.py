@@ -90,6 +90,14 @@ class RingDowns(Problem["RingDownFit"]):
         """Samples of a channel, all segments together."""
         return sum(s.y.shape[1] for s in self.experiment.segments)
 
+    @property
+    def groups_by_load(self) -> tuple[tuple[int, ...], ...]:
+        """Groups of each load: one, or all impacts of the load where each has constants of its own."""
+        own: dict[float, list[int]] = {}
+        for group, load in enumerate(self.experiment.loads_n):
+            own.setdefault(load if self.scattered else group, []).append(group)
+        return tuple(tuple(groups) for groups in own.values())
+
     def per_impact_constants(self) -> RingDowns:
         """Return the same problem with constants of its own for every impact in the place of every load."""
         segments = tuple(replace(s, group=i) for i, s in enumerate(self.experiment.segments))

@@ -185,14 +185,11 @@ def varying_figure(in_time: Sequence[Varying], by_amplitude: Sequence[Varying]) 
 
 
 def _limit(axes: Axes, values: Sequence[tuple[Real, Real]]) -> None:
-    """Let the well-known windows set the axis: those with wide intervals may leave it."""
-    every = np.concatenate([v for v, _ in values])
-    errors = np.concatenate([e for _, e in values])
-    if not every.size:
+    """Let the well-known windows of each load set the axis: those with wide intervals may leave it."""
+    ends = [np.stack([v - NORMAL_95 * e, v + NORMAL_95 * e])[:, e <= 4 * np.median(e)] for v, e in values if v.size]
+    if not ends:
         return
-    sure = errors <= 4 * np.median(errors)
-    low = float(np.min((every - NORMAL_95 * errors)[sure]))
-    high = float(np.max((every + NORMAL_95 * errors)[sure]))
+    low, high = (float(pick(np.concatenate([e[i] for e in ends]))) for i, pick in enumerate((np.min, np.max)))
     margin = 0.06 * (high - low)
     axes.set_ylim(low - margin, high + margin)
 

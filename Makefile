@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 DEMO := demo
 SEED := 1
 
-.PHONY: demo test check unit lint types layers kills recovery gauges bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness clean
+.PHONY: demo test check unit lint types layers kills recovery gauges bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness package clean
 
 demo: $(VENV)/.installed
 	rm -rf $(DEMO)
@@ -112,5 +112,16 @@ $(VENV)/.tested: $(VENV)/bin/python pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
 	touch $(VENV)/.installed $@
 
+# wheel and sdist, built and tried in an environment that holds nothing else
+package: $(VENV)/.tested
+	rm -rf dist build .venv-package
+	$(BIN)/python -m build --quiet
+	$(PYTHON) -m venv .venv-package
+	.venv-package/bin/python -m pip install --quiet --disable-pip-version-check dist/*.whl
+	set -e; bin=$(CURDIR)/.venv-package/bin; cd $$(mktemp -d); \
+	$$bin/mesotap --version; $$bin/mesotap config init; $$bin/mesotap config check; \
+	$$bin/mesotap simulate tap.h5 --seed 1; $$bin/mesotap analyze tap.h5; \
+	$$bin/python -c "import mesotap; print(mesotap.read_session('tap.h5').impacts[0].acceleration.shape)"
+
 clean:
-	rm -rf $(VENV) .venv-bench .venv-witness $(DEMO) build *.egg-info .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .venv-bench .venv-witness .venv-package $(DEMO) build dist *.egg-info .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.hardware_log import Repetition
 from rig.tube import OwnMode
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,3 +156,15 @@ class Session:
     def accepted(self, load_set: int) -> list[Impact]:
         """Return the accepted impacts of one load set, in time order."""
         return [s for s in self.impacts if s.load_set == load_set and s.accepted]
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a table with a row for each impact; see `daq.frames.impact_table`."""
+        from daq.frames import impact_table
+
+        return impact_table(self)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return all records as one labelled array; see `daq.frames.record_array`."""
+        from daq.frames import record_array
+
+        return record_array(self)

@@ -9,19 +9,13 @@ from rich.console import Console
 
 from calibration.line import fit_line
 from calibration.routine import calibrate, check_points
-from daq.records import Session
 from daq.session_file import write_session
-from daq.trigger import record_impact
-from mesotap import __version__
 from mesotap.commands.outputs import refuse_to_overwrite, write_json
-from mesotap.configuration.config import effective_text, load_config
+from mesotap.configuration.config import load_config
 from mesotap.operator.console import TerminalOperator
 from mesotap.operator.terminal import escape
-from mesotap.session.bench import build_rig, simulated_rig, truth_now
-from mesotap.session.impacts import judged_impact
-from mesotap.session.progress import describe_rig
-from rig import GaugeScale
-from rig.interlock import Interlock
+from mesotap.session.bench import build_rig
+from mesotap.session.one_tap import simulated_tap
 
 
 def calibrate_gauge(
@@ -81,33 +75,11 @@ def simulate_one(
 ) -> None:
     """Record one tap of the simulated rig into a session file."""
     refuse_to_overwrite(output)
-    config = load_config(config_path, [*changes, f"mesotap.load_plan_mn=[{load_mn}]"])
-    rig = simulated_rig(config, seed=seed)
-    scale = GaugeScale(rig.true_parameters()["sensitivity_mv_per_mn"], config.sim_backend.gauge.offset_mv)
-    lines = rig.open()
-    with Interlock(rig, config.rig.limits, scale, config.rig.spring_stiffness()) as interlock:
-        interlock.approach()
-        interlock.set_load(load_mn, config.mesotap.load_tolerance_mn)
-        interlock.lock()
-        before = interlock.read_load()
-        record = record_impact(rig.accelerometers, rig.impactor, rig.clock, config.daq.trigger, before[0])
-        impact = judged_impact(record, before, interlock.read_load(), (0, 0, load_mn), config, rig.accelerometers)
-        truth = truth_now(rig)
-    rig.close()
-    session = Session(
-        created=record.time,
-        rig=describe_rig(config.rig),
-        impacts=(impact,),
-        operator=config.mesotap.operator,
-        specimen=config.mesotap.specimen,
-        title="one simulated ring-down",
-        software=f"mesotap {__version__} (simulated rig)",
-        complete=True,
-        config=effective_text(config),
-    )
-    write_session(output, session)
-    for line in lines:
+    tap = simulated_tap(load_config(config_path, [*changes, f"mesotap.load_plan_mn=[{load_mn}]"]), load_mn, seed)
+    write_session(output, tap.session)
+    for line in tap.said:
         console.print(line, highlight=False)
-    said = impact.reject_reason or "accepted"
-    console.print(f"{escape(output)}: one tap at {before[0]:.1f} mN, {escape(said)}", highlight=False, soft_wrap=True)
-    write_json(json_path, {"format": "mesotap-truth", "version": 1, "file": str(output), "truth": truth})
+    (impact,) = tap.session.impacts
+    tapped = f"one tap at {impact.load_before_mn:.1f} mN, {escape(impact.reject_reason or 'accepted')}"
+    console.print(f"{escape(output)}: {tapped}", highlight=False, soft_wrap=True)
+    write_json(json_path, {"format": "mesotap-truth", "version": 1, "file": str(output), "truth": tap.truth})

@@ -77,7 +77,7 @@ def diagnose(files: Sequence[Path], asked: Asked, console: Console) -> None:
     from mesotap.commands.outputs import make_ready, write_json
 
     known = known_mechanisms(asked.without, own_folders(asked.config))
-    read = _read([_file_of(file) for file in files], asked.rig, console)
+    read = read_files([file_of(file) for file in files], asked.rig, console)
     make_ready(asked.json, asked.report)
     began = time.monotonic()
     found = diagnosed(read, known, console)
@@ -89,7 +89,7 @@ def diagnose(files: Sequence[Path], asked: Asked, console: Console) -> None:
         console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
 
 
-def _read(files: Sequence[Path], rig_file: Path | None, console: Console) -> Read:
+def read_files(files: Sequence[Path], rig_file: Path | None, console: Console) -> Read:
     """Read the files; a further file that holds steady responses of a described rig is taken for them."""
     from mesotap.commands.recordings import show_left_out
 
@@ -113,7 +113,7 @@ def _read(files: Sequence[Path], rig_file: Path | None, console: Console) -> Rea
     return Read(rig, recording_files(files), (), tuple(recordings), tuple(sweeps))
 
 
-def _file_of(path: Path) -> Path:
+def file_of(path: Path) -> Path:
     """Return the session file of a session's folder; anything else as it is."""
     from mesotap.commands.recordings import SESSION_FILE
 

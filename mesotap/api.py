@@ -1,0 +1,293 @@
+"""What programs and notebooks use: read a session, identify its modes, k_c, theory, diagnosis, a simulated tap.
+
+Everything here is importable from `mesotap` itself. Values are in SI units unless a name says otherwise; each estimate
+is an `Estimate` with its standard error and 95 % interval (``low``, ``high``). Whatever a person can mend is raised as
+a `MesotapError`, whose text is one sentence.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Literal, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from analysis.mismatch.answer import Answer
+from analysis.modal.identify import RingDownModes, identify_ring_down
+from analysis.results import SessionResults
+from analysis.session import analyse_session
+from analysis.settings import FlatContact, SphereContact
+from analysis.stiffness import contact_from_pole, pole
+from calibration.estimate import Estimate
+from daq.errors import RecordingError
+from daq.records import Session
+from rig.errors import MesotapError
+
+__all__ = [
+    "Answer",
+    "Estimate",
+    "MesotapError",
+    "RingDownModes",
+    "Session",
+    "SessionResults",
+    "contact_stiffness",
+    "diagnose",
+    "identify",
+    "read_session",
+    "simulate",
+    "theory",
+]
+
+AnyPath = str | os.PathLike[str]
+Method = Literal["ml", "era"]
+Real = NDArray[np.float64]
+
+
+def read_session(path: AnyPath) -> Session:
+    """Return what a session file, or the folder of a session, holds.
+
+    Parameters
+    ----------
+    path
+        ``session.h5``, or a session's folder, finished or not.
+
+    Returns
+    -------
+    Session
+        Its ``impacts`` hold the records, ``acceleration`` (2, n) in m/s2; `Session.to_pandas` is a table of them,
+        `Session.to_xarray` all records as one labelled array.
+
+    Raises
+    ------
+    MesotapError
+        The file is missing, damaged, or no session.
+
+    Examples
+    --------
+    >>> import mesotap
+    >>> session = mesotap.read_session("session.h5")  # doctest: +SKIP
+    >>> session.impacts[0].acceleration.shape  # doctest: +SKIP
+    (2, 5000)
+    """
+    from mesotap.commands.recordings import opened
+
+    found = opened(Path(path), None)
+    if not isinstance(found, Session):
+        raise RecordingError(f"{path}: is a recording of another program and no session; identify() takes its samples")
+    return found
+
+
+@overload
+def identify(
+    recording: Session, sample_rate_hz: None = None, *, method: Method = "ml", on_progress: Callable[..., None] = ...
+) -> SessionResults: ...
+@overload
+def identify(
+    recording: ArrayLike, sample_rate_hz: float, *, method: Method = "ml", on_progress: Callable[..., None] = ...
+) -> RingDownModes: ...
+def identify(
+    recording: Session | ArrayLike,
+    sample_rate_hz: float | None = None,
+    *,
+    method: Method = "ml",
+    on_progress: Callable[..., None] = lambda *_: None,
+) -> SessionResults | RingDownModes:
+    """Identify the modes of a session's impacts, with k_c and c_c of each load; or those of any ring-down.
+
+    Parameters
+    ----------
+    recording
+        A session; or a free decay, (n,) or (channels, n) in any unit.
+    sample_rate_hz
+        Of a free decay, Hz; a session knows its own.
+    method
+        ``"ml"`` maximum likelihood begun from ERA; ``"era"`` the Eigensystem Realization Algorithm alone.
+    on_progress
+        Of a session: called with the number of loads done and of all.
+
+    Returns
+    -------
+    SessionResults or RingDownModes
+        ``loads``, each with f1, f2, zeta1, zeta2, k_c, c_c (Eq. 10, 11); or ``modes`` in ascending frequency.
+
+    Raises
+    ------
+    MesotapError
+        The session declares no masses and springs, or the record is too short.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import mesotap
+    >>> t = np.arange(2000) / 1e4
+    >>> decay = np.exp(-20 * t) * np.sin(2 * np.pi * 300 * t)
+    >>> [round(mode.frequency_hz.value) for mode in mesotap.identify(decay, 1e4).modes]
+    [300]
+    """
+    if not isinstance(recording, Session):
+        if sample_rate_hz is None:
+            raise TypeError("identify(): samples need their sample_rate_hz")
+        return identify_ring_down(np.atleast_2d(np.asarray(recording, np.float64)), sample_rate_hz, method=method)
+    if sample_rate_hz is not None:
+        raise TypeError("identify(): a session knows its own sampling rate")
+    from mesotap.configuration.config import Config, ConfigError
+    from mesotap.session.header import kept_config
+
+    try:
+        config = kept_config(recording.config, f"{recording.source}: /config").config
+    except ConfigError:  # written by another program; the recording is as good as ever
+        config = Config()
+    settings = config.analysis.model_copy(update={"method": method})
+    rig = config.rig
+    return analyse_session(recording, settings, config.calibration, rig.masses, rig.springs, on_progress)
+
+
+def contact_stiffness(
+    f2_hz: ArrayLike, zeta2: ArrayLike = 0.0, *, m1_kg: float, m2_kg: float, k1_n_per_m: float, k2_n_per_m: float
+) -> Real:
+    """Return the contact stiffness k_c from the contact resonance, N/m (Eq. 10 and 11).
+
+    Parameters
+    ----------
+    f2_hz, zeta2
+        Resonance, Hz, and damping ratio of the contact mode; broadcast against each other. Without damping it is the
+        real part of Eq. 11.
+    m1_kg, m2_kg, k1_n_per_m, k2_n_per_m
+        Masses and tube springs of the tester.
+
+    Returns
+    -------
+    NDArray
+        Shaped like the two together.
+
+    Raises
+    ------
+    MesotapError
+        A resonance at or below the system resonance, where Eq. 11 has no contact stiffness.
+
+    Examples
+    --------
+    Table 5 at 264.9 mN, springs from the system resonance of 356 Hz:
+
+    >>> import mesotap
+    >>> k_c = mesotap.contact_stiffness(1409.0, m1_kg=0.107, m2_kg=0.108, k1_n_per_m=5.379e5, k2_n_per_m=5.379e5)
+    >>> f"{float(k_c):.3g}"
+    '3.94e+06'
+    """
+    f, zeta = np.broadcast_arrays(np.asarray(f2_hz, np.float64), np.asarray(zeta2, np.float64))
+    each = [
+        contact_from_pole(pole(float(a), float(b)), m1_kg, m2_kg, k1_n_per_m, k2_n_per_m)[0]
+        for a, b in zip(f.ravel(), zeta.ravel(), strict=True)
+    ]
+    return np.array(each, np.float64).reshape(f.shape)
+
+
+def theory(
+    load_mn: ArrayLike, contact: Literal["paper-flat", "paper-sphere"] | SphereContact | FlatContact = "paper-flat"
+) -> dict[str, Real]:
+    """Return the contact stiffness that each theory gives at a load, N/m, by the theory's name.
+
+    Parameters
+    ----------
+    load_mn
+        Preload, mN, any shape.
+    contact
+        One of the paper's specimens, or surfaces of your own (`analysis.settings.FlatContact`, ``SphereContact``).
+
+    Examples
+    --------
+    >>> import mesotap
+    >>> k_c = mesotap.theory(50.0, "paper-sphere")["Hertz, smooth"]
+    >>> f"{float(k_c) / 1e6:.2f} MN/m"
+    '1.38 MN/m'
+    """
+    from analysis.contact.theory import theory as curves
+
+    load_n = 1e-3 * np.asarray(load_mn, np.float64)
+    return {curve.name: np.asarray(curve.stiffness(load_n), np.float64) for curve in curves(contact)}
+
+
+def diagnose(
+    *recordings: Session | AnyPath,
+    rig: AnyPath | None = None,
+    without: Sequence[str] = (),
+    mechanisms: Sequence[AnyPath] = (),
+) -> Answer:
+    """Say which physics Eq. 9, or a described rig, leaves out of recordings.
+
+    Parameters
+    ----------
+    recordings
+        Sessions, session files or folders of one rig; with ``rig``, files of that rig's recordings.
+    rig
+        Description of a rig other than the tester, a YAML file.
+    without
+        Ids of mechanisms that are excluded.
+    mechanisms
+        Folders of mechanisms of your own.
+
+    Returns
+    -------
+    Answer
+        ``verdict``, ``p_value``, ``mechanisms`` with probabilities and intervals, ``remainder``, ``upper_limits``.
+
+    Raises
+    ------
+    MesotapError
+        A file cannot be used, or the recordings cannot carry a diagnosis.
+
+    Examples
+    --------
+    >>> import mesotap
+    >>> answer = mesotap.diagnose("session.h5")  # doctest: +SKIP
+    >>> answer.verdict, [m.id for m in answer.mechanisms]  # doctest: +SKIP
+    ('missing_physics', ['hertz_stiffness'])
+    """
+    from rich.console import Console
+
+    from mesotap.commands.diagnose import Read, diagnosed, file_of, known_mechanisms, read_files
+    from mesotap.configuration.rig_files import load_rig, tester_rig
+
+    if not recordings:
+        raise TypeError("diagnose(): name a session or a recording")
+    quiet = Console(quiet=True)
+    description = None if rig is None else Path(rig)
+    sessions = tuple(r for r in recordings if isinstance(r, Session))
+    paths = [file_of(Path(r)) for r in recordings if not isinstance(r, Session)]
+    if sessions and paths:
+        sessions, paths = tuple(r if isinstance(r, Session) else read_session(r) for r in recordings), []
+    if sessions:
+        read = Read(tester_rig() if description is None else load_rig(description), (), sessions)
+    else:
+        read = read_files(paths, description, quiet)
+    return diagnosed(read, known_mechanisms(without, [os.fspath(m) for m in mechanisms]), quiet).answer
+
+
+def simulate(load_mn: float = 500.0, *, seed: int = 1, config: AnyPath | None = None) -> Session:
+    """Return a session of one tap on the simulated rig.
+
+    Parameters
+    ----------
+    load_mn
+        Preload.
+    seed
+        The same seed gives the same tap.
+    config
+        Configuration of the rig and of what is simulated; the defaults where None.
+
+    Examples
+    --------
+    >>> import mesotap
+    >>> session = mesotap.simulate(load_mn=300.0, seed=2)
+    >>> session.impacts[0].acceleration.shape
+    (2, 5000)
+    """
+    from mesotap.configuration.config import load_config, parse_config
+    from mesotap.session.one_tap import simulated_tap
+
+    changes = [f"mesotap.load_plan_mn=[{load_mn}]"]
+    known = parse_config("", "the defaults", changes) if config is None else load_config(Path(config), changes)
+    return simulated_tap(known, load_mn, seed).session

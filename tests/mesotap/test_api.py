@@ -1,0 +1,104 @@
+"""The face for programs: what `import mesotap` gives."""
+
+from __future__ import annotations
+
+import doctest
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mesotap
+from daq.session_file import write_session
+from mesotap import api
+from sim_backend.mechanisms.catalogue import catalogue
+from tests.analysis.ring_downs import session_of, with_law
+
+
+@pytest.fixture(scope="module")
+def session() -> mesotap.Session:
+    return mesotap.simulate(load_mn=300.0, seed=5)
+
+
+@pytest.mark.parametrize("module", [mesotap, api])
+def test_the_examples_hold(module) -> None:
+    failed, tried = doctest.testmod(module)
+    assert tried > 1
+    assert failed == 0
+
+
+def test_every_name_can_be_imported_and_is_documented() -> None:
+    assert set(api.__all__) | {"__version__"} == set(mesotap.__all__)
+    for name in api.__all__:
+        assert getattr(mesotap, name).__doc__
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        mesotap.nothing  # noqa: B018
+
+
+def test_importing_it_imports_nothing_heavy() -> None:
+    heavy = "import mesotap, sys; print(sorted({'numpy', 'scipy', 'numba', 'matplotlib'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", heavy], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("kind", [str, Path])
+def test_a_path_is_a_text_or_a_path(kind, session: mesotap.Session, tmp_path: Path) -> None:
+    file = tmp_path / "one.h5"
+    write_session(file, session)
+    assert np.array_equal(mesotap.read_session(kind(file)).impacts[0].acceleration, session.impacts[0].acceleration)
+
+
+def test_a_recording_of_another_program_is_no_session(tmp_path: Path) -> None:
+    file = tmp_path / "decay.csv"
+    t = np.arange(500) / 1e3
+    np.savetxt(file, np.stack([t, np.exp(-5 * t) * np.sin(300 * t)], axis=1), delimiter=",", header="t [s],a [m/s2]")
+    with pytest.raises(mesotap.MesotapError, match="no session"):
+        mesotap.read_session(file)
+
+
+def test_the_modes_of_a_session_are_those_of_what_was_simulated(session: mesotap.Session) -> None:
+    (load,) = mesotap.identify(session).loads
+    rig = session.rig
+    k_c = mesotap.contact_stiffness(
+        load.f2_hz.value,
+        load.zeta2.value,
+        m1_kg=rig.m1_kg,
+        m2_kg=rig.m2_kg,
+        k1_n_per_m=rig.k1_n_per_m,
+        k2_n_per_m=rig.k2_n_per_m,
+    )
+    # springs of the session are measured by its system mode, those of the header declared: parts in a thousand
+    assert float(k_c) == pytest.approx(load.contact_stiffness_n_per_m.value, rel=3e-3)
+
+
+def test_samples_need_their_rate_and_a_session_has_its_own(session: mesotap.Session) -> None:
+    with pytest.raises(TypeError, match="sample_rate_hz"):
+        mesotap.identify(np.zeros(100))
+    with pytest.raises(TypeError, match="knows its own"):
+        mesotap.identify(session, 25e3)
+
+
+def test_the_table_and_the_array_hold_the_records(session: mesotap.Session) -> None:
+    table, array = session.to_pandas(), session.to_xarray()
+    (impact,) = session.impacts
+    assert table.loc[0, "peak_m_s2"] == np.abs(impact.acceleration).max()
+    assert np.array_equal(array.acceleration.sel(channel="B").values[0], impact.acceleration[1])
+    assert array.time_s.values[0, impact.pretrigger] == 0.0
+
+
+def test_a_diagnosis_takes_what_is_in_memory() -> None:
+    few = ("quadratic_damping", "tube_spring_cubic")
+    answer = mesotap.diagnose(session_of(with_law()), without=[name for name in catalogue() if name not in few])
+    assert answer.verdict == "consistent"
+    assert {limit.id for limit in answer.upper_limits} == set(few)
+    with pytest.raises(TypeError, match="name a session"):
+        mesotap.diagnose()
+
+
+def test_what_a_person_can_mend_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(mesotap.MesotapError, match=r"nowhere\.h5"):
+        mesotap.read_session(tmp_path / "nowhere.h5")
+    with pytest.raises(mesotap.MesotapError, match="not above the system resonance"):
+        mesotap.contact_stiffness(300.0, m1_kg=0.107, m2_kg=0.108, k1_n_per_m=5.379e5, k2_n_per_m=5.379e5)

@@ -87,17 +87,16 @@ def under_lists(wide: Sequence[Weighed], reviewed: Sequence[Weighed]) -> tuple[U
     ----------
     wide, reviewed
         The first list weighed with the wide priors, all explanations with the reviewed ones
-        (`analysis.contact.changes`).
+        (`analysis.contact.changes`). Without the former there is one list less.
     """
 
     def seen(name: str) -> bool:
         return name.startswith("unloading") or name in LAWS
 
+    said = "theories of loading, each with or without a spring"
     return (
-        _under("first list, wide priors", "theories of loading, each with or without a spring", wide),
-        _under(
-            "first list, reviewed priors", "the same with what physics leaves of the ranges", reviewed, in_first_list
-        ),
+        *([_under("first list, wide priors", said, wide)] if wide else []),
+        _under("first list, reviewed priors", f"{said}, in the ranges that physics leaves", reviewed, in_first_list),
         _under("all, reviewed priors", "with unloading, fractal surfaces and moving mass beside them", reviewed),
         _under(
             "causes alike",

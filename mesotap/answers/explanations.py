@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from analysis.contact.candidates import damping_candidates, stiffness_candidates
 from analysis.contact.gap import weighed_json
+from analysis.contact.lists import UnderList, spring_sentence, under_lists
 from analysis.contact.theory import surfaces_of
 from analysis.contact.weighing import Known, Weighed, percent, weigh, what_is_missed
 from analysis.results import SessionResults
@@ -38,6 +39,8 @@ class Explained:
         Explanations, most probable first; damping empty where it is not known at every load.
     sentences
         What came out.
+    lists
+        What several lists of explanations say of a spring in series.
     """
 
     load_mn: FloatArray
@@ -46,6 +49,7 @@ class Explained:
     stiffness: tuple[Weighed, ...]
     damping: tuple[Weighed, ...]
     sentences: tuple[str, ...]
+    lists: tuple[UnderList, ...]
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON types of the format ``mesotap-explanations``, version 1."""
@@ -55,6 +59,7 @@ class Explained:
             "load_mn": self.load_mn.tolist(),
             "contact_stiffness": [weighed_json(w) for w in self.stiffness],
             "damping_ratio": [weighed_json(w) for w in self.damping],
+            "lists": [under.as_json() for under in self.lists],
             "sentences": list(self.sentences),
         }
 
@@ -80,7 +85,12 @@ def explain(results: SessionResults, contact: SphereContact | FlatContact, rig: 
     stiffness = np.array([k.value for _, k, _ in known])
     error = np.hypot(_relative([k for _, k, _ in known]), load_error)
     of_stiffness = weigh(load, stiffness, error, stiffness_candidates(surfaces_of(contact)))
-    sentences = [_best("contact stiffness", of_stiffness), what_is_missed(of_stiffness[0], load, _rms(error))]
+    lists = under_lists((), of_stiffness)
+    sentences = [
+        _best("contact stiffness", of_stiffness),
+        spring_sentence(lists),
+        what_is_missed(of_stiffness[0], load, _rms(error)),
+    ]
     of_damping: list[Weighed] = []
     ratios = [zeta for _, _, zeta in known if zeta is not None and zeta.value > 0]
     if len(ratios) == len(known) and rig.is_tester:
@@ -92,7 +102,9 @@ def explain(results: SessionResults, contact: SphereContact | FlatContact, rig: 
         )
         sentences += [_best("damping", of_damping), what_is_missed(of_damping[0], load, _rms(zeta_error))]
     half_width = np.array([k.half_width for _, k, _ in known])
-    return Explained(load / N_PER_MN, stiffness, half_width, tuple(of_stiffness), tuple(of_damping), tuple(sentences))
+    return Explained(
+        load / N_PER_MN, stiffness, half_width, tuple(of_stiffness), tuple(of_damping), tuple(sentences), lists
+    )
 
 
 def _relative(estimates: list[Estimate]) -> FloatArray:

@@ -11,7 +11,7 @@ from sim_backend.mechanisms.places import Place, grounded_elements, unused_name
 MASS, STIFFNESS, DAMPING = "tube_mode_mass_kg", "tube_mode_stiffness_n_per_m", "tube_mode_damping_n_s_per_m"
 TRIAL_RATIO = 0.02  # wider than such a mode is: the trials must not miss it between them
 TRIAL_SHARE = 3e-4  # of the body's mass: too little to change its motion other than in proportion
-LOWEST = 1.2  # of the highest mode: below, the blocks would drag the tubes along
+LOWEST = 2.0  # of the highest mode: a spring whose wall rings nearer to it would not be called a spring
 TRIED = 64  # resonances
 LARGEST_KG = 1e3
 

@@ -104,6 +104,8 @@ def test_explanations_of_a_session_find_its_damper():
     assert explained.damping[0].candidate.id == "viscous"
     assert json.dumps(explained.as_json(), allow_nan=False)
     assert any("still misses" in sentence for sentence in explained.sentences)
+    assert len(explained.lists) == 4
+    assert any("under 4 lists of explanations" in sentence for sentence in explained.sentences)
 
 
 def test_unknown_damping_leaves_stiffness():

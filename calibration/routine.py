@@ -141,7 +141,8 @@ def _sequence(settings: CalibrationSettings) -> Iterator[float]:
 
 
 def _living_reading(rig: Rig, load_mn: float, duration_s: float) -> LoadReading:
-    let_settle(rig.clock, rig.load_cell.settling_s, lambda: rig.load_cell.read(_SETTLING_READING_S))
+    gauge = rig.load_cell
+    let_settle(rig.clock, gauge.settling_s, lambda: gauge.read(_SETTLING_READING_S), heed=gauge.idle)
     for _ in range(_ATTEMPTS):
         reading = rig.load_cell.read(duration_s)
         frozen = reading.samples > 1 and reading.spread_mv == 0.0 and not reading.quantum_mv

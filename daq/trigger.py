@@ -154,6 +154,7 @@ def record_impact(
     load_mn: float,
     hint: str = "",
     idle: Callable[[], None] = nothing,
+    heed: Callable[[], None] = nothing,
 ) -> Record:
     """Have one tap made and record it. The stream is stopped on return, also by an error.
 
@@ -167,6 +168,8 @@ def record_impact(
         Passed on to ``impactor.tap``.
     idle
         Called after each block until the tap is felt; what it raises ends the waiting.
+    heed
+        The same from then on, until the record is whole.
 
     Raises
     ------
@@ -205,6 +208,7 @@ def record_impact(
             stream.read()
             if stream.unbroken > first:
                 raise _lost(stream)
+            heed()
         return Record(
             stream.acceleration(first, last), stream.strain(first, last), trigger.pretrigger_samples, rate, time
         )

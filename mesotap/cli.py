@@ -174,6 +174,7 @@ def console(
         ),
     ] = 1.0,
     changes: Changes = None,
+    log_wire: LogWire = False,
 ) -> None:
     """Run sessions from a page in the browser, on this machine unless --host says otherwise.
 
@@ -186,7 +187,7 @@ def console(
 
     address = Address(host, port, certfile, keyfile, tuple(name or ()))
     choice = RigChoice(simulate, emulate, seed, simulate or emulate, speed)
-    serve(config, tuple(changes or ()), choice, output, address, browser, _console(None))
+    serve(config, tuple(changes or ()), choice, output, address, browser, _console(None), log_wire)
 
 
 @app.command()

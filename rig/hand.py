@@ -12,8 +12,7 @@ from collections.abc import Callable
 from rig.errors import RigError
 from rig.interface import Clock, DeadWeights, Impactor, Operator, Stage
 from rig.readings import StageReading
-
-SETTLING_SLICE_S = 0.1  # a weight comes to rest; whoever wants to end need not wait for it
+from rig.settling import rest
 
 
 class HandStage(Stage):
@@ -98,8 +97,4 @@ class HandWeights(DeadWeights):
         self._operator.wait_ready(
             f"Hang {load_mn:g} mN on the gauge." if load_mn else "Take all weights off the gauge."
         )
-        begun, turn = self._clock.now(), 0
-        while self._clock.now() < begun + self._settle_s:
-            turn += 1
-            self._clock.sleep(begun + turn * SETTLING_SLICE_S - self._clock.now())
-            self.idle()
+        rest(self._clock, self._settle_s, self.idle)  # whoever wants to end need not wait for it

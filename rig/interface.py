@@ -12,6 +12,10 @@ from typing import Any
 
 from rig.readings import Block, LoadReading, StageReading
 
+HEED_S = 0.02
+"""Longest time that anything waits, with nobody talking on a wire, without hearing that it is to end: STOP has to be on
+the wire within 0.1 s, and the looks at gauge and stage that may come first take up to 0.05."""
+
 
 def nothing() -> None:
     """Do nothing: what is done while a part waits, unless somebody asks for more."""

@@ -140,7 +140,7 @@ class Interlock:
                 self.look_at_stage()
             return reading
 
-        if not let_settle(self._rig.clock, settling_s, read, within_mv) and watched:
+        if not let_settle(self._rig.clock, settling_s, read, within_mv, self._rig.load_cell.idle) and watched:
             raise self._witness.doubt(
                 f"it does not come to rest within {MOST_TURNS * settling_s:g} s while the stage stands; look what "
                 "touches the masses, or give a longer settling_s in rig.parts.load_cell"

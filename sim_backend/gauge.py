@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig import DeadWeights, LoadCell, LoadReading, RigError
+from rig.interface import HEED_S
 from sim_backend import random_state
 from sim_backend.clock import VirtualClock
 from sim_backend.settings import SimulatedGauge
@@ -91,6 +92,7 @@ class SimulatedLoadCell(LoadCell):
 
         samples = np.empty(count)
         for i in range(count):
+            self.idle()
             self._clock.sleep_until(begun + (i + 1) / READING_RATE_HZ)
             samples[i] = self.sample_code() * STEP_MV
         self._clock.sleep_until(begun + max(duration_s, count / READING_RATE_HZ))
@@ -157,7 +159,11 @@ class SimulatedWeights(DeadWeights):
             )
         self._nominal_mn = load_mn
         self._placed()
-        self._clock.sleep(self._settling_s)
+        begun = self._clock.now()
+        for turn in range(1, math.ceil(self._settling_s / HEED_S)):
+            self._clock.sleep_until(begun + turn * HEED_S)
+            self.idle()
+        self._clock.sleep_until(begun + self._settling_s)
 
     def checkpoint(self) -> dict[str, Any]:
         """Return its state as JSON types."""

@@ -110,13 +110,21 @@ class SimulatedStage(Stage):
         """Close the clamp."""
         if not self._locked:
             self.clamp(True)
-            self._clock.sleep_until(self._clock.now() + CLAMPING_S)
+            self._clamping()
 
     def unlock(self) -> None:
         """Open the clamp."""
         if self._locked:
             self.clamp(False)
-            self._clock.sleep_until(self._clock.now() + CLAMPING_S)
+            self._clamping()
+
+    def _clamping(self) -> None:
+        """Wait until the clamp has closed or opened."""
+        over = self._clock.now() + CLAMPING_S
+        while self._clock.now() < over - POLL_S:
+            self._clock.sleep_until(self._clock.now() + POLL_S)
+            self.idle()
+        self._clock.sleep_until(over)
 
     def clamp(self, closed: bool) -> None:
         """Have the clamp closed or open from now on."""
@@ -145,6 +153,8 @@ class SimulatedStage(Stage):
         over = self.begin(position_um, speed_um_per_s)
         turns = 1
         while begun + turns * POLL_S < over:
+            self._clock.sleep_until(begun + turns * POLL_S)
+            self.idle()
             turns += 1
         self._clock.sleep_until(begun + turns * POLL_S)
         self._keep_up()

@@ -21,6 +21,7 @@ def console(
     address: Address,
     browser: bool,
     terminal: Console,
+    log_wire: bool = False,
 ) -> None:
     """Serve the console until a signal ends it."""
 
@@ -28,7 +29,7 @@ def console(
         terminal.print(escape(text), highlight=False, soft_wrap=True)
 
     load_config(config_path, changes)  # a mistake is told here, not to whoever opens the page
-    server = ConsoleServer(Bench(config_path, changes, choice, root), address, said)
+    server = ConsoleServer(Bench(config_path, changes, choice, root, log_wire), address, said)
     if not address.loopback:
         said(f"warning: {address.host} can be reached by other machines; who has the link runs the rig")
         if address.certificate is None:

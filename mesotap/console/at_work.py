@@ -38,12 +38,15 @@ class Bench:
         Which rig.
     root
         Folder of all sessions.
+    log_wire
+        Whether session.log has every byte on every wire.
     """
 
     config_path: Path | None
     changes: tuple[str, ...]
     choice: RigChoice
     root: Path
+    log_wire: bool = False
 
     def config(self) -> Config:
         """Return the configuration in force; `ConfigError` says what is wrong with it."""
@@ -107,13 +110,15 @@ class AtWork:
                 "name": name,
                 "changes": [*self.bench.changes, *changes],
                 "choice": asdict(self.bench.choice),
+                "log_wire": self.bench.log_wire,
             }
         )
         return path
 
     async def resume(self, path: Path) -> None:
         """Go on with a session."""
-        await self._start({"do": "resume", "path": str(path), "speed": self.bench.choice.speed})
+        speed, log_wire = self.bench.choice.speed, self.bench.log_wire
+        await self._start({"do": "resume", "path": str(path), "speed": speed, "log_wire": log_wire})
 
     def tell(self, message: Message) -> bool:
         """Tell the session something; whether there is one."""

@@ -61,15 +61,16 @@ def told(error: BaseException) -> dict[str, Any]:
 def carry_out(order: Message, people: PagePeople) -> None:
     """Run or resume a session."""
     from mesotap.commands.session import RigChoice, begin, go_on
+    from mesotap.commands.wire_options import WireOptions
     from mesotap.configuration.config import parse_config
 
-    path = Path(str(order["path"]))
+    path, wire = Path(str(order["path"])), WireOptions(log=bool(order["log_wire"]))
     if order["do"] == "resume":
-        go_on(path, people.people, speed=float(order["speed"]))
+        go_on(path, people.people, wire=wire, speed=float(order["speed"]))
         return
     config = parse_config(str(order["config"]), str(order["name"]), order["changes"])
     choice = RigChoice(**order["choice"])
-    begin(config, choice, path, people.people)
+    begin(config, choice, path, people.people, wire=wire)
 
 
 if __name__ == "__main__":

@@ -21,9 +21,9 @@ from daq.records import Impact
 from mesotap.operator.terminal import escape
 from mesotap.session.states import State
 from rig import Operator, RigError, SessionAborted
-from rig.interface import nothing
+from rig.interface import HEED_S, nothing
 
-POLL_S = 0.1
+POLL_S = HEED_S
 PAUSE_KEY, ABORT_KEY, ENTER = "p", "q", "\n"
 
 

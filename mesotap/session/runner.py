@@ -27,11 +27,12 @@ from mesotap.session.watching import GaugeWatch
 from rig import GaugeScale, Operator, Rig, RigError
 from rig.attention import Attention
 from rig.interlock import Interlock, SafeState
+from rig.settling import rest
 from rig.watch import LoadWatch
 
 MISSES_IN_A_ROW = 5  # waits in vain after which the sensors are suspected
 MOST_SETTINGS = 10  # times a load is set, since the last start, before it counts as creeping
-DWELL_SLICE_S, WAITING_SLICE_S = 1.0, 0.05
+DWELL_SLICE_S = 1.0
 NOTHING_MOVED = "nothing was moved"
 GOES_ON = "'mesotap resume' goes on"
 
@@ -329,6 +330,7 @@ class SessionRunner:
                 before[0],
                 hint,
                 self._attention.idle,
+                self._attention.heed,
             )
         except NoTap as error:
             self._note(NO_TAP, reason=str(error))
@@ -455,12 +457,7 @@ class SessionRunner:
 
     def _wait(self, seconds: float) -> None:
         """Let time pass, a little at a time."""
-        clock = self._rig.clock
-        begun, turn = clock.now(), 0
-        while clock.now() < begun + seconds:
-            turn += 1
-            clock.sleep(min(turn * WAITING_SLICE_S, seconds) + begun - clock.now())
-            self._attention.idle()
+        rest(self._rig.clock, seconds, self._attention.idle)
 
     def _tell(self, state: State, text: str) -> None:
         """Show what goes on, and heed a wish to interrupt."""

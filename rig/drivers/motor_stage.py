@@ -374,6 +374,7 @@ class MotorStage(Stage, Driver):
             self._clock.sleep(begun + turn * self._settings.poll_s - self._clock.now())
             if self._axis.status().state is wanted:
                 return
+            self.idle()
         raise self._error(f"its motor does not go {'on' if on else 'off'}", "switch the controller off and on again")
 
     def _stop_somehow(self) -> None:

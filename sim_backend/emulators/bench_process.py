@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from multiprocessing.connection import Client, Connection, Listener
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from usb.core import USBError, USBTimeoutError
 
 from rig import DeadWeights, Impactor
 from rig.errors import RigError
+from rig.interface import HEED_S
 from sim_backend.emulators.ports import PtyPort
 from sim_backend.emulators.rig import EmulatedRig
 from sim_backend.emulators.usb_bus import UsbBus
@@ -144,6 +146,7 @@ class Devices:
     """
 
     def __init__(self, folder: Path) -> None:
+        self._folder = folder
         self._connection = Client(str(folder / CONTROL), FAMILY)
         self._lock = threading.Lock()
 
@@ -160,7 +163,7 @@ class Devices:
                 self._connection.send((name, *arguments))
                 kind, answer = self._connection.recv()
         except (OSError, EOFError):
-            raise RigError("the process of the emulated devices has ended, and all of them with it") from None
+            raise _gone() from None
         if kind == "usb":
             late, text, code, number = answer
             raise (USBTimeoutError if late else USBError)(text, code, number)
@@ -168,9 +171,28 @@ class Devices:
             raise RuntimeError(answer)
         return answer
 
+    def call_while(self, idle: Callable[[], None], name: str, *arguments: Any) -> None:
+        """Make a call that lasts, over a connection of its own; ``idle`` is called meanwhile and may end the wait."""
+        devices = Devices(self._folder)
+        try:
+            devices._connection.send((name, *arguments))
+            while not devices._connection.poll(HEED_S):
+                idle()
+            kind, answer = devices._connection.recv()
+        except (OSError, EOFError):
+            raise _gone() from None
+        finally:
+            devices.close()
+        if kind:
+            raise RuntimeError(answer)
+
     def close(self) -> None:
         """Hang up."""
         self._connection.close()
+
+
+def _gone() -> RigError:
+    return RigError("the process of the emulated devices has ended, and all of them with it")
 
 
 class RemoteRecorder:
@@ -228,4 +250,4 @@ class RemoteWeights(DeadWeights):
 
     def place(self, load_mn: float) -> None:
         """Ask for a weight."""
-        self._devices.call("place", load_mn)
+        self._devices.call_while(self.idle, "place", load_mn)

@@ -2,37 +2,13 @@
 
 from __future__ import annotations
 
-import re
-
 import pytest
 
 from daq.session_file import read_session
 from tests.mesotap.console.consoles import PATIENCE_MS, console_in, journal_of, needs_chromium
+from tests.mesotap.console.pages import begin, opened, reach
 
 pytestmark = [needs_chromium, pytest.mark.slow]
-
-
-def opened(chromium, console):
-    page = chromium.new_context().new_page()
-    page.set_default_timeout(PATIENCE_MS)
-    page.faults = []
-    page.on("pageerror", lambda error: page.faults.append(str(error)))
-    page.on("dialog", lambda dialog: page.faults.append(dialog.message))
-    page.goto(console.link)
-    return page
-
-
-def begin(page, **fields: str) -> None:
-    page.wait_for_selector("#run:enabled")
-    for name, value in fields.items():
-        page.fill(f"input[name={name}]", value)
-    page.click("#run")
-
-
-def reach(page, words: str) -> None:
-    from playwright.sync_api import expect
-
-    expect(page.locator("#words")).to_have_text(re.compile(words), timeout=PATIENCE_MS)
 
 
 def test_a_whole_session_from_the_page(chromium, tmp_path):

@@ -1,0 +1,53 @@
+"""What a person does with the pages."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+from tests.mesotap.console.consoles import PATIENCE_MS, ConsoleProcess
+
+NOTE_PRESSES = """() => {
+  window.pressed = null;
+  for (const kind of ["pointerdown", "keydown"])
+    addEventListener(kind, () => { window.pressed = Date.now() / 1000; }, { capture: true });
+}"""
+
+
+def opened(chromium: Any, console: ConsoleProcess, link: str = "") -> Any:
+    """Open the console in a browser of its own; what goes wrong in the page is in ``page.faults``."""
+    page = chromium.new_context().new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.faults = []
+    page.on("pageerror", lambda error: page.faults.append(str(error)))
+    page.on("dialog", lambda dialog: page.faults.append(dialog.message))
+    page.goto(link or console.link)
+    return page
+
+
+def begin(page: Any, **fields: str) -> None:
+    """Start a session."""
+    page.wait_for_selector("#run:enabled")
+    for name, value in fields.items():
+        page.fill(f"input[name={name}]", value)
+    page.click("#run")
+
+
+def reach(page: Any, words: str) -> None:
+    """Wait until the page shows this state."""
+    shows(page, "#words", words)
+
+
+def shows(page: Any, selector: str, words: str) -> None:
+    """Wait until an element shows words, a regular expression."""
+    from playwright.sync_api import expect
+
+    expect(page.locator(selector).first).to_contain_text(re.compile(words), timeout=PATIENCE_MS)
+
+
+def clicked_at(page: Any, click: Callable[[], Any]) -> float:
+    """Click or press, and return when the page saw it, s since 1970."""
+    page.evaluate(NOTE_PRESSES)
+    click()
+    return float(page.evaluate("() => window.pressed"))

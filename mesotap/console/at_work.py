@@ -12,12 +12,14 @@ from mesotap.configuration.config import Config, load_config, text_of
 from mesotap.console.board import Board
 from mesotap.console.child import Child
 from mesotap.console.frames import Message
+from mesotap.console.so_far import SoFar
 from rig.errors import MesotapError
 
 if TYPE_CHECKING:
     from mesotap.commands.session import RigChoice
 
-SESSION = "mesotap.console.session_process"
+SESSION, ANALYST = "mesotap.console.session_process", "mesotap.console.analyst_process"
+ANALYST_NICENESS = 2
 
 
 class Refused(MesotapError, ValueError):
@@ -80,7 +82,9 @@ class AtWork:
     def __init__(self, bench: Bench, board: Board) -> None:
         self.bench = bench
         self.board = board
+        self.so_far = SoFar(lambda path: self._analysed({"kind": "snapshot", "path": str(path)}), self._show_so_far)
         self._child: Child | None = None
+        self._analyst: Child | None = None
         self._starting = asyncio.Lock()
 
     @property
@@ -127,10 +131,48 @@ class AtWork:
         self._child.tell(message)
         return True
 
+    async def ready(self) -> None:
+        """Have the analysis ready before there is anything to analyse."""
+        if self._analyst is None or not self._analyst.running:
+            self._analyst = Child(ANALYST, self._hear_analyst, lambda code: None, ANALYST_NICENESS)
+            await self._analyst.start()
+
     async def end(self) -> None:
         """Have the session end, and wait until its surfaces are apart."""
         if self._child is not None:
             await self._child.end()
+        await self.so_far.end()
+        if self._analyst is not None:
+            await self._analyst.end()
+
+    def _hear(self, message: Message, numbers: bytes) -> None:
+        """Hear what the session tells: the pages are shown it, and the analysis is given what it needs."""
+        kind, before = message.get("kind"), self.board.state["load_set"]
+        self.board.hear(message, numbers)
+        if kind in ("begun", "tap", "judged"):
+            self._analysed(message, numbers)
+        elif kind == "point":
+            point = [message["weight_mn"], message["voltage_mv"]]
+            self._analysed({"kind": "points", "when": self.board.calibrating(), "points": [point]})
+        elif kind == "points":
+            when = "before" if message["state"] == "PRE_CALIBRATION" else "after"
+            self._analysed({"kind": "points", "when": when, "points": message["points"]})
+        elif kind in ("told", "ended") or (kind == "aim" and message["load_set"] != before):
+            self._analysed({"kind": "all"})  # springs and noise are those of all taps so far
+
+    def _analysed(self, message: Message, numbers: bytes = b"") -> None:
+        if self._analyst is not None:
+            self._analyst.tell(message, numbers)
+
+    def _hear_analyst(self, message: Message, numbers: bytes) -> None:
+        if message.get("kind") == "snapshot":
+            self.so_far.written(message)
+        else:
+            self.board.hear(message, numbers)
+
+    def _show_so_far(self) -> None:
+        self.board.state["so_far"] = self.so_far.shown
+        self.board.show("state")
 
     async def _start(self, order: dict[str, Any]) -> None:
         async with self._starting:
@@ -139,7 +181,9 @@ class AtWork:
             self.board.clear()
             self.board.state.update(running=True, words="starting", next="Nothing to do: the session is being started.")
             self.board.show(*self.board.parts())
-            child = Child(SESSION, self.board.hear, lambda code: self.board.gone())
+            self.so_far.forget()
+            await self.ready()
+            child = Child(SESSION, self._hear, lambda code: self.board.gone())
             await child.start()
             self._child = child
             child.tell(order)

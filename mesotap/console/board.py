@@ -23,17 +23,21 @@ LINES_KEPT = 30
 
 WHAT_TO_DO = {
     "CONNECT": "Nothing to do: the devices are being connected.",
-    "PRE_CALIBRATION": "Calibration before the test: hang each weight when it is asked for; keep the surfaces apart.",
+    "PRE_CALIBRATION": "Hang each weight when it is asked for.",
     "APPROACH": "Keep off the rig: the surfaces are being brought together.",
     "SET_LOAD": "Keep off the rig: the load is being set.",
     "LOCK": "Keep off the rig: the load is locked and comes to rest.",
     "TAP": "Tap the upper mass once, lightly.",
     "RETRACT": "Keep off the rig: the surfaces are being taken apart.",
-    "POST_CALIBRATION": "Calibration after the test: hang each weight when it is asked for.",
+    "POST_CALIBRATION": "Hang each weight when it is asked for.",
     "FILE": "Nothing to do: the session file and the report are being written.",
     "DONE": "The session is complete: look at the report.",
 }
-BY_ITSELF = "Nothing to do: the simulated rig taps itself."
+BY_ITSELF = {
+    "TAP": "Nothing to do: the simulated rig taps itself.",
+    "PRE_CALIBRATION": "Nothing to do: the simulated rig hangs its weights itself.",
+    "POST_CALIBRATION": "Nothing to do: the simulated rig hangs its weights itself.",
+}
 IDLE = "No session runs. Start one, or go on with one that was not finished."
 
 Show = Callable[[str, bytes], None]
@@ -73,11 +77,11 @@ class Board:
         self.state = {
             "running": False, "state": "", "words": "no session", "text": "", "next": IDLE, "ask": None,
             "paused": False, "said": [], "ended": None, "plan_mn": [], "load_set": 0, "wanted": 0, "accepted": 0,
-            "limit_mn": None, "locked_mn": None, "simulated": False, "session": None, "name": "",
+            "limit_mn": None, "force_limit": None, "locked_mn": None, "simulated": False, "session": None, "name": "",
         }  # fmt: skip
         self.load = {"mn": None, "at": None}
         self.calibration = {"before": [], "after": []}
-        self.taps, self.loads, self.records = {}, {"loads": [], "theory": []}, {}
+        self.taps, self.loads, self.records = {}, {"loads": [], "theory": [], "why": ""}, {}
         self._kept.clear()
 
     def parts(self) -> dict[str, dict[str, Any]]:
@@ -99,6 +103,10 @@ class Board:
         for part in parts:
             self._show(part, self.frame_of(part))
 
+    def calibrating(self) -> str:
+        """Whether readings under weights are now those before or after the test."""
+        return "after" if self.state["state"] in ("RETRACT", "POST_CALIBRATION") else "before"
+
     def last_record(self) -> bytes | None:
         """Return the record of the last tap."""
         return self.records[max(self.records)] if self.records else None
@@ -114,7 +122,7 @@ class Board:
     def _hear_begun(self, message: Message, numbers: bytes) -> None:
         self.folder = Path(message["folder"])
         self.state.update(
-            {key: message[key] for key in ("plan_mn", "wanted", "limit_mn", "simulated", "load_set")},
+            {k: message[k] for k in ("plan_mn", "wanted", "limit_mn", "force_limit", "simulated", "load_set")},
             running=True,
             ended=None,
             session=session_id(self.folder),
@@ -133,7 +141,8 @@ class Board:
 
     def _what_to_do(self) -> str:
         name = self.state["state"]
-        return BY_ITSELF if name == "TAP" and self.state["simulated"] else WHAT_TO_DO.get(name, "")
+        by_itself = BY_ITSELF if self.state["simulated"] else {}
+        return by_itself.get(name) or WHAT_TO_DO.get(name, "")
 
     def _hear_load(self, message: Message, numbers: bytes) -> None:
         self.load = {"mn": message["mn"], "at": time.time()}
@@ -148,8 +157,7 @@ class Board:
         self.show("state")
 
     def _hear_point(self, message: Message, numbers: bytes) -> None:
-        when = "after" if self.state["state"] in ("RETRACT", "POST_CALIBRATION") else "before"
-        self.calibration[when].append([message["weight_mn"], message["voltage_mv"]])
+        self.calibration[self.calibrating()].append([message["weight_mn"], message["voltage_mv"]])
         self.show("calibration")
 
     def _hear_points(self, message: Message, numbers: bytes) -> None:
@@ -178,6 +186,28 @@ class Board:
             reason = "" if message["accepted"] else f"by hand: {message['reason']}"
             tap.update(accepted=message["accepted"], reason=reason, by_hand=message["reason"])
             self.show("taps")
+
+    # --- what the analysis tells ----------------------------------------------------------------------------
+
+    def _hear_modes(self, message: Message, numbers: bytes) -> None:
+        tap = self.taps.get(message["number"])
+        if tap is not None:
+            tap["modes"] = message["modes"]
+            self.show("taps")
+
+    def _hear_results(self, message: Message, numbers: bytes) -> None:
+        self.loads = {**self.loads, "loads": message["loads"], "why": ""}
+        self.show("loads")
+
+    def _hear_theory(self, message: Message, numbers: bytes) -> None:
+        self.loads = {**self.loads, "theory": message["curves"]}
+        self.show("loads")
+
+    def _hear_unanalysed(self, message: Message, numbers: bytes) -> None:
+        self.loads = {**self.loads, "why": message["why"]}
+        self.show("loads")
+
+    # --- what is said and asked -----------------------------------------------------------------------------
 
     def _hear_said(self, message: Message, numbers: bytes) -> None:
         self.state["said"] = [*self.state["said"], message["text"]][-LINES_KEPT:]

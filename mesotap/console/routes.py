@@ -29,6 +29,7 @@ from rig.errors import MesotapError
 HERE = Path(__file__).parent
 PAGE_KEY = "X-Mesotap-Page"
 LONGEST_KEY = 64
+SO_FAR = "so-far"
 AGAIN = 4001
 """Code with which a page is told that it was opened a second time under the same key."""
 
@@ -63,6 +64,7 @@ class Routes:
             "resume": (self._resume, True),
             "judge": (self._judge, True),
             "link": (self._link, True),
+            "diagnose": (self._diagnose, True),
         }
         return [
             Route(OPEN_PATH, self._open, methods=["GET"]),
@@ -104,13 +106,11 @@ class Routes:
 
     async def _document(self, request: Request) -> Response:
         """A report or a diagnosis, in which nothing runs."""
+        if request.path_params["id"] == SO_FAR:
+            return _shown(self._work.so_far.page)
         name = {"report": REPORT, "diagnosis": DIAGNOSIS}.get(request.path_params["what"])
         session = await asyncio.to_thread(session_of, self._work.bench.root, request.path_params["id"])
-        path = None if session is None or name is None else session.path / name
-        if path is None or path.is_symlink() or not path.is_file():
-            return PlainTextResponse("mesotap: there is no such page\n", 404)
-        headers = {"Content-Security-Policy": REPORT_POLICY, "Cache-Control": "no-store"}
-        return FileResponse(path, media_type="text/html; charset=utf-8", headers=headers)
+        return _shown(None if session is None or name is None else session.path / name)
 
     # --- what changes something ------------------------------------------------------------------------------
 
@@ -159,6 +159,11 @@ class Routes:
         if session is None:
             raise Refused("there is no such session")
         await self._work.resume(session.path)
+        return {"started": True}
+
+    async def _diagnose(self, content: dict[str, Any]) -> dict[str, Any]:
+        if not self._work.so_far.begin():
+            raise Refused("a diagnosis runs already")
         return {"started": True}
 
     async def _link(self, content: dict[str, Any]) -> dict[str, Any]:
@@ -231,6 +236,14 @@ class Routes:
         with contextlib.suppress(WebSocketDisconnect, RuntimeError, OSError):
             while True:
                 await socket.send_bytes(await take())
+
+
+def _shown(path: Path | None) -> Response:
+    """Return a page that was written by this program, in which nothing runs."""
+    if path is None or path.is_symlink() or not path.is_file():
+        return PlainTextResponse("mesotap: there is no such page\n", 404)
+    headers = {"Content-Security-Policy": REPORT_POLICY, "Cache-Control": "no-store"}
+    return FileResponse(path, media_type="text/html; charset=utf-8", headers=headers)
 
 
 async def _content(request: Request) -> dict[str, Any]:

@@ -143,6 +143,7 @@ class ConsoleServer:
     @contextlib.asynccontextmanager
     async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
         try:
+            await self.work.ready()
             yield
         finally:
             if self.work.running:

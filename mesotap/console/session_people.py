@@ -267,6 +267,7 @@ class PagePeople:
                 "plan_mn": config.mesotap.load_plan_mn,
                 "wanted": config.mesotap.impacts_per_load,
                 "limit_mn": config.rig.limits.load_mn,
+                "force_limit": config.daq.quality.largest_force_ratio,
                 "simulated": bool(folder.header.get("simulated")),
             }
         )
@@ -281,4 +282,5 @@ class PagePeople:
             self._tell(
                 {**message, "accepted": counts["accepted"], "reason": counts["reject_reason"], "old": True}, numbers
             )
+        self._tell({"kind": "told"})
         yield PageObserver(self._tell)

@@ -23,7 +23,7 @@ function axis(label) {
 }
 
 // An element with a plot; set(data) draws it anew. Described for those who do not see it.
-export function plot({ title, x, y, series, height = 260, log = false, description, hooks = {}, scales = {} }) {
+export function plot({ title, x, y, series, height = 260, log = false, description, hooks = {}, range = null }) {
   const box = make("div", { class: "plot", role: "img", "aria-label": description || title });
   let chart = null;
   let last = null;
@@ -39,10 +39,10 @@ export function plot({ title, x, y, series, height = 260, log = false, descripti
         height,
         legend: { show: false },
         cursor: { points: { show: false } },
-        scales: { x: { time: false }, y: log ? { distr: 3 } : {}, ...scales },
+        scales: { x: { time: false }, y: { ...(log ? { distr: 3 } : {}), ...(range ? { range } : {}) } },
         axes: [xAxis, yAxis],
         hooks,
-        series: [{}, ...series.map((s) => ({ ...s, stroke: s.colour ? () => colour(s.colour) : s.stroke, width: s.width ?? 1.5 }))],
+        series: [{}, ...series.map((s) => ({ points: { show: false }, ...s, stroke: s.colour ? () => colour(s.colour) : s.stroke, width: s.width ?? 1.5 }))],
       },
       last || [[], ...series.map(() => [])],
       box,
@@ -76,4 +76,34 @@ export function redrawAll() {
 
 export function points(colourName, options = {}) {
   return { colour: colourName, width: 0, paths: () => null, points: { show: true, size: 9, fill: () => colour(colourName), stroke: () => colour(colourName) }, ...options };
+}
+
+// Boxes of quartiles with median and whiskers, drawn over a plot (Fig. 7, 8).
+export function boxes(u, found, colourName) {
+  const context = u.ctx;
+  const half = 7 * devicePixelRatio;
+  context.save();
+  context.strokeStyle = context.fillStyle = colour(colourName);
+  context.lineWidth = 2 * devicePixelRatio;
+  for (const { x, box, scale } of found) {
+    if (!box) continue;
+    const at = u.valToPos(x, "x", true);
+    const y = (value) => u.valToPos(value * scale, "y", true);
+    context.beginPath();
+    context.moveTo(at, y(box.lower_whisker));
+    context.lineTo(at, y(box.lower_quartile));
+    context.moveTo(at, y(box.upper_quartile));
+    context.lineTo(at, y(box.upper_whisker));
+    context.moveTo(at - half, y(box.median));
+    context.lineTo(at + half, y(box.median));
+    context.stroke();
+    const top = y(box.upper_quartile);
+    context.strokeRect(at - half, top, 2 * half, Math.max(2, y(box.lower_quartile) - top));
+    for (const outlier of box.outliers) {
+      context.beginPath();
+      context.arc(at, y(outlier), 3 * devicePixelRatio, 0, 2 * Math.PI);
+      context.stroke();
+    }
+  }
+  context.restore();
 }

@@ -1,43 +1,96 @@
-// What each load came to, against theory; and the report and the diagnosis.
+// What each load came to, against theory; the diagnosis so far; at the end the report and the diagnosis.
 
-import { page } from "../wire.js";
-import { make, sheet, within } from "../parts.js";
-import { plot, points } from "../plots.js";
+import { page, post } from "../wire.js";
+import { alertWith, make, sheet, within } from "../parts.js";
+import { boxes, plot } from "../plots.js";
+import { driving } from "../main.js";
 
-let stiffness, damping, table, document_;
+const DASHES = [[], [10, 5], [3, 4], [14, 4, 3, 4], [6, 3, 2, 3, 2, 3]];
+let stiffness, damping, table, key, told, documents, soFar, opened, curves;
+
+function build(theory) {
+  if (stiffness) stiffness.end();
+  curves = theory.length;
+  const lines = theory.map((curve, i) => ({ colour: "third", dash: DASHES[i % DASHES.length], width: 2 }));
+  stiffness = plot({
+    title: "Contact stiffness against load", x: "load, mN", y: "k_c, MN/m", height: 320,
+    series: lines.length ? lines : [{ colour: "third" }],
+    hooks: { draw: [(u) => boxes(u, found().map((l) => ({ x: l.load_mn, box: l.stiffness_box, scale: 1e-6 })), "a")] },
+    range: () => span(found().flatMap((l) => ends(l.stiffness_box, 1e-6)), theory.flatMap((c) => c.k_c.map((v) => v * 1e-6))),
+  });
+  key.replaceChildren(make("i", { class: "a" }), "measured: quartiles, median, whiskers",
+    ...theory.flatMap((curve, i) => [make("span", { class: "dash" }, "—  – –  · ·  –·–  –··–".split("  ")[i % 5]), ` ${curve.name}`]));
+  return stiffness.box;
+}
+
+const found = () => ((page.parts.loads || {}).loads || []).filter((load) => load.stiffness_box);
+const ends = (box, scale) => (box ? [box.lower_whisker * scale, box.upper_whisker * scale, ...box.outliers.map((v) => v * scale)] : []);
+
+// What was measured is always in view; a theory far above it may leave at the top.
+function span(measured, beside = []) {
+  const highest = Math.max(0, ...measured.filter(Number.isFinite));
+  if (highest > 0) return [0, highest * (beside.length ? 2 : 1.1)];
+  return [0, Math.max(1e-9, ...beside.filter(Number.isFinite)) * 1.05 || 1];
+}
 
 function show() {
   const { loads, state } = page.parts;
   if (!loads || !stiffness) return;
-  const found = loads.loads.filter((load) => load.k_c);
-  const theory = loads.theory;
-  const all = [...theory.map((p) => [p.load_mn, p.k_c * 1e-6, null]), ...found.map((l) => [l.load_mn, null, l.k_c.value * 1e-6])].sort((p, q) => p[0] - q[0]);
-  stiffness.set([all.map((p) => p[0]), all.map((p) => p[1]), all.map((p) => p[2])]);
-  const zetas = loads.loads.filter((load) => load.zeta_c);
-  damping.set([zetas.map((l) => l.load_mn), zetas.map((l) => l.zeta_c.value * 100)]);
+  const theory = loads.theory || [];
+  if (theory.length !== curves) stiffness.box.replaceWith(build(theory));
+  const x = theory.length ? theory[0].load_mn : [0, (state.limit_mn || 1000)];
+  stiffness.set([x, ...(theory.length ? theory.map((c) => c.k_c.map((v) => v * 1e-6)) : [x.map(() => null)])]);
+  damping.set([x, x.map(() => null)]);
+  told.textContent = loads.why ? `Not analysed: ${loads.why}` : "";
   table.replaceChildren(...loads.loads.map((load) => make("tr", {}, make("td", {}, String(load.load_set + 1)), make("td", {}, load.load_mn.toFixed(1)), make("td", {}, String(load.used)),
-    make("td", {}, within(load.f2_hz, 1, 1)), make("td", {}, within(load.zeta2, 100, 3)), make("td", {}, within(load.k_c, 1e-6, 3)))));
-  if (state && state.state === "DONE" && state.session && !document_.firstChild)
-    document_.append(sheet("Report", make("iframe", { class: "report", src: `/sessions/${state.session}/report`, sandbox: "", title: "report of this session" })));
+    make("td", {}, within(load.f2_hz, 1, 1)), make("td", {}, within(load.zeta2, 100, 3)), make("td", {}, within(load.k_c, 1e-6, 3)), make("td", {}, within(load.c_c, 1, 2)))));
+  const diagnosis = state.so_far || {};
+  soFar.replaceChildren(
+    make("button", { type: "button", id: "diagnose", disabled: !driving() || diagnosis.running || !loads.loads.length,
+      onclick: async () => { const answer = await post("diagnose", {}); if (!answer.ok) alertWith(answer.error); } },
+    diagnosis.running ? `Diagnosing ${diagnosis.taps || ""} taps …` : "Diagnose what there is so far"),
+    make("span", { role: "status", class: "small" }, diagnosis.why ? ` ${diagnosis.why}` : diagnosis.running ? " It takes some minutes, and gives way to the session." : diagnosis.ready ? ` Of ${diagnosis.taps} taps, below.` : ""));
+  const wanted = state.state === "DONE" && state.session ? `done ${state.session}` : diagnosis.ready ? `so far ${diagnosis.taps}` : "";
+  if (wanted === opened) return;
+  opened = wanted;
+  documents.replaceChildren();
+  const frame = (title, src) => documents.append(sheet(title, make("iframe", { class: "report", src, sandbox: "", title })));
+  if (diagnosis.ready) frame(`Diagnosis of the first ${diagnosis.taps} taps`, "/sessions/so-far/diagnosis");
+  if (state.state === "DONE" && state.session) {
+    frame("Report of this session", `/sessions/${state.session}/report`);
+    if (state.diagnosed) frame("Diagnosis of this session", `/sessions/${state.session}/diagnosis`);
+  }
 }
 
 export const loads = {
   show(root) {
-    stiffness = plot({ title: "Contact stiffness against load", x: "load, mN", y: "k_c, MN/m", series: [{ colour: "third", spanGaps: true }, points("a")], height: 300 });
-    damping = plot({ title: "Damping of the contact mode against load", x: "load, mN", y: "ζ2, %", series: [points("b")], height: 300 });
+    key = make("p", { class: "key" });
+    const theory = (page.parts.loads || {}).theory || [];
+    build(theory);
+    damping = plot({
+      title: "Damping of the contact mode against load", x: "load, mN", y: "ζ_c, %", series: [{ colour: "b" }], height: 320,
+      hooks: { draw: [(u) => boxes(u, found().map((l) => ({ x: l.load_mn, box: l.damping_box, scale: 100 })), "b")] },
+      range: () => span(found().flatMap((l) => ends(l.damping_box, 100))),
+    });
     table = make("tbody");
-    document_ = make("div");
-    root.append(make("div", { class: "two" }, sheet("Contact stiffness", stiffness.box), sheet("Contact damping", damping.box)),
-      sheet("Loads", make("div", { class: "scroll" }, make("table", {}, make("thead", {}, make("tr", {}, ...["step", "load, mN", "taps", "f2, Hz", "ζ2, %", "k_c, MN/m"].map((h) => make("th", { scope: "col" }, h)))), table))),
-      document_);
+    told = make("p", { role: "status" });
+    soFar = make("p");
+    documents = make("div", { class: "documents" });
+    opened = "";
+    const headings = ["step", "load, mN", "taps", "f2, Hz", "ζ_c, %", "k_c, MN/m", "c_c, N s/m"];
+    root.append(
+      make("div", { class: "two" }, sheet("Contact stiffness against theory", stiffness.box, key), sheet("Damping of the contact mode", damping.box)),
+      sheet("Loads: combined taps with 95 % intervals", told, make("div", { class: "scroll" }, make("table", { id: "loads" }, make("thead", {}, make("tr", {}, ...headings.map((h) => make("th", { scope: "col" }, h)))), table)), soFar),
+      documents);
     show();
   },
   update(part) {
-    if (part === "loads" || part === "state") show();
+    if (["loads", "state", "audience"].includes(part)) show();
   },
   end() {
     stiffness.end();
     damping.end();
     stiffness = damping = null;
+    curves = -1;
   },
 };

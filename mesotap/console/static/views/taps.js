@@ -45,7 +45,8 @@ function showVerdict() {
     make("p", {}, tap.accepted ? (tap.by_hand ? `reason: ${tap.by_hand}` : "") : tap.reason));
   const j = tap.judged;
   const share = j.force_ratio;
-  const lost = tap.force_limit ? share / tap.force_limit : share;
+  const limit = page.parts.state.force_limit || 1;
+  const lost = share / limit;
   const drift = page.parts.state.locked_mn === null || tap.load_set !== page.parts.state.load_set ? tap.after_mn - tap.before_mn : tap.after_mn - page.parts.state.locked_mn;
   const m = tap.modes || {};
   numbers.replaceChildren(
@@ -53,7 +54,7 @@ function showVerdict() {
     figure("ζ2", within(m.zeta2, 100, 3), "%", "tap-zeta2"),
     figure("k_c", within(m.k_c, 1e-6, 3), "MN/m", "tap-kc"),
     figure("peak", fixed(j.peak_acceleration_m_s2, 2), "m/s²"),
-    figure("force that relieves the contact, of the load", share === null || share === undefined ? "–" : `${fixed(100 * share)} %`, `limit ${fixed(100 * (tap.force_limit || 1))} %, at 100 % the surfaces part`),
+    figure("force that relieves the contact, of the load", share === null || share === undefined ? "–" : `${fixed(100 * share)} %`, `limit ${fixed(100 * limit)} %, at 100 % the surfaces part`),
     make("div", {}, make("span", { class: "small" }, "against the limit"), make("meter", { min: 0, max: 1.5, low: 0.8, high: 1, optimum: 0, value: Math.min(1.5, lost || 0), "aria-label": "force against the loss-of-contact limit" })),
     figure("load drift since lock", Number.isFinite(drift) ? `${drift >= 0 ? "+" : ""}${drift.toFixed(1)}` : "–", "mN"));
   if (tap.modes && tap.modes.notes && tap.modes.notes.length) numbers.append(make("p", { class: "small" }, tap.modes.notes.join("; ")));

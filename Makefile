@@ -6,6 +6,7 @@ DEMO := demo
 SEED := 1
 
 .PHONY: demo test check unit lint types layers kills recovery gauges bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness package clean
+.PHONY: console-stop console-kills
 
 demo: $(VENV)/.installed
 	rm -rf $(DEMO)
@@ -40,6 +41,10 @@ kills: $(VENV)/.tested
 # STOP in the page of the console, 50 times, until the stage is told to go back (ten minutes)
 console-stop: $(VENV)/.tested
 	MESOTAP_STOPS=50 $(BIN)/python -m pytest -s -n 0 tests/mesotap/console/test_stop.py
+
+# the console killed ten times in every state, each session resumed (half an hour)
+console-kills: $(VENV)/.tested
+	MESOTAP_CONSOLE_KILLS=10 $(BIN)/python -m pytest -s -n 0 tests/mesotap/console/test_kills.py
 
 # 200 seeded loads: does every interval cover as often as it says?
 recovery: $(VENV)/.installed

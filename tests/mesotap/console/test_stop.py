@@ -70,9 +70,8 @@ def test_stop_is_on_the_wire(chromium, tmp_path):
             if i + 1 < STOPS:
                 page.click("button.resume")
     for state, first, back in after:
-        print(
-            f"{state:18s} next word to the stage after {first * 1e3:4.0f} ms, told to go back after {back * 1e3:4.0f} ms"
-        )
+        words, moved = f"next word to the stage {first * 1e3:4.0f} ms", f"told to go back {back * 1e3:4.0f} ms later"
+        print(f"{state:18s} {words}, {moved}")
     backs = [back for _, _, back in after]
     print(f"{len(backs)} STOPs: median {statistics.median(backs) * 1e3:.0f} ms, worst {max(backs) * 1e3:.0f} ms")
     assert len(backs) < MANY or max(backs) <= ALLOWED_S

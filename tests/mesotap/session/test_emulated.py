@@ -151,12 +151,12 @@ QUICK = [
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
 def test_a_killed_session_on_ptys_ends_as_the_simulated_one(tmp_path):
     """SIGKILL within real wires: the file at the end is that of an unbroken session on the simulated rig."""
-    commands.run(None, QUICK, True, 7, False, tmp_path / "whole", None, silent())
+    commands.run(None, QUICK, commands.RigChoice(simulate=True, seed=7), tmp_path / "whole", None, silent())
     expected = content(tmp_path / "whole" / "session.h5")
     broken = tmp_path / "broken"
 
     def begin() -> None:
-        commands.run(None, QUICK, False, 7, False, broken, None, silent(), emulate=True)
+        commands.run(None, QUICK, commands.RigChoice(emulate=True, seed=7), broken, None, silent())
 
     def resume() -> None:
         commands.resume(broken, None, silent())

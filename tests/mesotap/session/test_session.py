@@ -145,7 +145,7 @@ def test_an_ended_session_is_safe_and_goes_on(tmp_path, state, nth):
 
 def killed_while_tapping(tmp_path, config) -> SessionFolder:
     """A session whose program died between taps, the load still on."""
-    control = Interrupt(KeyError("killed"), State.TAP, 40)
+    control = Interrupt(KeyError("killed"), State.TAP, 75)  # between the first tap and the second
     folder, runner = new_runner(tmp_path / "s", config, control=control)
     control.runner = runner
     with pytest.raises(KeyError):

@@ -244,7 +244,7 @@ def test_a_seed_of_hundreds_of_digits_is_shown_short(folder: Path) -> None:
 
 def test_no_session_is_begun_with_a_seed_that_none_can_be_resumed_with(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="this session could not be resumed"):
-        commands.run(None, (), True, 10**400, False, tmp_path / "run", None, silent())
+        commands.run(None, (), commands.RigChoice(simulate=True, seed=10**400), tmp_path / "run", None, silent())
     assert list(tmp_path.iterdir()) == []
 
 

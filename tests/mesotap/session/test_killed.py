@@ -36,7 +36,7 @@ def silent() -> Console:
 
 
 def begin(folder: Path, seed: int) -> None:
-    commands.run(None, SMALL, True, seed, False, folder, None, silent())
+    commands.run(None, SMALL, commands.RigChoice(simulate=True, seed=seed), folder, None, silent())
 
 
 def child(work) -> int:

@@ -318,5 +318,5 @@ def test_a_run_that_is_refused_leaves_no_devices_behind(folder: Path, monkeypatc
 
     monkeypatch.setattr(commands, "_rig_of", lambda *arguments: Separate())
     with pytest.raises(RecordingError, match="holds a session already"):
-        commands.run(None, (), False, 1, True, folder, None, silent(), emulate=True)
+        commands.run(None, (), commands.RigChoice(emulate=True, seed=1, realtime=True), folder, None, silent())
     assert ended == [True]

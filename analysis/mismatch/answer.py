@@ -181,11 +181,29 @@ class Rival:
 
 
 @dataclass(frozen=True, slots=True)
+class ChannelErrors:
+    """Errors of one channel on what was held out, rms in its ``unit``; see `FitSummary`.
+
+    ``heldout_over_noise`` is how much larger than noise the errors of the best model are in what cannot be predicted of
+    them, which coloured noise leaves at 1.
+    """
+
+    channel: str
+    unit: str
+    noise_rms: float
+    heldout_rms_before: float
+    heldout_rms_after: float | None
+    heldout_over_noise: float
+
+
+@dataclass(frozen=True, slots=True)
 class FitSummary:
-    """How well segments that took no part are predicted, rms in ``unit``.
+    """How well segments that took no part are predicted, rms in ``unit``, of all channels that have it.
 
     Attributes
     ----------
+    noise_rms
+        What cannot be predicted of the errors, of the same channels.
     heldout_rms_before, heldout_rms_after
         By the linear rig, NaN where nothing was held out; with the mechanisms named, None where none is.
     heldout_segments, segments, groups
@@ -194,6 +212,8 @@ class FitSummary:
         Error before and after on each stretch of time that was declared as held out.
     steady_error
         Relative error of the force of held-out steady responses, before and after; None without any.
+    channels
+        The errors of each channel by itself, where recordings have several quantities.
     """
 
     unit: str
@@ -205,6 +225,7 @@ class FitSummary:
     groups: int
     stretches: Mapping[str, tuple[float, float | None]] = field(default_factory=dict)
     steady_error: tuple[float, float | None] | None = None
+    channels: tuple[ChannelErrors, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

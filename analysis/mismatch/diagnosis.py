@@ -251,7 +251,8 @@ def _remainder(account: Account[Any], verdict: Verdict) -> Remainder:
     where = account.left_at(model, screening) if beyond else None
     share = 1.0 if verdict == "unexplained" and not selection.steps else share
     linear = selection.problem.linear
-    return Remainder(share, left, p_value, where, remainder_statement(linear, share, left, p_value, where))
+    said = remainder_statement(linear, share, left, p_value, where, account.beyond_held_out(model))
+    return Remainder(share, left, p_value, where, said)
 
 
 def _upper_limits(account: Account[Any], named: Sequence[Named]) -> tuple[UpperLimit, ...]:

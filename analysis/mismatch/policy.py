@@ -14,6 +14,7 @@ PRACTICE = "the 44 practice sessions"
 SEALED = "blind validations with seeds 1 to 8"
 RECORDED = "Silverbox and the bolted beam"
 RECENT = "blind validation of described rigs with seed 808"
+UNTOUCHED = "102 rigs with nothing hidden, prove --rigs, seed 5150"
 DRAWN = "blind validations of described rigs with seeds 505 and 606"
 
 
@@ -34,6 +35,9 @@ class SelectionPolicy:
 
     # whether anything is missing
     level: float = _chosen(0.01, "p-value below which something is missing, or left over", "1", "convention", 10)
+    held_out_share: float = _chosen(
+        0.1, "share of this level that the errors on held-out blocks of a recording are tested at", "1", UNTOUCHED, 106
+    )
     # candidates
     most_terms: int = _chosen(3, "mechanisms at work together", "mechanisms", "memory of the propagator", 10)
     finalists: int = _chosen(5, "candidates of a step that are fitted to impacts", "candidates", PRACTICE, 10)

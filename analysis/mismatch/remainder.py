@@ -11,6 +11,7 @@ Real = NDArray[np.float64]
 
 NARROW = 0.15  # of its middle frequency: a band narrower than this is reported by its centre frequency
 MOST = 0.9  # of the excess power, by which it is located
+SEEN = 0.5  # chi-squared below which it is written as 0
 SURE = 1e-12  # p-values below are not worth their digits
 
 
@@ -54,11 +55,25 @@ def place_words(where: Location) -> str:
     return f"in the {where.component}{element} {frequency_words(where.frequency_hz)}"
 
 
-def remainder_statement(linear: str, share: float, chi_squared: float, p_value: float, where: Location | None) -> str:
-    """Say what is left over in a sentence; ``linear`` is how the linear rig is called."""
+def remainder_statement(
+    linear: str, share: float, chi_squared: float, p_value: float, where: Location | None, held_out: str = ""
+) -> str:
+    """Say what is left over; ``linear`` is how the linear rig is called, ``held_out`` what is said of its errors there.
+
+    Examples
+    --------
+    >>> remainder_statement("Eq. 9", 0.0, 0.0, 0.4, None)
+    'Nothing beyond noise is left (p = 0.4).'
+    """
     if where is None:
         return f"Nothing beyond noise is left ({p_words(p_value)})."
-    return (
-        f"Forces or channels of any shape would still take away a chi-squared of {chi_squared:.0f}, "
-        f"{100 * share:.2g} % of what {linear} misses ({p_words(p_value)}); it lies {place_words(where)}."
-    )
+    if chi_squared < SEEN:
+        said = (
+            f"Something is left beyond noise ({p_words(p_value)}) that no force or channel of any shape would take away"
+        )
+    else:
+        said = (
+            f"Forces or channels of any shape would still take away a chi-squared of {chi_squared:.0f}, "
+            f"{100 * share:.2g} % of what {linear} misses ({p_words(p_value)})"
+        )
+    return f"{said}; it lies {place_words(where)}.{held_out}"

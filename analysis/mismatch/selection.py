@@ -181,6 +181,10 @@ class Judge(ABC, Generic[FitOf]):
     def outcome(self, baseline: State[FitOf], state: State[FitOf]) -> Selection[FitOf]:
         """Return a selection that ends here: explained, or not."""
 
+    def tested(self, fitted: FitOf, screening: Screening) -> Screening:
+        """Return a screening whose p-value counts what was held out, too, where errors on that have a test."""
+        return screening
+
     def another_first(self, candidates: Sequence[Candidate[FitOf]]) -> bool:
         """Whether the second candidate is so good that it is tried in the place of a first that led to nothing."""
         return False
@@ -199,7 +203,7 @@ def screened_baseline(judge: Judge[FitOf]) -> State[FitOf]:
     judge.on_progress("fitting the linear rig")
     fitted = judge.baseline()
     judge.on_progress("screening")
-    return State(fitted, judge.screen(fitted))
+    return State(fitted, judge.tested(fitted, judge.screen(fitted)))
 
 
 def select(judge: Judge[FitOf], baseline: State[FitOf]) -> Selection[FitOf]:

@@ -200,6 +200,18 @@ def _fit(fit: FitSummary, far_off: bool) -> dict[str, Any]:
         "groups": fit.groups,
         "far_off": far_off,
     }
+    if fit.channels:
+        said["channels"] = [
+            {
+                "channel": c.channel,
+                "unit": c.unit,
+                "noise_rms": c.noise_rms,
+                "heldout_rms_before": _number(c.heldout_rms_before),
+                "heldout_rms_after": _number(c.heldout_rms_after),
+                "heldout_over_noise": c.heldout_over_noise,
+            }
+            for c in fit.channels
+        ]
     if fit.stretches:
         said["stretches"] = {
             k: {"before": _number(before), "after": _number(after)} for k, (before, after) in fit.stretches.items()

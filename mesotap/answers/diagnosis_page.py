@@ -12,7 +12,13 @@ from matplotlib.figure import Figure
 
 from analysis.mismatch.answer import Answer
 from daq.records import Session
-from mesotap.answers.diagnosis_text import linear_rig, probability_words, verdict_sentence, what_was_recorded
+from mesotap.answers.diagnosis_text import (
+    linear_rig,
+    next_words,
+    probability_words,
+    verdict_sentence,
+    what_was_recorded,
+)
 from mesotap.answers.results_files import json_text
 from mesotap.report import figures
 from mesotap.report.report import environment, figure_folder, is_simulated, written
@@ -112,19 +118,22 @@ def write_page(
         probability_words=probability_words,
         svg={name: Markup(svg) for name, svg in drawn.items()},
         held_out=_held_out(answer),
+        next_words=next_words,
         pdf_figures=pdf_figures,
     )  # fmt: skip
     return written(folder / "diagnosis.html", html)
 
 
-def _held_out(answer: Answer) -> list[tuple[str, float, float | None, str]]:
-    """Return what was held out, its error before and after, and the unit."""
+def _held_out(answer: Answer) -> list[tuple[str, float, float | None, float | None, str]]:
+    """Return what was held out, its error before and after, the noise, and the unit."""
     fit = answer.fit
-    rows = [
-        (f"{fit.heldout_segments} of {fit.segments} segments", fit.heldout_rms_before, fit.heldout_rms_after, fit.unit)
-    ]
-    rows += [(name, before, after, fit.unit) for name, (before, after) in fit.stretches.items()]
+    segments = f"{fit.heldout_segments} of {fit.segments} segments"
+    rows = [(segments, fit.heldout_rms_before, fit.heldout_rms_after, float(fit.noise_rms) or None, fit.unit)]
+    for c in fit.channels if len(fit.channels) > 1 else ():
+        what = f"channel {c.channel}, {c.heldout_over_noise:.3g} times noise in what cannot be predicted"
+        rows.append((what, c.heldout_rms_before, c.heldout_rms_after, c.noise_rms, c.unit))
+    rows += [(name, before, after, None, fit.unit) for name, (before, after) in fit.stretches.items()]
     if fit.steady_error is not None:
         before, after = fit.steady_error
-        rows.append(("steady responses, force", 100 * before, None if after is None else 100 * after, "%"))
+        rows.append(("steady responses, force", 100 * before, None if after is None else 100 * after, None, "%"))
     return rows

@@ -5,8 +5,8 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
-from analysis.mismatch.answer import LOAD_CELL, TESTER, Answer, Named
-from analysis.mismatch.remainder import p_words, place_words
+from analysis.mismatch.answer import LOAD_CELL, TESTER, Answer, Named, NextExperiment
+from analysis.mismatch.remainder import SEEN, p_words, place_words
 from mesotap.answers.rounding import significant
 from mesotap.operator.terminal import escape
 
@@ -68,6 +68,11 @@ def _what_remains(answer: Answer) -> str:
     with_it = "With it" if len(answer.mechanisms) == 1 else "With them"
     if left.where is None:
         return f"{with_it} nothing is left beyond noise ({p_words(left.p_value)})."
+    if left.chi_squared < SEEN:
+        return (
+            f"That explains all that a force or channel of any shape could; something else remains "
+            f"{place_words(left.where)} ({p_words(left.p_value)})."
+        )
     size = "something small remains" if left.share < SMALL else "something remains"
     return (
         f"That explains {_percent(1 - left.share)} of what is missing; {size} {place_words(left.where)} "
@@ -104,15 +109,17 @@ def print_answer(answer: Answer, console: Console) -> None:
         console.print(_limits(answer))
     then = answer.next_experiment
     if then is not None:
-        load = "" if then.load_n is None else f"{1e3 * then.load_n:.0f} mN, "
-        tap = "" if then.peak_force_ratio is None else f"{_strength(answer, then.peak_force_ratio)}, "
-        console.print(f"  next: {load}{tap}to part {' and '.join(then.separates)}. {escape(then.why)}")
+        console.print(f"  next: {escape(next_words(answer, then))} {escape(then.why)}")
 
 
-def _strength(answer: Answer, ratio: float) -> str:
-    if answer.loads_n:
-        return f"a tap of {ratio:.2f} of the load"
-    return f"{ratio:g} times as strong"
+def next_words(answer: Answer, then: NextExperiment) -> str:
+    """Say in a sentence what to record next, and what that tells apart."""
+    load = "" if then.load_n is None else f" at {1e3 * then.load_n:.0f} mN"
+    ratio, what = then.peak_force_ratio, "record further impacts" if answer.loads_n else "make another recording"
+    if ratio is not None:
+        what = f"tap with {ratio:.2f} of the load" if answer.loads_n else f"record it {ratio:g} times as strong"
+    first, second = map(words, then.separates)
+    return f"{what}{load} to tell {first} from {second}."
 
 
 def _print_mechanism(m: Named, console: Console) -> None:
@@ -132,6 +139,12 @@ def _print_held_out(answer: Answer, console: Console) -> None:
         f"  {fit.heldout_segments} held-out segments: rms {fit.heldout_rms_before:.5g} {unit} by "
         f"{linear_rig(answer)}{after}; noise {fit.noise_rms:.5g}"
     )
+    for c in fit.channels:
+        then = "" if c.heldout_rms_after is None else f", then {c.heldout_rms_after:.4g}"
+        console.print(
+            f"    {escape(c.channel)}: {c.heldout_rms_before:.4g}{then} {escape(c.unit)}; noise {c.noise_rms:.4g}; "
+            f"{c.heldout_over_noise:.3g} times noise in what cannot be predicted"
+        )
     for name, (before, later) in fit.stretches.items():
         then = "" if later is None else f", then {later:.4g}"
         console.print(f"    {escape(name)}: {before:.4g}{then} {unit}")

@@ -32,7 +32,7 @@ def evidence_of_recordings(account: BlockAccount, known: Mapping[str, tuple[Mech
         where=(),
         what=(),
         gained=(_errors(account),),
-        candidates=tuple(_step(step, first=i == 0) for i, step in enumerate(account.selection.steps)),
+        candidates=tuple(_step(step, account, first=i == 0) for i, step in enumerate(account.selection.steps)),
         constants=(_constants(account),),
         excluded=tuple(m for m in catalogue() if m not in known),
         method=METHOD,
@@ -64,11 +64,14 @@ def _constants(account: BlockAccount) -> Table:
     return Table("Constants of the rig as fitted.", ("Constant", "Value", "Unit"), rows, (0, 2))
 
 
-def _step(step: SelectionStep[SimulatedFit], *, first: bool) -> Table:
+def _step(step: SelectionStep[SimulatedFit], account: BlockAccount, *, first: bool) -> Table:
     missed = math.sqrt(mean_of(step.before.by_block(CHOOSE)))
-    rows: list[tuple[str | Markup, ...]] = [("nothing" if first else "what was accepted before", f"{missed:.5f}")]
+    nothing = "nothing" if first else "what was accepted before"
+    rows: list[tuple[str | Markup, ...]] = [(nothing, "", f"{missed:.5f}")]
     for c in sorted((c for c in step.candidates if c.fit is not None), key=lambda c: mean_of(c.losses)):
         name = Markup("<strong>{}</strong>").format(c.id) if c is step.accepted else c.id
-        rows.append((name, f"{math.sqrt(mean_of(c.losses)):.5f}"))
+        place = c.mechanism.named(account.judge.problem.arrangement, c.score.term.place)
+        place = account.element(c.score.term, place) or place
+        rows.append((name, place, f"{math.sqrt(mean_of(c.losses)):.5f}"))
     caption = "Error on blocks that took no part in fitting, in units of the recording's noise."
-    return Table(caption, ("With", "Error"), tuple(rows))
+    return Table(caption, ("With", "In", "Error"), tuple(rows), (0, 1))

@@ -15,6 +15,6 @@ MECHANISM = SecondImpact(
     strength=NAME,
     trials=lambda scale: [{NAME: 0.0}],
     statement=lambda values, name: (
-        f"The impactor strikes twice: a second impact of {100 * values[NAME]:.2g} % of the first follows."
+        f"The impactor strikes twice: a second impact follows, {100 * values[NAME]:.2g} % as large as the first."
     ),
 )

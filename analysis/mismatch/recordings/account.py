@@ -12,12 +12,13 @@ import numpy as np
 from analysis.mismatch.account import UNLISTED, Account, Weights, relative
 from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Location, Named, NextExperiment
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.blocks import held_out_rms, mean_of
+from analysis.mismatch.recordings.blocks import held_out_rms, mean_of, together
 from analysis.mismatch.recordings.decay import decay_of
 from analysis.mismatch.recordings.fit import SimulatedFit
+from analysis.mismatch.recordings.held_out import beyond_noise, channel_errors
 from analysis.mismatch.recordings.judge import BlockJudge, with_time
-from analysis.mismatch.recordings.noise import floor_of, innovation_rms
 from analysis.mismatch.recordings.recorded import CHOOSE
+from analysis.mismatch.recordings.residual_band import residual_band
 from analysis.mismatch.recordings.second_impact import impulse_share, said_of, struck
 from analysis.mismatch.recordings.start_check import better_unknown
 from analysis.mismatch.remainder import frequency_words
@@ -27,7 +28,6 @@ from analysis.mismatch.selection import Candidate, SelectionStep
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import ForceLaw, SecondImpact
 
-MOST_ENERGY = 0.9  # of a residual, by which it is located
 STRONGER = 3.0  # tap over the one made, that parts amplitude from time
 SEEN = 0.1  # of the largest gain of a channel, from which on a channel shows what is missing
 
@@ -191,21 +191,31 @@ class BlockAccount(Account[SimulatedFit]):
 
     def held_out_rms(self, fitted: SimulatedFit) -> float:
         """Return the error on held-out blocks, in the recordings' unit."""
-        return held_out_rms(fitted)[0]
+        return together(fitted, held_out_rms(fitted)[0])
+
+    def beyond_held_out(self, fitted: SimulatedFit) -> str:
+        """Say in which held-out block a final fit's errors are furthest beyond noise."""
+        return beyond_noise(self.judge.finals.errors(fitted), self.judge.problem)
 
     def summary(self, chosen: SimulatedFit | None) -> FitSummary:
         """Return how well held-out blocks are predicted."""
-        recordings, judge = self.judge.problem.recordings, self.judge
-        before, by_name, pieces = held_out_rms(self.selection.baseline)
-        after, after_by = (None, {}) if chosen is None else held_out_rms(chosen)[:2]
-        noise = innovation_rms(self.selection.best.error(0)[0][0], floor_of(recordings[0]))
+        recordings, judge, best = self.judge.problem.recordings, self.judge, self.selection.best
+        before, named, pieces = held_out_rms(self.selection.baseline)
+        after, named_after = (None, {}) if chosen is None else held_out_rms(chosen)[:2]
+        channels = channel_errors(best, self.judge.finals.errors(best), before, after)
+
+        def one(rms: Real | None) -> float | None:
+            return None if rms is None else together(best, rms)
+
+        noise = together(best, np.array([c.noise_rms for c in channels]))
         segments = sum(np.unique(r.block).size for r in recordings)
         steady = None
         if judge.steady is not None:
             steady = (judge.steady.held_rms, None if chosen is None else judge.with_terms(chosen.terms).held_rms)
+        stretches = {name: (together(best, rms), one(named_after.get(name))) for name, rms in named.items()}
         return FitSummary(
-            self.described.seen[0].unit, noise, before, after, pieces, max(int(segments), pieces), len(recordings),
-            {name: (value, after_by.get(name)) for name, value in by_name.items()}, steady,
+            self.described.seen[0].unit, noise, together(best, before), one(after), pieces,
+            max(int(segments), pieces), len(recordings), stretches, steady, channels,
         )  # fmt: skip
 
     def location(self, named: Sequence[Named]) -> Location:
@@ -326,21 +336,3 @@ class BlockAccount(Account[SimulatedFit]):
         units = {p.name: p.unit for p in self.judge.problem.arrangement.parameters}
         values = self.selection.best.values
         return FittedRig({k: (v, self.unit(units[k])) for k, v in values.items() if k in units})
-
-
-def residual_band(fitted: SimulatedFit) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return times (s) and frequencies (Hz) between which most of the residual of the first recording lies."""
-    recorded = fitted.problem.recordings[0]
-    off, at = fitted.off(0)
-    t = recorded.start_s + np.arange(at.start, at.stop) / recorded.rate_hz
-    spectrum = np.sum(np.abs(np.fft.rfft(off * np.hanning(off.shape[1]), axis=1)) ** 2, axis=0)
-    lines = np.asarray(np.fft.rfftfreq(off.shape[1], 1 / recorded.rate_hz), np.float64)
-    return _middle(np.sum(off**2, axis=0), t), _middle(spectrum, lines)
-
-
-def _middle(energy: Real, at: Real) -> tuple[float, float]:
-    """Return between which places most of the energy lies."""
-    grown = np.cumsum(energy) / max(float(np.sum(energy)), 1e-300)
-    edge = (1 - MOST_ENERGY) / 2
-    low, high = np.searchsorted(grown, [edge, 1 - edge])
-    return float(at[low]), float(at[min(high, at.size - 1)])

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.mismatch.recordings.fit import SimulatedFit
-from analysis.mismatch.recordings.noise import correlation
+from analysis.mismatch.recordings.noise import correlation, noise_of
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD
+from sim_backend.arrays import Real
 
 
 def independent_samples(fitted: SimulatedFit, part: int = CHOOSE) -> float:
@@ -40,22 +41,35 @@ def mean_of(losses: Sequence[float]) -> float:
     return float(np.mean(losses))
 
 
-def held_out_rms(fitted: SimulatedFit) -> tuple[float, dict[str, float], int]:
-    """Return the error on what was held out, in the recordings' unit: all, by declared stretch, how many pieces.
+def held_out_rms(fitted: SimulatedFit) -> tuple[Real, dict[str, Real], int]:
+    """Return (channels,) errors on what was held out: all, by declared stretch, and how many pieces it has.
 
     The recordings are simulated from end to end: nothing is refitted on what was held out.
     """
-    total, count, pieces = 0.0, 0, 0
-    named: dict[str, list[float]] = {}
+    total, count, pieces = np.zeros(len(fitted.problem.rig.seen)), 0, 0
+    named: dict[str, list[Real]] = {}
     for number, recorded in enumerate(fitted.problem.recordings):
         off, at = fitted.error(number, whole=True)
         kept = recorded.part[at] == HELD
-        total, count = total + float(np.sum(off[:, kept] ** 2)), count + int(kept.sum()) * len(off)
+        total, count = total + np.sum(off[:, kept] ** 2, axis=1), count + int(kept.sum())
         pieces += len(recorded.stretches) or np.unique(recorded.block[at][kept]).size
         for name, where in recorded.stretches:
-            named.setdefault(name, []).append(float(np.mean(off[:, where] ** 2)))
+            named.setdefault(name, []).append(np.mean(off[:, where] ** 2, axis=1))
     return (
-        math.sqrt(total / count) if count else math.nan,
-        {name: math.sqrt(float(np.mean(v))) for name, v in named.items()},
+        np.sqrt(total / count) if count else np.full(total.size, math.nan),
+        {name: np.sqrt(np.mean(v, axis=0)) for name, v in named.items()},
         pieces,
     )
+
+
+def noise_rms(fitted: SimulatedFit) -> Real:
+    """Return (channels,) the rms of what cannot be predicted of a fit's errors where they are not held out."""
+    found = [noise_of(r, *fitted.error(i)) for i, r in enumerate(fitted.problem.recordings)]
+    lengths = [r.fitted.stop - r.fitted.start for r in fitted.problem.recordings]
+    return np.asarray(np.sqrt(np.average(np.array(found) ** 2, axis=0, weights=lengths)), np.float64)
+
+
+def together(fitted: SimulatedFit, rms: Real) -> float:
+    """Return the rms (channels,) of all channels that have the first one's unit as one."""
+    seen = fitted.problem.rig.seen
+    return float(np.sqrt(np.mean(rms[[s.unit == seen[0].unit for s in seen]] ** 2)))

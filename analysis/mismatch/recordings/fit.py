@@ -169,6 +169,8 @@ class SimulatedFit(Fit):
         The parameters as they are fitted, and what is each recording's own.
     scatter
         Mean square of the residuals fitted, in the recordings' units.
+    parts
+        What was fitted.
     """
 
     problem: SimulatedRecordings
@@ -176,6 +178,7 @@ class SimulatedFit(Fit):
     x: Real
     own: tuple[Own, ...]
     scatter: float
+    parts: tuple[int, ...] = (FIT,)
 
     @property
     def values(self) -> dict[str, float]:
@@ -312,7 +315,7 @@ def _finished(problem: SimulatedRecordings, model: SimulationModel, found: Evalu
     constants = Constants(simulation.arrangement, np.array([values[n] for n in names]), np.zeros((1, 0)))
     return SimulatedFit(
         terms, simulation.arrangement, constants, found.residuals, sums, found.penalty, spread, tuple(covariances),
-        problem, simulation, point.x, point.own, scatter,
+        problem, simulation, point.x, point.own, scatter, model.parts,
     )  # fmt: skip
 
 

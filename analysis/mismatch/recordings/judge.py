@@ -15,13 +15,14 @@ from typing import get_args
 import numpy as np
 from scipy.stats import t as student
 
-from analysis.mismatch.free_form import free_places, joint_term
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.blocks import independent_samples, likelihood_ratio, mean_of
 from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit, linear_fit, problem_of
+from analysis.mismatch.recordings.free_force import free_loss
+from analysis.mismatch.recordings.held_out import FinalFits
 from analysis.mismatch.recordings.ranking import Ranking
-from analysis.mismatch.recordings.recorded import CHOOSE, FIT
+from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.regression import regressed
 from analysis.mismatch.recordings.second_impact import where_it_fell
 from analysis.mismatch.recordings.start_check import better_unknown, with_unknown
@@ -29,7 +30,6 @@ from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
 from analysis.mismatch.rig_description import Hold
 from analysis.mismatch.score_test import Score, Screening, screen
 from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of, started
-from sim_backend.force_law import SLOTS
 from sim_backend.mechanisms.kinds import ForceLaw, Mechanism, SecondImpact
 
 STRONGEST_START, WEAKEST_START = 30.0, 0.1  # trial strengths that a fit begins with at most and at least
@@ -37,7 +37,6 @@ LIGHTEST_START = 1e4  # the same, of a frame, whose trial is so many times as he
 HOPELESS = 4.0  # times the best objective so far, from which a competing fit is given up
 CONSTANTS = 2  # that are tried with other values where the rig as described misses most
 AS_WELL = 4.0  # mean square over that of what is named, up to which another constant explains as well
-FREE_PLACES = 2  # elements in which forces of any shape are tried together
 
 Candidates = tuple[Candidate[SimulatedFit], ...]
 
@@ -64,6 +63,7 @@ class BlockJudge(Judge[SimulatedFit]):
     sweeps: tuple[Sweep, ...] = ()
     steady: SteadyFit | None = None
     screened: dict[tuple[int, int], tuple[SimulatedFit, Screening]] = field(default_factory=dict, compare=False)
+    finals: FinalFits = field(default_factory=FinalFits, compare=False)
 
     @classmethod
     def of(
@@ -93,6 +93,12 @@ class BlockJudge(Judge[SimulatedFit]):
         if key not in self.screened:
             self.screened[key] = fitted, screen(self.problem, fitted, known)
         return self.screened[key][1]
+
+    def tested(self, fitted: SimulatedFit, screening: Screening) -> Screening:
+        """Return a screening whose p-value counts the errors on held-out blocks of the final fit of a model."""
+        share = self.problem.policy.held_out_share
+        beyond = self.finals.errors(self.finals.of(fitted)).p_value
+        return replace(screening, p_value=min(screening.p_value / (1 - share), beyond / share, 1.0))
 
     def exhausted(self) -> bool:
         """A recording is simulated as long as it takes."""
@@ -260,14 +266,13 @@ class BlockJudge(Judge[SimulatedFit]):
         base, best = mean_of(baseline.current.by_block(CHOOSE)), mean_of(current.by_block(CHOOSE))
         if steps and best > policy.left_over_blocks * base and self.screen(current).p_value < policy.level:
             self.on_progress("trying forces of any shape")
-            free = self._free_loss(current)
+            free = free_loss(self.problem, current)
             share = max(best - free, 0.0) / max(base - free, 1e-300)
         self.on_progress("fitting once more with all that is not held out")
-        final = fit(self.problem, (), baseline.current, parts=(FIT, CHOOSE), fine=True)
-        fitted = fit(self.problem, current.terms, current, parts=(FIT, CHOOSE), fine=True) if current.terms else final
+        final, fitted = map(self.finals.of, (baseline.current, current))
         if fitted.terms and self._otherwise_explained(baseline.current, current, final):
-            fitted, steps = final, ()
-        last = self.screen(fitted)
+            current, fitted, steps = baseline.current, final, ()
+        last = self.tested(current, self.screen(fitted))
         chosen = fitted if fitted.terms and share <= policy.left_over_blocks else None
         if not share and steps:  # so little that forces of any shape were not fitted: their score test tells
             taken = -math.expm1(-last.unexplained / max(self.problem.samples * len(self.problem.rig.seen), 1))
@@ -337,14 +342,3 @@ class BlockJudge(Judge[SimulatedFit]):
             return mean_of(losses) > self.problem.policy.in_time * other
         amplitude = len(losses) * math.log(mean_of(losses)) - self.against_sweeps(current)
         return amplitude > len(losses) * math.log(other) - self.against_sweeps(rival.fit)
-
-    def _free_loss(self, current: SimulatedFit) -> float:
-        """Return the choosing blocks' mean square with forces of any shape added; no worse than before."""
-        before = mean_of(current.by_block(CHOOSE))
-        laws = sum(len(t.place) for t in current.terms if isinstance(t.mechanism, ForceLaw))
-        rig = self.problem.arrangement
-        places = free_places(rig)[: min(FREE_PLACES, SLOTS - laws)]
-        added = [joint_term(rig, p, self.problem.scale_of(current, p)) for p in places]
-        if not added:
-            return before
-        return min(mean_of(fit(self.problem, (*current.terms, *added), current).by_block(CHOOSE)), before)

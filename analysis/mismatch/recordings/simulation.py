@@ -165,12 +165,12 @@ class Simulation:
             From its first sample to its last, at rest under the mean input where the fit did not begin there; else
             what is fitted.
         samples
-            So many only.
+            So many only, or beyond what is fitted.
         """
         recorded = self.recordings[number]
         first = 0 if whole else recorded.fitted.start
         last = recorded.samples if whole else recorded.fitted.stop
-        last = last if samples is None else min(last, first + samples)
+        last = last if samples is None else min(recorded.samples, first + samples)
         constants, terms = self.read(x)
         moved = self.motion(x, own, number, slice(first, last), whole)
         if moved is None:

@@ -11,10 +11,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
-from analysis.mismatch.recordings.account import BlockAccount, residual_band
+from analysis.mismatch.recordings.account import BlockAccount
 from analysis.mismatch.recordings.decay import decay_of
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.recorded import HELD
+from analysis.mismatch.recordings.residual_band import residual_band
 from mesotap.report.figures._style import (
     BLACK,
     BLUE,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -230,8 +229,8 @@ sensors: [{channel: a, of: one, shows: velocity}, {channel: b, of: two, shows: v
         assert limits["double_hit"] < 0.02
 
 
-@pytest.mark.parametrize(("when", "seen"), [(0.2721, True), (0.345, False)])  # s; the second in a held-out stretch
-def test_a_second_impact_after_silence_has_its_size_or_is_not_ruled_out(when: float, seen: bool) -> None:
+@pytest.mark.parametrize("when", [0.2721, 0.345])  # s; the second in a held-out stretch
+def test_a_second_impact_after_silence_has_its_size(when: float) -> None:
     known = [m for m in variants(catalogue()) if m.id in ("tube_spring_cubic", "double_hit")]
     mass, rate, share, begun = np.array([0.5, 0.3]), 1000.0, 0.05, 0.02
     k, c = np.array([[9e4, -3e4], [-3e4, 3e4]]), np.array([[1.7, -0.5], [-0.5, 0.5]])
@@ -246,9 +245,6 @@ joints: [{name: lower, between: [one, ground]}, {name: upper, between: [two, one
 sensors: [{channel: a, of: one, shows: displacement}, {channel: b, of: two, shows: displacement}]
 """)
     found = answer_of(rig, [Recording(y, rate, ("a", "b"), "", "made")], known)
-    if not seen and not named(found):
-        assert {limit.id: limit.value for limit in found.upper_limits}.get("double_hit", math.inf) > share
-        return
     assert named(found) == ["double_hit"]
     size = found.mechanisms[0].parameters["second_impulse_fraction"]
     assert size.low < share < size.high

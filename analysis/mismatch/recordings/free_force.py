@@ -1,0 +1,26 @@
+"""Forces of any shape beside what is named, fitted in full: what they would still take away."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from analysis.mismatch.free_form import free_places, joint_term
+from analysis.mismatch.recordings.blocks import mean_of
+from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit
+from analysis.mismatch.recordings.recorded import CHOOSE
+from sim_backend.force_law import SLOTS
+from sim_backend.mechanisms.kinds import ForceLaw
+
+FREE_PLACES: Final = 2  # elements in which forces of any shape are tried together
+
+
+def free_loss(problem: SimulatedRecordings, current: SimulatedFit) -> float:
+    """Return the choosing blocks' mean square with forces of any shape added; no worse than before."""
+    before = mean_of(current.by_block(CHOOSE))
+    laws = sum(len(t.place) for t in current.terms if isinstance(t.mechanism, ForceLaw))
+    rig = problem.arrangement
+    places = free_places(rig)[: min(FREE_PLACES, SLOTS - laws)]
+    added = [joint_term(rig, p, problem.scale_of(current, p)) for p in places]
+    if not added:
+        return before
+    return min(mean_of(fit(problem, (*current.terms, *added), current).by_block(CHOOSE)), before)

@@ -1,0 +1,199 @@
+"""Whether what was held out is missed by more than noise, block by block and channel by channel.
+
+Errors are whitened as noise asks, so that they are compared with what cannot be predicted of them elsewhere: an event
+within a held-out block, whose ringing the whitening takes for noise in the blocks that follow, stands out in its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import f as f_distribution
+
+from analysis.mismatch.answer import ChannelErrors
+from analysis.mismatch.chi_squared import p_of
+from analysis.mismatch.least_squares import covariance
+from analysis.mismatch.recordings.blocks import noise_rms
+from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit
+from analysis.mismatch.recordings.model import residual, slopes, step_of
+from analysis.mismatch.recordings.motion import Own
+from analysis.mismatch.recordings.noise import NoiseModel
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD
+from sim_backend.arrays import Real
+
+FEWEST: Final = 16  # samples of a block that are tested
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOutBlock:
+    """Errors of a channel in a held-out block.
+
+    Attributes
+    ----------
+    recording, channel
+        Their numbers.
+    time_s
+        Of its first and last sample in the file.
+    ratio
+        Rms of the whitened errors, over what noise and the uncertainty of the fit lead to expect.
+    p_value
+        Of noise making it as large; of this block and channel alone.
+    """
+
+    recording: int
+    channel: int
+    time_s: tuple[float, float]
+    ratio: float
+    p_value: float
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOutErrors:
+    """All blocks that were held out after the beginning of what is fitted."""
+
+    blocks: tuple[HeldOutBlock, ...]
+
+    @property
+    def p_value(self) -> float:
+        """That noise makes any block and channel stand out as much as the one that does most."""
+        return p_of(min(b.p_value for b in self.blocks), len(self.blocks)) if self.blocks else 1.0
+
+    def worst(self) -> HeldOutBlock:
+        """Return the block and channel that noise is the least likely to have made."""
+        return min(self.blocks, key=lambda b: (b.p_value, -b.ratio))
+
+    def ratio(self, channel: int) -> float:
+        """Return the rms of a channel's whitened errors over what noise leads to expect; 1 where nothing is tested."""
+        squares = [b.ratio**2 for b in self.blocks if b.channel == channel]
+        return float(np.sqrt(np.mean(squares))) if squares else 1.0
+
+
+@dataclass(slots=True)
+class FinalFits:
+    """Models fitted once more to all that is not held out, and their errors on what is; each is computed once."""
+
+    found: dict[int, tuple[SimulatedFit, SimulatedFit]] = field(default_factory=dict)
+    tested: dict[int, HeldOutErrors] = field(default_factory=dict)
+
+    def of(self, fitted: SimulatedFit) -> SimulatedFit:
+        """Return the final fit of a model that was fitted to some blocks."""
+        if id(fitted) not in self.found:
+            self.found[id(fitted)] = fitted, fit(fitted.problem, fitted.terms, fitted, parts=(FIT, CHOOSE), fine=True)
+        return self.found[id(fitted)][1]
+
+    def errors(self, final: SimulatedFit) -> HeldOutErrors:
+        """Return the errors of a final fit."""
+        if id(final) not in self.tested:
+            self.tested[id(final)] = held_out_errors(final)
+        return self.tested[id(final)]
+
+
+@dataclass(frozen=True, slots=True)
+class _Whitened:
+    """Errors of a recording (c, n), and what a unit of each number of the fit changes in them, (k, c, n).
+
+    ``weights`` counts (c,) the weights of the whitening, which are fitted to the errors, too.
+    """
+
+    error: Real
+    slopes: Real
+    where: NDArray[np.intp]
+    part: NDArray[np.int64]
+    block: NDArray[np.int64]
+    weights: Real
+
+
+def held_out_errors(fitted: SimulatedFit) -> HeldOutErrors:
+    """Compare the errors of a fit on held-out blocks with those on what was fitted.
+
+    Before what is fitted begins the rig's state is not known: errors there are no part of it.
+    """
+    whitened = [_whitened(fitted, number) for number in range(len(fitted.own))]
+    size = fitted.x.size + sum(o.size for o in fitted.own)
+    normal = np.zeros((size, size))
+    for w in whitened:
+        columns = w.slopes[:, :, np.isin(w.part, fitted.parts)].reshape(len(w.where), -1)
+        normal[np.ix_(w.where, w.where)] += columns @ columns.T
+    for k, p in enumerate(fitted.simulation.parameters):
+        normal[k, k] += 0.0 if p.prior is None else 1 / p.prior[1] ** 2
+    spread = covariance(normal)
+    found: list[HeldOutBlock] = []
+    for number, w in enumerate(whitened):
+        found += _blocks(fitted, number, w, spread[np.ix_(w.where, w.where)])
+    return HeldOutErrors(tuple(found))
+
+
+def _whitened(fitted: SimulatedFit, number: int) -> _Whitened:
+    simulation, own, recorded = fitted.simulation, fitted.own[number], fitted.problem.recordings[number]
+    off, at = residual(simulation, fitted.x, own, number, samples=recorded.samples)
+    part = recorded.part[at]
+    noise = NoiseModel.of(fitted.problem.rig, fitted.values, recorded, (off, np.isin(part, (FIT, CHOOSE))))
+
+    def changed(x: Real, moved: Own) -> Real:
+        return noise.white(residual(simulation, x, moved, number, samples=recorded.samples)[0] - off).ravel()
+
+    scale, forward = simulation.own_scale(number, own), np.ones(fitted.x.size)
+    common, begun = slopes(changed, fitted.x, own, step_of(simulation), forward, scale)
+    first = fitted.x.size + sum(o.size for o in fitted.own[:number])
+    where = np.concatenate([np.arange(fitted.x.size), first + np.arange(own.size)])
+    columns = np.concatenate([common, begun], axis=1).T.reshape(-1, *off.shape)
+    weights = np.count_nonzero(noise.own.taps, axis=(1, 2)) - 1
+    return _Whitened(noise.white(off), columns, where, part, recorded.block[at], weights)
+
+
+def _blocks(fitted: SimulatedFit, number: int, whitened: _Whitened, spread: Real) -> list[HeldOutBlock]:
+    """Return the held-out blocks of a recording, by channel."""
+    recorded, found = fitted.problem.recordings[number], []
+    first = recorded.start_s + recorded.fitted.start / recorded.rate_hz
+    used, held = np.isin(whitened.part, fitted.parts), whitened.part == HELD
+    for channel, error in enumerate(whitened.error):
+        columns = whitened.slopes[:, channel]
+        leverage = np.einsum("kn,kl,ln->n", columns, spread, columns, optimize=True)
+        leverage += whitened.weights[channel] / np.count_nonzero(used)
+        freedom = max(float(np.sum(1 - leverage[used])), 1.0)
+        noise = float(np.sum(error[used] ** 2)) / freedom
+        for block in np.unique(whitened.block[held]):
+            at = np.flatnonzero(held & (whitened.block == block))
+            if at.size < FEWEST or not noise > 0:
+                continue
+            ratio = float(np.sum(error[at] ** 2) / np.sum(1 + leverage[at])) / noise
+            p_value = float(f_distribution.sf(ratio, at.size, freedom))
+            time_s = (float(first + at[0] / recorded.rate_hz), float(first + at[-1] / recorded.rate_hz))
+            found.append(HeldOutBlock(number, channel, time_s, float(np.sqrt(ratio)), p_value))
+    return found
+
+
+def beyond_noise(errors: HeldOutErrors, problem: SimulatedRecordings) -> str:
+    """Say in which block errors are furthest beyond noise, and how much; nothing where they are not."""
+    policy = problem.policy
+    if errors.p_value >= policy.level * policy.held_out_share:
+        return ""
+    worst = errors.worst()
+    channel = problem.rig.seen[worst.channel].channel
+    which = f" of recording {worst.recording + 1}" if len(problem.recordings) > 1 else ""
+    first, last = worst.time_s
+    return (
+        f" Held-out errors are beyond noise: those of channel {channel} from {first:.4g} to {last:.4g} s{which} are "
+        f"{worst.ratio:.3g} times what noise makes, in what cannot be predicted of them."
+    )
+
+
+def channel_errors(
+    best: SimulatedFit, errors: HeldOutErrors, before: Real, after: Real | None
+) -> tuple[ChannelErrors, ...]:
+    """Return what is said of each channel, from rms ``before`` and ``after`` (channels,) and the best fit."""
+    noise = noise_rms(best)
+    return tuple(
+        ChannelErrors(
+            str(seen.channel),
+            seen.unit,
+            float(noise[i]),
+            float(before[i]),
+            None if after is None else float(after[i]),
+            errors.ratio(i),
+        )
+        for i, seen in enumerate(best.problem.rig.seen)
+    )

@@ -1,7 +1,8 @@
 """Time and memory of a diagnosis: sessions of 6 loads x 8 impacts x 2 channels x 2500 samples, all mechanisms known.
 
 Every session is diagnosed in a process of its own, after one null session that compiles what has to be compiled. The
-sessions come from the generator of `mesotap prove`. Writes docs/benchmarks/diagnosis.md.
+sessions come from the generator of `mesotap prove`. Writes docs/benchmarks/diagnosis.md. With ``--rigs`` recordings of
+described rigs are diagnosed instead (`benchmarks/rigs.py`), and docs/benchmarks/rigs.md is written once all are.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
+import rigs
 from threadpoolctl import threadpool_limits
 
 from analysis.mismatch.diagnosis import diagnose_sessions
@@ -100,7 +102,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--one", nargs=2, metavar=("SESSION", "WITHOUT"), help=argparse.SUPPRESS)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--rigs", nargs="*", type=int, metavar="CASE", help="recordings of described rigs; numbers, or all"
+    )
     chosen = parser.parse_args()
+    if chosen.rigs is not None:
+        rigs.run(chosen.seed, chosen.rigs)
+        return
     if chosen.one:
         print(json.dumps(measure(Path(chosen.one[0]), chosen.one[1])))
         return

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from rich.console import Console
 
-from analysis.mismatch.answer import Remainder
-from mesotap.answers.diagnosis_text import print_answer, verdict_sentence
+from analysis.mismatch.answer import NextExperiment, Remainder
+from mesotap.answers.diagnosis_text import next_words, print_answer, verdict_sentence
 from tests.mesotap.answers.made import ANSWER, HERE, LEARNED, NAMED
 
 LEFT = Remainder(0.03, 120.0, 1e-6, HERE, "3 % is left.")
@@ -54,3 +54,17 @@ def test_the_terminal_shows_the_runner_up_and_the_limits() -> None:
     print_answer(ANSWER, shown)
     text = shown.file.getvalue()  # type: ignore[attr-defined]
     assert all(word in text for word in ("squeeze_film", "micro_slip", "104 mN", "last: 0.02 m/s2"))
+
+
+def test_what_no_force_takes_away_is_not_called_small() -> None:
+    said = verdict_sentence(replace(ANSWER, remainder=Remainder(0.0, 0.0, 1e-6, HERE, "Something is left.")))
+    assert "something else remains in the lower mass at 4.1 kHz" in said
+    assert "small" not in said
+
+
+def test_the_next_recording_is_asked_for_in_a_sentence() -> None:
+    assert ANSWER.next_experiment is not None
+    assert next_words(ANSWER, ANSWER.next_experiment) == "tap with 0.50 of the load at 104 mN to tell a from b."
+    stronger = NextExperiment(None, 3.0, ("micro_slip", "relaxation"), "", ("tap",))
+    beam = replace(ANSWER, rig="beam", loads_n={})
+    assert next_words(beam, stronger) == "record it 3 times as strong to tell micro slip from relaxation."

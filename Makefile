@@ -98,10 +98,11 @@ PROOF_SESSIONS := 300
 proof: $(VENV)/.installed
 	$(BIN)/mesotap prove --seed $(PROOF_SEED) --sessions $(PROOF_SESSIONS) --output docs/proof
 
-# modal identification against the Cramer-Rao bound and beside other programs, in a virtualenv of its own; time and
-# memory of a diagnosis; error and time of the propagator
+# modal identification against the Cramer-Rao bound and beside other programs, in a virtualenv of its own; intervals on
+# any recording; time and memory of a diagnosis; error and time of the propagator
 bench: .venv-bench/.installed
 	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/modal.py $(BENCH_ARGS)
+	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/recordings.py --write
 	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/diagnosis.py
 	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python -m benchmarks.propagate
 

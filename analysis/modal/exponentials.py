@@ -23,6 +23,9 @@ Real = NDArray[np.float64]
 
 MAX_ITERATIONS = 60
 CONVERGED = 1e-12  # relative fall of the sum of squares
+SETTLED = 1e-4  # squared standard errors of the poles, by which a last step may still move them
+ROUNDING = 1e-13  # of a record's energy: a fall of the sum of squares that rounding can feign
+NONE_MISSING = np.zeros(0, np.int64)
 LARGEST_CANCELLATION = 1e7  # energy of all columns by themselves over that of the record
 LARGEST_GROWTH = 1.02  # a sampled pole beyond this modulus cannot be a ring-down
 
@@ -156,6 +159,24 @@ def _grams(z: Complex, n: int) -> tuple[Complex, Complex, Complex]:
 
 
 @njit(cache=True)
+def _grams_without(z: Complex, n: int, missing: NDArray[np.int64]) -> tuple[Complex, Complex, Complex]:
+    """As `_grams`, over all samples but the missing ones."""
+    m0, m1, m2 = _grams(z, n)
+    p = z.shape[0]
+    column = np.empty(p, np.complex128)
+    for k in missing:
+        for a in range(p):
+            column[a] = z[a] ** k
+        for a in range(p):
+            for b in range(p):
+                inner = np.conj(column[a]) * column[b]
+                m0[a, b] -= inner
+                m1[a, b] -= k * inner
+                m2[a, b] -= k * k * inner
+    return m0, m1, m2
+
+
+@njit(cache=True)
 def _left_over(square: float, amplitudes: Complex, s0: Complex, m0: Complex) -> float:
     """Sum of squares that given amplitudes leave; infinite where columns nearly cancel and rounding would decide."""
     left, together = square, 0.0
@@ -170,16 +191,18 @@ def _left_over(square: float, amplitudes: Complex, s0: Complex, m0: Complex) -> 
 
 
 @njit(cache=True)
-def _project(y: Real, weight: Real, z: Complex, moving: int) -> tuple[float, Complex, Complex, Complex]:
+def _project(
+    y: Real, weight: Real, z: Complex, moving: int, missing: NDArray[np.int64]
+) -> tuple[float, Complex, Complex, Complex]:
     """Amplitudes for given poles, sum of squares, and the reduced normal equations of the log poles.
 
-    ``y`` (c, n), ``weight`` (c,) inverse variances, ``z`` all poles, the first ``moving`` of them searched for
-    (conjugates included). Returns the weighted residual sum, amplitudes (c, p), gradient (moving,) and Hessian
-    (moving, moving).
+    ``y`` (c, n), zero at the ``missing`` samples; ``weight`` (c,) inverse variances, ``z`` all poles, the first
+    ``moving`` of them searched for (conjugates included). Returns the weighted residual sum, amplitudes (c, p),
+    gradient (moving,) and Hessian (moving, moving).
     """
     c, n = y.shape
     p = z.shape[0]
-    m0, m1, m2 = _grams(z, n)
+    m0, m1, m2 = _grams_without(z, n, missing)
     inverse = np.linalg.inv(m0)
     left = np.ascontiguousarray(m1[:moving, :])
     right = np.ascontiguousarray(m1[:, :moving])
@@ -213,20 +236,31 @@ def _project(y: Real, weight: Real, z: Complex, moving: int) -> tuple[float, Com
 
 @njit(cache=True)
 def _search(
-    y: Real, weight: Real, start: Complex, fixed: Complex, iterations: int
+    y: Real, weight: Real, start: Complex, fixed: Complex, missing: NDArray[np.int64], iterations: int
 ) -> tuple[bool, float, Complex, Complex, Complex]:
-    """Levenberg-damped Gauss-Newton over the log poles. Returns whether it converged, and where."""
+    """Levenberg-damped Gauss-Newton over the log poles. Returns whether it settled, and where.
+
+    It has settled when a step moves the poles by a hundredth of their standard errors, or when what is left to gain
+    is smaller than rounding.
+    """
     j = start.shape[0]
+    c, n = y.shape
     poles = start.copy()
     z = _all_poles(poles, fixed)
-    total, amplitudes, gradient, hessian = _project(y, weight, z, 2 * j)
+    total, amplitudes, gradient, hessian = _project(y, weight, z, 2 * j, missing)
+    square = 0.0
+    for ch in range(c):
+        for k in range(n):
+            square += weight[ch] * y[ch, k] * y[ch, k]
     damping = 0.0
-    converged = False
     for _ in range(iterations):
         lhs = hessian.copy()
         for a in range(2 * j):
             lhs[a, a] = hessian[a, a] * (1.0 + damping) + 1e-300
         step = np.linalg.solve(lhs, gradient)
+        expected = 0.0
+        for a in range(2 * j):
+            expected += (np.conj(step[a]) * gradient[a]).real
         trial = poles * np.exp(step[:j])
         good = True
         for a in range(j):
@@ -234,23 +268,24 @@ def _search(
                 good = False
         if good:
             z = _all_poles(trial, fixed)
-            new, amp, grad, hess = _project(y, weight, z, 2 * j)
+            new, amp, grad, hess = _project(y, weight, z, 2 * j, missing)
             if new <= total * (1.0 + 1e-14):
                 fall = total - new
                 poles, amplitudes, gradient, hessian = trial, amp, grad, hess
                 total = new
+                heavy = damping > 0.1  # a short step says nothing about how far the end is
                 damping *= 0.1
                 if damping < 1e-9:
                     damping = 0.0
-                if fall <= CONVERGED * total or total <= 0.0:
-                    converged = True
-                    break
+                if total <= 0.0 or (not heavy and (fall <= CONVERGED * total or expected <= SETTLED * total / (c * n))):
+                    return True, total, poles, amplitudes, hessian
                 continue
+            if damping > 1e-2 and np.abs(expected) < ROUNDING * square:
+                return True, total, poles, amplitudes, hessian
         damping = 1e-3 if damping == 0.0 else 10.0 * damping
         if damping > 1e12:
-            converged = True  # no direction lowers the sum any more
-            break
-    return converged, total, poles, amplitudes, hessian
+            return True, total, poles, amplitudes, hessian  # no direction lowers the sum any more
+    return False, total, poles, amplitudes, hessian
 
 
 def fit_exponentials(
@@ -259,6 +294,7 @@ def fit_exponentials(
     fixed: Complex | None = None,
     noise_variance: Real | None = None,
     iterations: int = MAX_ITERATIONS,
+    missing: NDArray[np.int64] = NONE_MISSING,
 ) -> ExponentialFit:
     """Fit damped exponentials to a ring-down by least squares (maximum likelihood in white noise).
 
@@ -274,6 +310,8 @@ def fit_exponentials(
         (c,) relative noise variance of the channels (default: equal).
     iterations
         Steps after which the search is given up.
+    missing
+        Samples that are left out of all channels (a recorder that clips).
 
     Raises
     ------
@@ -296,12 +334,15 @@ def fit_exponentials(
     c, n = y.shape
     j, f = start.size, known.size
     free = c * (2 * j + f) + 2 * j
-    dof = c * n - free
+    dof = c * (n - missing.size) - free
+    if missing.size:
+        y = y.copy()
+        y[:, missing] = 0.0
     if dof < 8:
         raise FitFailure(f"{n} samples are too few for {j} modes")
     variance = np.ones(c) if noise_variance is None else np.asarray(noise_variance, np.float64)
     try:
-        converged, total, poles, amplitudes, hessian = _search(y, 1.0 / variance, start, known, iterations)
+        converged, total, poles, amplitudes, hessian = _search(y, 1.0 / variance, start, known, missing, iterations)
         covariance = np.linalg.inv(hessian)
     except np.linalg.LinAlgError as singular:
         raise FitFailure("two of the exponentials cannot be told apart") from singular
@@ -334,7 +375,13 @@ def exponentials(fit: ExponentialFit, k: NDArray[np.int64], fixed: Complex | Non
     return out
 
 
-def predict(fit: ExponentialFit, k: NDArray[np.int64], n: int, fixed: Complex | None = None) -> tuple[Real, Real]:
+def predict(
+    fit: ExponentialFit,
+    k: NDArray[np.int64],
+    n: int,
+    fixed: Complex | None = None,
+    missing: NDArray[np.int64] = NONE_MISSING,
+) -> tuple[Real, Real]:
     """Extrapolate a one-channel fit to samples ``k``, with the covariance of the extrapolation per unit noise variance.
 
     Parameters
@@ -345,6 +392,8 @@ def predict(fit: ExponentialFit, k: NDArray[np.int64], n: int, fixed: Complex | 
         Sample numbers relative to the first one fitted, negative before it.
     fixed
         The known poles of the fit.
+    missing
+        Samples that the fit left out.
 
     Returns
     -------
@@ -365,7 +414,7 @@ def predict(fit: ExponentialFit, k: NDArray[np.int64], n: int, fixed: Complex | 
     z = _all_poles(fit.poles, known)
     amplitude = np.concatenate([fit.amplitudes[0], fit.amplitudes[0].conj()])
     moving = amplitude.size
-    m0, m1, m2 = _grams(z, n)
+    m0, m1, m2 = _grams_without(z, n, missing)
     slope = m1[:, :moving] * amplitude[None, :]
     corner = amplitude.conj()[:, None] * m2[:moving, :moving] * amplitude[None, :]
     gram = np.block([[m0, slope], [slope.conj().T, corner]])

@@ -2,33 +2,38 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
 
+from analysis.modal.clipping import clipped_samples
 from analysis.modal.era import Realisation, hankel_svd, realise
-from analysis.modal.exponentials import ExponentialFit, FitFailure, fit_exponentials
+from analysis.modal.exponentials import ExponentialFit
+from analysis.modal.free_start import decay_start, from_the_impact_on
+from analysis.modal.model_order import Model, Record, fitted, groups, modes_of, without_modes, without_weak
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
+from analysis.modal.noise import NoiseModel, noise_model
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
 
 LARGEST_ORDER = 60
-LARGEST_DAMPING = 0.3
+LARGEST_DAMPING = 0.7
 SAME_FREQUENCY = 0.01  # relative, between neighbouring orders
 SAME_DAMPING = 0.3
 SAME_SHAPE = 0.9  # modal assurance criterion
 SMALLEST_SHARE = 0.5  # of the orders from its first sight on, in which a mode has to come back
 SMALLEST_EMAC = 0.5
-WEAKEST = 1e-3  # of the strongest mode's energy
-COLUMNS = 20_000  # samples of the record that the realisation looks at; the likelihood sees them all
-REFINEMENTS = 15  # steps of least squares: from stable poles it settles at once or not at all
-SWEEPS = 3
-TOGETHER = 5  # modes up to which least squares takes all of them at once
-REPEATS = 8  # stretches of the record over which the scatter of a fit's score is taken
+WEAKEST = 1e-3  # of the strongest mode's energy, for ERA alone
+COLUMNS = 10_000  # samples of the record by which the modes are counted; the likelihood sees them all
+ITERATIONS = 300  # of the fit to a whole long record
+REPEATS = 8  # stretches of equal energy over which the scatter of a fit's score is taken
+GUARD = 8  # samples before the onset that may already belong to the impact
+LEAST_QUIET = 200  # samples before the impact from which the colour of the noise is told
+NO_GROWTH = 3.0  # standard errors by which a mode that does not decay may seem to grow
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +64,8 @@ class RingDownModes:
         Share of the record's energy that the modes leave over.
     notes
         Sentences for the reader.
+    method
+        ``"ml"`` or ``"era"``: what the modes and their intervals come from.
     """
 
     modes: tuple[ModeEstimate, ...]
@@ -66,6 +73,7 @@ class RingDownModes:
     start: int
     residual_share: float
     notes: tuple[str, ...] = ()
+    method: str = "ml"
 
 
 def identify_ring_down(
@@ -84,11 +92,11 @@ def identify_ring_down(
     sample_rate_hz
         Samples a second.
     start
-        First sample of the free decay; by default shortly after the largest one.
+        First sample of the free decay; by default found: after the impact, or the first one where there is none.
     largest_order
-        Highest order of the stabilisation diagram.
+        Highest order of the stabilisation diagram; 0 leaves it out, which maximum likelihood does not need.
     method
-        ``"ml"`` refines the stable poles together by least squares, ``"era"`` leaves them as realised.
+        ``"ml"``: maximum likelihood, the number of modes by likelihood ratio; ``"era"``: the stable poles of ERA.
 
     Raises
     ------
@@ -105,29 +113,130 @@ def identify_ring_down(
     [300]
     """
     y = np.atleast_2d(np.asarray(y, np.float64))
+    clipped = clipped_samples(y)
     y = y - y.mean(axis=1, keepdims=True)
-    first = decay_start(y, sample_rate_hz) if start is None else start
-    tail = y[:, first:]
-    realised = _realisations(tail, largest_order)
-    diagram, chosen = _stable(realised, sample_rate_hz)
+    impact = decay_start(y, sample_rate_hz) if start is None else None
+    first = start if start is not None else 0 if impact is None else impact[1]
     notes: list[str] = []
-    if chosen.size == 0:
-        return RingDownModes((), diagram, first, 1.0, ("no mode is the same from one model order to the next",))
-    fit: ExponentialFit | None = None
+    if clipped.size:
+        notes.append(f"{clipped.size} samples are clipped; they are left out")
+    realised = _realisations(y[:, first:], largest_order) if largest_order >= 2 else []
+    diagram, chosen = _stable(realised, y.shape[1] - first, sample_rate_hz)
     if method == "ml":
-        fit = _refine(tail, chosen, notes)
-    if fit is None:
-        return _as_realised(tail, chosen, realised, diagram, first, sample_rate_hz, notes)
-    order = np.argsort(np.abs(np.log(fit.poles)))
-    spread = _robust_spread(tail, fit)
-    modes = tuple(
-        mode_from_sampled_pole(
-            complex(fit.poles[i]), fit.log_pole_covariance[i] * spread[i], fit.amplitudes[:, i], sample_rate_hz
-        )
-        for i in order
+        quiet = [c[: 0 if impact is None else max(0, impact[0] - GUARD)] for c in y]
+        white = _whitened(y, [[q] for q in quiet], clipped)
+        first, model, told = _counted(white, first, impact, sample_rate_hz)
+        rest = None if impact is None else without_weak(_record(white.y, first, white.clipped), model)
+        if rest is not None and impact is not None:
+            # weak modes may be the colour of a noise of which too little was heard before the impact
+            bare = _unfiltered(white, rest)
+            white = _whitened(y, [[q, r] for q, r in zip(quiet, bare, strict=True)], clipped)
+            first, model, told = _counted(white, impact[1], impact, sample_rate_hz)
+        notes += told
+        model = _over_all(white.y, first, white.clipped, model)
+        found = _likely(white, model, diagram, first, sample_rate_hz, notes)
+        if found is not None:
+            return found
+        if model.fit is not None:
+            notes.append("the modes are those of ERA: least squares did not settle")
+    if chosen.size == 0:
+        return RingDownModes((), diagram, first, 1.0, (*notes, "no mode stands out of the noise"), method)
+    return _as_realised(y[:, first:], chosen, realised, diagram, first, sample_rate_hz, notes)
+
+
+@dataclass(frozen=True, slots=True)
+class _Whitened:
+    """A record whose noise is white in each channel, of the length that it had; its first samples are not filtered."""
+
+    y: Real
+    clipped: NDArray[np.int64]
+    filters: tuple[NoiseModel, ...]
+
+    def amplitudes(self, amplitudes: Complex, pole: complex) -> Complex:
+        """Amplitudes that a mode had before whitening."""
+        passed = [np.polyval(f.coefficients[::-1], 1 / pole) for f in self.filters]
+        return amplitudes / np.array(passed)
+
+
+def _counted(
+    white: _Whitened, first: int, impact: tuple[int, int] | None, sample_rate_hz: float
+) -> tuple[int, Model, list[str]]:
+    """First sample used, the modes of a whitened record from there on, and sentences for the reader."""
+    if impact is None:
+        return first, modes_of(_record(white.y, first, white.clipped)), []
+    return from_the_impact_on(white.y, *impact, white.clipped, sample_rate_hz, COLUMNS)
+
+
+def _unfiltered(white: _Whitened, rest: Real) -> Real:
+    """A residual of the whitened record as it was before whitening."""
+    undone = [signal.lfilter([1.0], f.coefficients, row) for f, row in zip(white.filters, rest, strict=True)]
+    return np.array(undone, np.float64)
+
+
+def _whitened(y: Real, noise: list[list[Real]], clipped: NDArray[np.int64]) -> _Whitened:
+    """Whiten each channel by the autoregressive model of stretches that hold its noise, if they are long enough."""
+    enough = [sum(map(len, stretches)) >= LEAST_QUIET for stretches in noise]
+    filters = tuple(
+        noise_model(stretches) if e else NoiseModel(np.ones(1), float("nan"))
+        for stretches, e in zip(noise, enough, strict=True)
     )
-    share = float((fit.noise_variance * tail.shape[1]).sum() / max((tail**2).sum(), 1e-300))
-    return RingDownModes(modes, diagram, first, share, tuple(notes))
+    order = max(f.order for f in filters)
+    if order == 0:
+        return _Whitened(y, clipped, filters)
+    white = np.array([signal.lfilter(f.coefficients, [1.0], row) for f, row in zip(filters, y, strict=True)])
+    spoiled = np.unique((clipped[:, None] + np.arange(order + 1)).ravel())
+    return _Whitened(white, spoiled[spoiled < y.shape[1]], filters)
+
+
+def _record(y: Real, first: int, clipped: NDArray[np.int64], longest: int | None = COLUMNS) -> Record:
+    """The record from a sample on, without clipped samples."""
+    last = y.shape[1] if longest is None else min(y.shape[1], first + longest)
+    missing = clipped[(clipped >= first) & (clipped < last)] - first
+    stretch = y[:, first:last].copy()
+    stretch[:, missing] = 0.0
+    return Record(stretch, missing=missing)
+
+
+def _over_all(y: Real, first: int, clipped: NDArray[np.int64], model: Model) -> Model:
+    """The same modes, fitted to the whole record where they were counted in its first part."""
+    if model.fit is None or y.shape[1] - first <= COLUMNS:
+        return model
+    whole = _record(y, first, clipped, None)
+    return fitted(whole, model.poles, without_modes(whole), ITERATIONS) or Model(None, whole.y, model.left)
+
+
+def _likely(
+    white: _Whitened,
+    model: Model,
+    diagram: tuple[StablePole, ...],
+    first: int,
+    sample_rate_hz: float,
+    notes: list[str],
+) -> RingDownModes | None:
+    """Modes of a model with their intervals; None if it has none that decays."""
+    if model.fit is None:
+        return None
+    fit = model.fit
+    record = _record(white.y, first, white.clipped, None)
+    spread = _robust_spread(record, fit)
+    overlapping = [g for g in groups(fit.poles, record.y.shape[1]) if len(g) > 1]
+    modes: list[ModeEstimate] = []
+    for i in np.argsort(np.abs(np.log(fit.poles))):
+        covariance = fit.log_pole_covariance[i] * spread[i]
+        z = complex(fit.poles[i])
+        growth = np.log(abs(z)) / np.sqrt(max(covariance[0, 0], 1e-300))
+        if growth > NO_GROWTH:
+            f = np.angle(z) * sample_rate_hz / (2 * np.pi)
+            notes.append(f"an oscillation at {f:.5g} Hz grows: it is no mode of a free decay and is left out")
+            continue
+        if growth > 0:
+            z /= abs(z)
+        modes.append(mode_from_sampled_pole(z, covariance, white.amplitudes(fit.amplitudes[:, i], z), sample_rate_hz))
+    for group in overlapping:
+        told = ", ".join(f"{abs(np.log(fit.poles[i])) * sample_rate_hz / (2 * np.pi):.5g}" for i in group)
+        notes.append(f"the modes at {told} Hz lie within each other's width")
+    share = float(model.left.sum() / max((record.y**2).sum(), 1e-300))
+    return RingDownModes(tuple(modes), diagram, first, share, tuple(notes)) if modes else None
 
 
 def indicators(diagram: Sequence[StablePole], frequency_hz: float) -> tuple[float, float]:
@@ -138,23 +247,19 @@ def indicators(diagram: Sequence[StablePole], frequency_hz: float) -> tuple[floa
     return float(np.median([p.emac for p in own])), float(np.median([p.mpc for p in own]))
 
 
-def decay_start(y: Real, sample_rate_hz: float) -> int:
-    """First sample after the impact: where the running energy is largest, and a millisecond or two periods on."""
-    energy = (y**2 / np.maximum((y**2).mean(axis=1, keepdims=True), 1e-300)).sum(axis=0)
-    peak = int(np.argmax(energy))
-    later = peak + max(2, int(1e-3 * sample_rate_hz))
-    return min(later, max(0, y.shape[1] - 64))
+def _lags(tail: Real) -> int:
+    return int(np.clip(min(tail.shape[1], COLUMNS) // 4, 8, max(8, 600 // tail.shape[0])))
 
 
 def _realisations(tail: Real, largest_order: int) -> list[Realisation]:
     stretch = tail[:, :COLUMNS]
-    lags = int(np.clip(stretch.shape[1] // 4, 8, 600 // tail.shape[0]))
+    lags = _lags(tail)
     decomposed = hankel_svd(stretch, lags)
     top = min(largest_order, lags * tail.shape[0] // 2)
     return [realise(decomposed, order) for order in range(2, top + 1, 2)]
 
 
-def _stable(realised: list[Realisation], sample_rate_hz: float) -> tuple[tuple[StablePole, ...], Complex]:
+def _stable(realised: list[Realisation], samples: int, sample_rate_hz: float) -> tuple[tuple[StablePole, ...], Complex]:
     """Stabilisation diagram, and one pole for each mode that comes back from order to order."""
     diagram: list[StablePole] = []
     tracks: list[list[tuple[int, complex, float, float]]] = []  # order index, pole, energy, emac
@@ -168,7 +273,9 @@ def _stable(realised: list[Realisation], sample_rate_hz: float) -> tuple[tuple[S
             stable = before is not None and _has_partner(now, m, before)
             diagram.append(StablePole(now.order, float(f), float(zeta), stable, float(now.emac[m]), float(now.mpc[m])))
             if stable:
-                energy = float((np.abs(now.shapes[:, m]) ** 2).sum() / max(-s.real, 1e-12))
+                # in what was recorded: a mode that hardly decays has no more than that
+                rate = 2 * max(-s.real, 1e-12) / sample_rate_hz
+                energy = float((np.abs(now.shapes[:, m]) ** 2).sum() * -np.expm1(-rate * samples) / rate)
                 _track(tracks, index, complex(z), energy, float(now.emac[m]))
     last = len(realised) - 1
     strongest = max((max(t[2] for t in track) for track in tracks), default=0.0)
@@ -215,105 +322,27 @@ def _track(
         best.append((index, z, energy, emac))
 
 
-def _refine(tail: Real, poles: Complex, notes: list[str]) -> ExponentialFit | None:
-    """Least squares from the stable poles: all modes together where they are few, else one after another."""
-    variance = tail.var(axis=1)
-    floor = np.maximum(variance, variance.max() * 1e-9)
-    try:
-        if poles.size > TOGETHER:
-            return _refine_in_turn(tail, poles, floor)
-        fit = fit_exponentials(tail, poles, noise_variance=floor, iterations=REFINEMENTS)
-    except FitFailure as error:
-        notes.append(f"the modes are as ERA realised them: {error}")
-        return None
-    if _strayed(fit.poles, poles).any():
-        notes.append("the modes are as ERA realised them: least squares drifts off to other ones")
-        return None
-    return fit
-
-
-def _strayed(poles: Complex, start: Complex) -> NDArray[np.bool_]:
-    """Which poles left the mode that they were started at."""
-    moved = np.abs(np.abs(np.log(poles)) / np.abs(np.log(start)) - 1)
-    strayed: NDArray[np.bool_] = (moved > SAME_FREQUENCY) | (np.abs(poles) >= 1)
-    return strayed
-
-
-def _refine_in_turn(tail: Real, start: Complex, floor: Real) -> ExponentialFit:
-    """Fit each mode to what the others leave, a few times round; one that never holds its own is dropped."""
-    c, n = tail.shape
-    k = np.arange(n)
-    poles = start.copy()
-    covariance = np.zeros((poles.size, 2, 2))
-    for _ in range(SWEEPS):
-        columns = poles[:, None] ** k[None, :]
-        amplitudes = _amplitudes(tail, columns)
-        rest = tail - 2.0 * (amplitudes @ columns).real
-        for m in range(poles.size):
-            own = rest + 2.0 * (amplitudes[:, m : m + 1] * columns[m]).real
-            try:
-                fit = fit_exponentials(own, poles[m : m + 1], noise_variance=floor, iterations=REFINEMENTS)
-            except FitFailure:
-                continue
-            if not _strayed(fit.poles, start[m : m + 1])[0]:
-                poles[m], covariance[m] = fit.poles[0], fit.log_pole_covariance[0]
-    found = covariance.any(axis=(1, 2))
-    if not found.any():
-        raise FitFailure("no mode can be refined by itself")
-    poles, covariance = poles[found], covariance[found]
-    columns = poles[:, None] ** k[None, :]
-    amplitudes = _amplitudes(tail, columns)
-    rest = tail - 2.0 * (amplitudes @ columns).real
-    return ExponentialFit(
-        poles=poles,
-        amplitudes=amplitudes,
-        fixed_amplitudes=np.zeros((c, 0)),
-        noise_variance=(rest**2).mean(axis=1),
-        log_pole_covariance=covariance,
-        residual_sum=float((rest**2 / floor[:, None]).sum()),
-        dof=c * n - 2 * poles.size * (c + 1),
-    )
-
-
-def _amplitudes(tail: Real, columns: Complex) -> Complex:
-    """Complex amplitudes (c, J) of given poles' columns (J, n) by least squares over the modes and their conjugates."""
-    both = np.concatenate([columns, columns.conj()])
-    gram = both.conj() @ both.T
-    solved = np.linalg.solve(gram, both.conj() @ tail.T)
-    out: Complex = np.ascontiguousarray(solved[: columns.shape[0]].T)
-    return out
-
-
-def _robust_spread(tail: Real, fit: ExponentialFit) -> Real:
+def _robust_spread(record: Record, fit: ExponentialFit) -> Real:
     """Factor by which the fit's covariances grow when the residual is not white: from stretches of the record.
 
     A mode whose frequency or damping changes along the ring-down leaves a residual that hangs together; the
     score of each stretch then scatters more than independent noise would make it.
     """
-    n = tail.shape[1]
+    n = record.y.shape[1]
     k = np.arange(n)
     columns = fit.poles[:, None] ** k[None, :]
-    model = 2.0 * (fit.amplitudes @ columns).real
-    residual = tail - model
-    weight = 1.0 / fit.noise_variance
-    edges = np.linspace(0, n, REPEATS + 1).astype(int)
+    residual = record.y - 2.0 * (fit.amplitudes @ columns).real - fit.fixed_amplitudes
+    residual[:, record.missing] = 0.0
+    weight = 1.0 / np.maximum(fit.noise_variance, 1e-300)
     factors = np.ones(fit.poles.size)
     for m in range(fit.poles.size):
         slope = k * columns[m]
-        score = np.array(
-            [
-                (
-                    weight[:, None]
-                    * residual[:, a:b]
-                    * (fit.amplitudes[:, m].conj()[:, None] * slope[None, a:b].conj())
-                ).sum()
-                for a, b in itertools.pairwise(edges)
-            ]
-        )
-        expected = sum(
-            float((weight * np.abs(fit.amplitudes[:, m]) ** 2).sum() * (np.abs(slope[a:b]) ** 2).sum())
-            for a, b in itertools.pairwise(edges)
-        )
+        power = np.abs(slope) ** 2
+        energy = np.concatenate([[0.0], np.cumsum(power)])
+        edges = np.searchsorted(energy, np.linspace(0, energy[-1], REPEATS + 1)[1:-1])
+        mixed = (weight[:, None] * residual * fit.amplitudes[:, m].conj()[:, None]).sum(axis=0) * slope.conj()
+        score = np.array([part.sum() for part in np.split(mixed, edges)])
+        expected = float((weight * np.abs(fit.amplitudes[:, m]) ** 2).sum() * power.sum())
         factors[m] = max(1.0, float((np.abs(score) ** 2).sum()) / max(expected, 1e-300))
     return factors
 
@@ -327,23 +356,30 @@ def _as_realised(
     sample_rate_hz: float,
     notes: list[str],
 ) -> RingDownModes:
-    """Poles of ERA with their scatter over the orders as uncertainty."""
-    modes = []
+    """Poles of ERA; their covariance is the larger of first-order perturbation by the noise and scatter over orders."""
     k = np.arange(tail.shape[1])
     columns = np.concatenate([chosen[:, None] ** k, chosen.conj()[:, None] ** k])
     amplitudes, *_ = np.linalg.lstsq(columns.T, tail.T.astype(np.complex128), rcond=None)
+    residual = tail - (amplitudes.T @ columns).real
+    scale = np.maximum(residual.std(axis=1), 1e-9 * tail.std(axis=1).max() + 1e-300)
+    decomposed = hankel_svd(tail[:, :COLUMNS] / scale[:, None], _lags(tail))
+    noisy = {r.order: realise(decomposed, r.order, 1.0) for r in realised[:: max(1, len(realised) // 10)]}
+    modes = []
     for i, z in enumerate(chosen):
-        near = [
-            np.log(p) - np.log(z)
-            for r in realised[1:]
-            for p in r.poles
-            if abs(abs(np.log(p)) / abs(np.log(z)) - 1) < SAME_FREQUENCY
+        own = np.log(z)
+        near = np.array([d for r in realised for d in np.log(r.poles) - own if abs(d) < SAME_FREQUENCY * abs(own)])
+        covariance = np.cov(np.array([near.real, near.imag])) if near.size > 2 else np.zeros((2, 2))
+        stated = [
+            r.log_pole_covariance[m]
+            for r in noisy.values()
+            for m in range(r.poles.size)
+            if abs(np.log(r.poles[m]) - own) < SAME_FREQUENCY * abs(own)
         ]
-        if len(near) < 3:
-            continue
-        covariance = np.cov(np.array([[d.real, d.imag] for d in near]).T)
-        modes.append(mode_from_sampled_pole(complex(z), covariance, amplitudes[i], sample_rate_hz))
+        if stated:
+            middle = stated[int(np.argsort([np.trace(s) for s in stated])[len(stated) // 2])]
+            covariance = covariance + middle
+        if near.size > 2 or stated:
+            modes.append(mode_from_sampled_pole(complex(z), covariance, amplitudes[i], sample_rate_hz))
     modes.sort(key=lambda mode: abs(mode.pole))
-    model = (amplitudes.T @ columns).real
-    share = float(((tail - model) ** 2).sum() / max((tail**2).sum(), 1e-300))
-    return RingDownModes(tuple(modes), diagram, first, share, tuple(notes))
+    share = float((residual**2).sum() / max((tail**2).sum(), 1e-300))
+    return RingDownModes(tuple(modes), diagram, first, share, tuple(notes), "era")

@@ -128,7 +128,7 @@ def modes_of(recording: Recording, method: str) -> RecordingModes:
     decay = recording.data[:, found.start :] - recording.data.mean(axis=1, keepdims=True)
     return RecordingModes(
         source=recording.source,
-        method=method,
+        method=found.method,
         modes=tuple(
             Mode(
                 m.frequency_hz,

@@ -1,0 +1,132 @@
+"""Modes of recordings that the tester did not make: how many, how sure, and where the decay begins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.modal.clipping import clipped_samples
+from analysis.modal.free_start import decay_start
+from analysis.modal.identify import identify_ring_down
+from analysis.modal.model_order import Record, groups, modes_of
+
+RATE = 10_000.0
+
+
+def decays(f, zeta, shapes, samples=3000, rate=RATE):
+    """Sums of decays in closed form, (c, n)."""
+    omega = 2 * np.pi * np.asarray(f)
+    zeta = np.asarray(zeta)
+    s = (-zeta * omega + 1j * omega * np.sqrt(1 - zeta**2)) / rate
+    return (np.atleast_2d(shapes) @ np.exp(np.outer(s, np.arange(samples)))).real
+
+
+def noisy(y, decibel, rng):
+    return y + np.abs(y).max() * 10 ** (-decibel / 20) * rng.standard_normal(y.shape)
+
+
+def identified(y, **options):
+    return identify_ring_down(y, RATE, largest_order=0, **options)
+
+
+def scores(found, f, zeta):
+    """Errors over standard errors of frequency and damping, modes in order."""
+    return [
+        (e.value - true) / e.standard_error
+        for m, a, b in zip(found.modes, f, zeta, strict=True)
+        for e, true in ((m.frequency_hz, a), (m.damping_ratio, b))
+    ]
+
+
+@pytest.mark.parametrize("decibel", [40, 60])
+def test_two_sound_modes_are_settled_by_likelihood_and_their_intervals_hold(decibel):
+    rng = np.random.default_rng(decibel)
+    off = []
+    for _ in range(25):
+        f = np.sort(rng.uniform(200, 2000, 2)) * (1, 1.3)
+        zeta = np.exp(rng.uniform(np.log(1e-3), np.log(0.05), 2))
+        found = identified(noisy(decays(f, zeta, np.exp(2j * np.pi * rng.uniform(size=2))), decibel, rng))
+        assert found.method == "ml"
+        off += scores(found, f, zeta)
+    assert np.mean(np.abs(off) < 1.96) > 0.88
+    assert np.abs(off).max() < 5
+
+
+def test_modes_one_percent_apart_are_found_apart():
+    rng = np.random.default_rng(3)
+    f, zeta = [600.0, 606.0], [0.003, 0.004]
+    off = []
+    for _ in range(8):
+        shapes = rng.standard_normal((2, 2)) + 1j * rng.standard_normal((2, 2))
+        found = identified(noisy(decays(f, zeta, shapes), 40, rng))
+        off += scores(found, f, zeta)
+    assert np.abs(off).max() < 4.5
+
+
+def test_heavy_damping_is_found_and_none_is_invented():
+    rng = np.random.default_rng(4)
+    for zeta in (0.32, 0.4):
+        found = identified(noisy(decays([900.0], [zeta], [[1.0], [0.5]]), 40, rng))
+        assert np.abs(scores(found, [900.0], [zeta])).max() < 4.5
+    assert sum(len(identified(rng.standard_normal((2, 2000))).modes) for _ in range(10)) == 0
+
+
+def test_an_undamped_mode_hides_no_other_and_never_grows():
+    rng = np.random.default_rng(5)
+    for zeta1 in (0.0, 1e-4):
+        found = identified(noisy(decays([356.0, 1406.0], [zeta1, 0.027], [[1.0, 0.7]]), 40, rng))
+        assert [m.frequency_hz.value for m in found.modes] == pytest.approx([356, 1406], rel=1e-3)
+        assert all(m.damping_ratio.value >= 0 for m in found.modes)
+
+
+def test_a_growing_oscillation_is_refused_with_the_reason():
+    rng = np.random.default_rng(6)
+    y = decays([300.0, 900.0], [0.01, -0.0005], [[1.0, 0.3]])
+    found = identified(noisy(y, 40, rng), start=0)
+    assert [m.frequency_hz.value for m in found.modes] == pytest.approx([300.0], rel=1e-3)
+    assert any("grows" in note for note in found.notes)
+
+
+def test_era_says_so_and_covers_its_noise():
+    rng = np.random.default_rng(7)
+    f, zeta = [400.0, 1100.0], [0.01, 0.02]
+    off = []
+    for _ in range(6):
+        y = noisy(decays(f, zeta, [[1.0, 0.8j]], 1500), 50, rng)
+        found = identify_ring_down(y, RATE, start=0, largest_order=16, method="era")
+        assert found.method == "era"
+        off += scores(found, f, zeta)
+    assert np.mean(np.abs(off) < 1.96) > 0.8
+
+
+def test_clipped_samples_are_left_out():
+    rng = np.random.default_rng(8)
+    y = noisy(decays([300.0, 900.0], [0.01, 0.02], [[1.0, 0.8]]), 50, rng)
+    clipped = np.clip(y, -0.6 * np.abs(y).max(), 0.6 * np.abs(y).max())
+    assert set(clipped_samples(clipped)) == set(np.flatnonzero(np.abs(y[0]) >= 0.6 * np.abs(y).max()))
+    assert clipped_samples(y).size == 0
+    found = identified(clipped, start=0)
+    assert np.abs(scores(found, [300.0, 900.0], [0.01, 0.02])).max() < 4.5
+    assert any("clipped" in note for note in found.notes)
+
+
+def test_a_mode_that_changes_along_the_decay_is_one_mode():
+    k = np.arange(6000)
+    amplitude = 1 / (1 + k / 400)  # dry friction and more: no exponential
+    y = np.stack([amplitude * np.cos(0.3 * k), 0.5 * amplitude * np.cos(0.3 * k)])
+    y += 1e-3 * np.random.default_rng(9).standard_normal(y.shape)
+    found = identified(y, start=0)
+    near = [m for m in found.modes if abs(m.frequency_hz.value / (0.3 * RATE / 2 / np.pi) - 1) < 0.02]
+    assert len(near) == 1
+
+
+def test_a_decay_without_an_impact_begins_with_the_record():
+    y = noisy(decays([600.0, 606.0], [0.001, 0.001], [[1.0, -0.9]]), 30, np.random.default_rng(10))
+    assert decay_start(y, RATE) is None
+    assert decay_start(np.concatenate([np.zeros((1, 200)), y], axis=1), RATE)[0] == pytest.approx(200, abs=12)
+
+
+def test_what_overlaps_is_a_group():
+    z = np.exp(np.array([-0.01 + 0.3j, -0.01 + 0.31j, -0.001 + 0.5j]))
+    assert sorted(groups(z, 3000)) == [[0, 1], [2]]
+    assert modes_of(Record(np.random.default_rng(1).standard_normal((1, 1500)))).poles.size == 0

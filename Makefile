@@ -103,6 +103,7 @@ proof: $(VENV)/.installed
 bench: .venv-bench/.installed
 	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/modal.py $(BENCH_ARGS)
 	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/recordings.py --write
+	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/harsh_taps.py --write
 	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/diagnosis.py
 	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python -m benchmarks.propagate
 

@@ -18,6 +18,7 @@ from analysis.budgets import (
     with_clock,
 )
 from analysis.modal.amplitude import AmplitudePoint, along_the_decay, combined_curve, varies
+from analysis.modal.clipping import clipped_samples
 from analysis.modal.modes import ModeEstimate
 from analysis.modal.noise import NoiseModel, noise_model
 from analysis.modal.spectrum import SpectralMode, spectral_mode
@@ -247,6 +248,7 @@ def _modes(
                 session.rig,
                 noise,
                 settings.method,
+                [clipped_samples(s.acceleration) for s in same],
             )
             modes |= {s.number: m for s, m in zip(same, found, strict=True)}
         if on_progress is not None:

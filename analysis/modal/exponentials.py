@@ -366,12 +366,33 @@ def fit_exponentials(
     )
 
 
+@njit(cache=True)
+def subtracted(y: Real, amplitudes: Complex, poles: Complex, fixed_amplitudes: Real, fixed: Complex) -> Real:
+    """What exponentials leave of a record."""
+    c, n = y.shape
+    rest = y.copy()
+    for a in range(poles.shape[0]):
+        power = 1.0 + 0j
+        for k in range(n):
+            for ch in range(c):
+                amp = amplitudes[ch, a]
+                rest[ch, k] -= 2.0 * (amp.real * power.real - amp.imag * power.imag)
+            power *= poles[a]
+    for a in range(fixed.shape[0]):
+        power = 1.0 + 0j
+        for k in range(n):
+            for ch in range(c):
+                rest[ch, k] -= fixed_amplitudes[ch, a] * power.real
+            power *= fixed[a]
+    return rest
+
+
 def exponentials(fit: ExponentialFit, k: NDArray[np.int64], fixed: Complex | None = None) -> Real:
     """Evaluate the fitted ring-down, (c, len(k)), at sample numbers ``k`` (negative ones extrapolate backwards)."""
-    columns = fit.poles[:, None] ** k[None, :]
+    columns = np.exp(np.log(fit.poles)[:, None] * k)
     out: Real = 2.0 * (fit.amplitudes @ columns).real
     if fixed is not None and fixed.size:
-        out = out + (fit.fixed_amplitudes @ (fixed[:, None] ** k[None, :])).real
+        out = out + (fit.fixed_amplitudes @ np.exp(np.log(fixed)[:, None] * k)).real
     return out
 
 

@@ -12,11 +12,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.modal.exponentials import MAX_ITERATIONS, NONE_MISSING, ExponentialFit, FitFailure, fit_exponentials
+from analysis.modal.exponentials import (
+    MAX_ITERATIONS,
+    NONE_MISSING,
+    ExponentialFit,
+    FitFailure,
+    fit_exponentials,
+    subtracted,
+)
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
@@ -99,27 +105,6 @@ class Model:
         return np.zeros(0, np.complex128) if self.fit is None else self.fit.poles
 
 
-@njit(cache=True)
-def _subtract(y: Real, amplitudes: Complex, poles: Complex, fixed_amplitudes: Real, fixed: Complex) -> Real:
-    """What exponentials leave of a record."""
-    c, n = y.shape
-    rest = y.copy()
-    for a in range(poles.shape[0]):
-        power = 1.0 + 0j
-        for k in range(n):
-            for ch in range(c):
-                amp = amplitudes[ch, a]
-                rest[ch, k] -= 2.0 * (amp.real * power.real - amp.imag * power.imag)
-            power *= poles[a]
-    for a in range(fixed.shape[0]):
-        power = 1.0 + 0j
-        for k in range(n):
-            for ch in range(c):
-                rest[ch, k] -= fixed_amplitudes[ch, a] * power.real
-            power *= fixed[a]
-    return rest
-
-
 def without_modes(record: Record) -> Model:
     """Return the model that holds no mode, only the known exponentials."""
     k = np.arange(record.y.shape[1])
@@ -141,7 +126,7 @@ def fitted(record: Record, start: Complex, before: Model, iterations: int = MAX_
             fit = fit_exponentials(record.y, start, record.known, variance, iterations, record.missing)
         except (FitFailure, np.linalg.LinAlgError):
             return model
-        residual = _subtract(record.y, fit.amplitudes, fit.poles, fit.fixed_amplitudes, fixed)
+        residual = subtracted(record.y, fit.amplitudes, fit.poles, fit.fixed_amplitudes, fixed)
         residual[:, record.missing] = 0.0
         model = Model(fit, residual, (residual**2).sum(axis=1))
         change = model.left / np.maximum(left, 1e-300)
@@ -276,7 +261,7 @@ def _alone(record: Record, model: Model, group: list[int]) -> tuple[Record, Mode
     """What a group of modes is, with what is left: the record without all others, and the model of the group."""
     some = model.modes.amplitudes[:, group]
     none = np.zeros((record.y.shape[0], 0))
-    own = _subtract(model.residual, -some, model.poles[group], none, np.zeros(0, np.complex128))
+    own = subtracted(model.residual, -some, model.poles[group], none, np.zeros(0, np.complex128))
     own[:, record.missing] = 0.0
     part = Record(own, record.known, record.missing)
     return part, fitted(part, model.poles[group], model) or model

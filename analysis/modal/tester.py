@@ -7,19 +7,23 @@ frequencies scatter would read as damping.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
+from scipy import stats
 
+from analysis.modal.clipping import clipped_samples
 from analysis.modal.era import Realisation, hankel_svd, realise
-from analysis.modal.exponentials import ExponentialFit, FitFailure, fit_exponentials
+from analysis.modal.exponentials import ExponentialFit, FitFailure, exponentials, fit_exponentials, subtracted
 from analysis.modal.further import Decay, with_further_modes
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole, sampled_pole
 from analysis.modal.noise import NoiseModel
-from analysis.modal.pulse_end import innovations, samples_before
+from analysis.modal.onset import onset_of
+from analysis.modal.pulse_end import ROUNDING, innovations, samples_before
 from daq.records import RigDescription
 
 Complex = NDArray[np.complex128]
@@ -27,6 +31,15 @@ Real = NDArray[np.float64]
 Method = Literal["ml", "era"]
 
 SAFE_START_MS = 1.2  # after the trigger: any tap of the paper's impactor is over, a 17 % mode still rings
+LATER_STARTS = 3  # that are tried, each twice as late, where the pulse is not over by then
+BACK = 0.15  # share of the way to the trigger by which fits have to be continued backwards
+GROWN_CHANCE = 1e-4  # chance of a fit's scores, below which the residual is not noise and the interval grows
+FEIGNED = 1e-3  # chance that noise alone passes for the contact mode of a load
+PARAMETERS = 4  # of a mode in one tap
+CHECK_LAGS = 80  # of ERA beside maximum likelihood; ERA by itself has more
+HEAD = 200  # first samples of a decay
+COMPLETE = 1.3  # their residual over the noise's variance, up to which the first poles that fit are the ones
+STRETCHES = 8  # of equal energy, of which each has a score
 HEAVY_DAMPING = (0.02, 0.05, 0.1, 0.18)  # what a spectral peak or a noisy realisation can miss
 GRID_SAMPLES = 1000  # a heavily damped mode is over by then
 CONTACT_MODE_ABOVE = 1.25  # the contact resonance lies at least this factor above the system resonance
@@ -89,6 +102,7 @@ def identify_impacts(
     rig: RigDescription,
     noise: NoiseModel,
     method: Method = "ml",
+    clipped: Sequence[NDArray[np.int64]] | None = None,
 ) -> list[ImpactModes]:
     """Identify both modes of every impact of one load.
 
@@ -102,6 +116,8 @@ def identify_impacts(
         Model of the noise of that mean.
     method
         ``"ml"``: maximum likelihood, checked by ERA; ``"era"``: ERA.
+    clipped
+        Samples of each record at which A or B was at the end of its range; by default those that the mean shows.
 
     Returns
     -------
@@ -117,14 +133,18 @@ def identify_impacts(
     """
     known = filter_poles(rig, sample_rate_hz)
     white = [noise.whiten(np.asarray(r, np.float64)) for r in records]
-    safe = [p + int(SAFE_START_MS * 1e-3 * sample_rate_hz) for p in pretrigger]
-    found = _consensus(white, safe, sample_rate_hz, rig, known)
-    if found is None:
+    lost = [clipped_samples(r) for r in records] if clipped is None else clipped
+    onsets = [onset_of(r, p, c, sample_rate_hz, noise) for r, p, c in zip(records, pretrigger, lost, strict=True)]
+    begun = _begun_safely(white, [o.usable - noise.order for o in onsets], sample_rate_hz, rig, noise)
+    if begun is None:
         reason = "no system and contact mode can be told from the noise"
+        delay = int(SAFE_START_MS * 1e-3 * sample_rate_hz)
+        return [ImpactModes(None, None, o.usable + delay, float("nan"), (reason,)) for o in onsets]
+    found, safe, late, decays = begun
+    if not _told_from_noise(late, noise):
+        reason = "the contact mode cannot be told from the noise: all taps together show no more than noise does"
         return [ImpactModes(None, None, s, float("nan"), (reason,)) for s in safe]
-    late = _late_decays(white, safe, known, found)
-    triggers = {i: pretrigger[i] - noise.order for i in late}
-    decays = _from_the_pulse_on(late, triggers, noise, known)
+    triggers = {i: onsets[i].usable - noise.order for i in late}
     carried, added = with_further_modes(list(decays.values()), known) if decays else ([], found[:0])
     if added.size:
         # what two modes left over looked like the pulse: its end is found anew with all modes
@@ -136,11 +156,52 @@ def identify_impacts(
     notes = [_further_note(complex(z), float(np.median(contact)), sample_rate_hz) for z in added]
     fitted = dict(zip(decays, carried, strict=True))
     return [
-        _modes_of(fitted[i], noise, sample_rate_hz, method, notes)
+        _modes_of(fitted[i], noise, sample_rate_hz, method, [*notes, *onsets[i].notes], known)
         if i in fitted
         else ImpactModes(None, None, s, float("nan"), ("this record cannot carry a fit of two modes",))
         for i, s in enumerate(safe)
     ]
+
+
+def _begun_safely(
+    white: list[Real], triggers: Sequence[int], sample_rate_hz: float, rig: RigDescription, noise: NoiseModel
+) -> tuple[Complex, list[int], dict[int, Decay], dict[int, Decay]] | None:
+    """Modes from after the pulse on: their poles, safe starts, fits from there, and fits from where the pulse ended.
+
+    If the fits cannot be continued backwards at all the pulse was not over, and twice as late a start is tried.
+    """
+    known = filter_poles(rig, sample_rate_hz)
+    first: tuple[Complex, list[int], dict[int, Decay], dict[int, Decay]] | None = None
+    for rung in range(LATER_STARTS):
+        delay = int(SAFE_START_MS * 1e-3 * sample_rate_hz) * 2**rung
+        safe = [t + delay for t in triggers]
+        found = _consensus(white, safe, sample_rate_hz, rig, noise)
+        if found is None:
+            break
+        late = _late_decays(white, safe, known, found)
+        decays = _from_the_pulse_on(late, {i: triggers[i] for i in late}, noise, known)
+        first = first or (found, safe, late, decays)
+        reached = [late[i].start - decays[i].start for i in late]
+        if reached and np.median(reached) >= BACK * delay:
+            return found, safe, late, decays
+    return first
+
+
+def _told_from_noise(late: dict[int, Decay], noise: NoiseModel) -> bool:
+    """Whether the contact mode has more energy in all taps together than the best fit to noise reaches anywhere."""
+    if not late:
+        return True  # there is nothing to refuse
+    worth = 0.0
+    for d in late.values():
+        variance = float(d.fit.noise_variance[0])
+        if noise.variance > 0:
+            variance = max(variance, noise.variance)
+        z = complex(d.fit.poles[1])
+        rate = max(-2 * np.log(abs(z)), 1e-12)
+        lasts = -np.expm1(-rate * (d.y.size - d.start)) / rate
+        worth += 2 * abs(d.fit.amplitudes[0, 1]) ** 2 * float(lasts) / max(variance, 1e-300)
+    longest = max(d.y.size for d in late.values())
+    return worth > float(stats.chi2.isf(FEIGNED / longest, PARAMETERS * len(late)))
 
 
 def _late_decays(white: Sequence[Real], safe: Sequence[int], known: Complex, poles: Complex) -> dict[int, Decay]:
@@ -206,9 +267,13 @@ def _fit(y: Real, start: int, poles: Complex, known: Complex) -> ExponentialFit 
 
 
 def _consensus(
-    white: list[Real], starts: list[int], sample_rate_hz: float, rig: RigDescription, known: Complex
+    white: list[Real], starts: list[int], sample_rate_hz: float, rig: RigDescription, noise: NoiseModel
 ) -> Complex | None:
-    """Poles (system, contact) that fit all impacts of a load best, started from ERA and from a grid."""
+    """Poles (system, contact) that fit all impacts of a load best, started from ERA and from a grid.
+
+    The first that leave the strongest impacts nothing but their noise, from the first sample on, are taken.
+    """
+    known = filter_poles(rig, sample_rate_hz)
     expected = system_resonance_hz(rig)
     rings = [i for i in range(len(white)) if starts[i] < white[i].size]  # the others end before their pulse does
     strongest = sorted(rings, key=lambda i: -float(np.std(white[i][starts[i] :])))[:3]
@@ -220,14 +285,31 @@ def _consensus(
             if fit is None or not _plausible(fit.poles, expected, sample_rate_hz):
                 continue
             # the same poles must serve the other impacts, each with its own amplitudes
-            total = 0.0
+            total, served = 0.0, {}
             for j in strongest:
                 other = _fit(white[j], starts[j], fit.poles, known)
                 square = float(np.dot(white[j][starts[j] :], white[j][starts[j] :]))
                 total += 1.0 if other is None else other.residual_sum / max(square, 1e-300)
+                if other is not None:
+                    served[j] = Decay(white[j], starts[j], other)
             if best is None or total < best[0] * (1 - 1e-9):
                 best = total, fit.poles
+            if len(served) == len(strongest) and _complete(served, noise, known):
+                return fit.poles
     return None if best is None else best[1]
+
+
+def _complete(decays: dict[int, Decay], noise: NoiseModel, known: Complex) -> bool:
+    """Whether two modes leave nothing but noise where a decay begins, and the contact mode stands out of it."""
+    if not noise.variance > 0 or not _told_from_noise(decays, noise):
+        return False
+    k = np.arange(HEAD)
+    return all(
+        d.y.size - d.start > HEAD
+        and float(np.mean((d.y[d.start : d.start + HEAD] - exponentials(d.fit, k, known)[0]) ** 2))
+        < COMPLETE * noise.variance
+        for d in decays.values()
+    )
 
 
 def _plausible(poles: Complex, expected_hz: float, sample_rate_hz: float) -> bool:
@@ -239,14 +321,14 @@ def _plausible(poles: Complex, expected_hz: float, sample_rate_hz: float) -> boo
         0.8 * expected_hz < f[0] < 1.2 * expected_hz
         and f[1] > CONTACT_MODE_ABOVE * f[0]
         and -0.02 < zeta[0] < 0.2
-        and -0.002 < zeta[1] < 0.6
+        and -LEAST_DAMPING_ERROR < zeta[1] < 0.6
     )
 
 
-def _candidates(y: Real, expected_hz: float, sample_rate_hz: float, known: Complex, grid: bool) -> list[Complex]:
+def _candidates(y: Real, expected_hz: float, sample_rate_hz: float, known: Complex, grid: bool) -> Iterator[Complex]:
     """Starting poles: the system mode at its spectral peak, the contact mode from ERA, the spectrum and a grid."""
     n = y.size
-    padded = 8 * n
+    padded = 2 ** int(np.ceil(np.log2(8 * n)))
     spectrum = np.abs(np.fft.rfft(y * np.hanning(2 * n)[n:], padded))
     frequency = np.fft.rfftfreq(padded, 1 / sample_rate_hz)
     near = np.flatnonzero((frequency > 0.9 * expected_hz) & (frequency < 1.1 * expected_hz))
@@ -254,21 +336,23 @@ def _candidates(y: Real, expected_hz: float, sample_rate_hz: float, known: Compl
         (frequency > CONTACT_MODE_ABOVE * expected_hz) & (frequency < HIGHEST_SHARE * sample_rate_hz)
     )
     if not near.size or not above.size:
-        return []  # the sampling rate leaves no room for these modes
+        return  # the sampling rate leaves no room for these modes
     system = sampled_pole(float(frequency[near[np.argmax(spectrum[near])]]), 0.002, sample_rate_hz)
     highest = HIGHEST_SHARE * sample_rate_hz
-    contact: list[complex] = []
-    try:
-        decomposed = hankel_svd(y)
+    for lags in (CHECK_LAGS, None):
+        try:
+            decomposed = hankel_svd(y, lags)
+        except FitFailure:
+            continue
         for order in (4, 6, 10):
-            contact += _contact_poles(realise(decomposed, order), expected_hz, sample_rate_hz)
-    except FitFailure:
-        pass
+            for z in _contact_poles(realise(decomposed, order), expected_hz, sample_rate_hz):
+                yield np.array([system, z])
     peak = float(frequency[above[np.argmax(spectrum[above])]])
-    contact += [sampled_pole(peak, zeta, sample_rate_hz) for zeta in (0.001, 0.005, 0.02)]
+    for zeta in (0.001, 0.005, 0.02):
+        yield np.array([system, sampled_pole(peak, zeta, sample_rate_hz)])
     if grid:
-        contact += _heavy_grid(y, system, expected_hz, highest, sample_rate_hz, known)
-    return [np.array([system, z]) for z in contact]
+        for z in _heavy_grid(y, system, expected_hz, highest, sample_rate_hz, known):
+            yield np.array([system, z])
 
 
 def _contact_poles(realised: Realisation, expected_hz: float, sample_rate_hz: float) -> list[complex]:
@@ -312,16 +396,20 @@ def _heavy_grid(
 
 
 def _modes_of(
-    decay: Decay, noise: NoiseModel, sample_rate_hz: float, method: Method, further: Sequence[str]
+    decay: Decay, noise: NoiseModel, sample_rate_hz: float, method: Method, further: Sequence[str], known: Complex
 ) -> ImpactModes:
     """Both modes of one fitted record, with ERA of the same stretch beside them."""
+    grown = spread_of_scores(decay.y[decay.start :], decay.fit, known)
     fit, first = decay.fit, decay.start + noise.order
     ratio = float(fit.noise_variance[0] / noise.variance) if noise.variance > 0 else float("nan")
     likely = [
-        mode_from_sampled_pole(complex(fit.poles[i]), fit.log_pole_covariance[i], fit.amplitudes[:, i], sample_rate_hz)
+        mode_from_sampled_pole(
+            complex(fit.poles[i]), fit.log_pole_covariance[i] * grown[i], fit.amplitudes[:, i], sample_rate_hz
+        )
         for i in range(2)
     ]
-    realised = _era_modes(decay.y[decay.start :], fit, sample_rate_hz)
+    lags = CHECK_LAGS if method == "ml" and decay.y.size - decay.start > 4 * CHECK_LAGS else None
+    realised = _era_modes(decay.y[decay.start :], fit, sample_rate_hz, lags)
     notes = list(further)
     if realised is None:
         notes.append("ERA alone does not find both modes in this record")
@@ -334,7 +422,56 @@ def _modes_of(
     if contact is not None and not _determined(contact):
         notes.append("this record does not determine the contact mode: its uncertainty is as large as its damping")
         contact = None
+    if contact is not None and not contact.damping_ratio.value > 0:
+        notes.append("the contact mode seems to grow: what was fitted is no free decay")
+        contact = None
+    if grown[1] > 1:
+        notes.append(
+            f"the residual is not noise: the interval of the contact mode is {np.sqrt(grown[1]):.2g} times as wide"
+        )
     return ImpactModes(system, contact, first, ratio, tuple(notes))
+
+
+def spread_of_scores(y: Real, fit: ExponentialFit, known: Complex) -> Real:
+    """Factors (2,) by which the covariances of both modes grow: 1 where the residual can be white noise.
+
+    The score of each stretch of equal energy is compared with what white noise makes of it.
+    """
+    none = np.zeros((1, 0))
+    fixed = fit.fixed_amplitudes if known.size else none
+    residual = subtracted(y[None], fit.amplitudes, fit.poles, fixed, known)[0]
+    variance = float(fit.noise_variance[0])
+    factors = np.ones(2)
+    if not variance > ROUNDING * float(np.dot(y, y)) / y.size:
+        return factors
+    for m in range(2):
+        ratio = _scatter(residual, complex(fit.poles[m]), STRETCHES) / variance
+        if stats.chi2.sf(2 * STRETCHES * ratio, 2 * STRETCHES) < GROWN_CHANCE:
+            factors[m] = ratio
+    return factors
+
+
+@njit(cache=True)
+def _scatter(residual: Real, pole: complex, stretches: int) -> float:
+    """Sum of the squared scores of stretches of equal energy over that energy: the variance of white noise."""
+    n = residual.shape[0]
+    size, total = 1.0, 0.0
+    decay = np.abs(pole) ** 2
+    for k in range(n):
+        total += k * k * size
+        size *= decay
+    power, size, energy, score, squares = 1.0 + 0j, 1.0, 0.0, 0j, 0.0
+    edge = total / stretches
+    for k in range(n):
+        score += residual[k] * k * np.conj(power)
+        energy += k * k * size
+        power *= pole
+        size *= decay
+        if energy >= edge or k == n - 1:
+            squares += np.abs(score) ** 2
+            score = 0j
+            edge += total / stretches
+    return squares / total
 
 
 def _determined(mode: ModeEstimate) -> bool:
@@ -345,10 +482,10 @@ def _determined(mode: ModeEstimate) -> bool:
     )
 
 
-def _era_modes(y: Real, fit: ExponentialFit, sample_rate_hz: float) -> list[ModeEstimate] | None:
+def _era_modes(y: Real, fit: ExponentialFit, sample_rate_hz: float, lags: int | None) -> list[ModeEstimate] | None:
     """ERA of the same stretch; its order is the number of singular values above the noise's largest."""
     try:
-        decomposed = hankel_svd(y)
+        decomposed = hankel_svd(y, lags)
     except FitFailure:
         return None
     variance = float(fit.noise_variance[0])

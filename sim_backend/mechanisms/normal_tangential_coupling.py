@@ -30,10 +30,10 @@ MECHANISM = AddedBody(
     body=NAMES,
     shaken=False,
     hidden=(
-        "Sensors along the axis see a lateral mode only by what it does to the contact, just as they see a turning of "
-        "the upper mass: one answer stands for both. An accelerometer across the axis tells them apart."
+        "Sensors along the axis see a lateral mode only by what it does to the contact, as they do a turning of the "
+        "upper mass or a small part on a mount: one answer stands for all. An accelerometer across the axis tells it."
     ),
-    same_as=("upper_roll",),
+    same_as=("attached_mass",),
     statement=lambda values, name: (
         f"The {name} is inclined and moves a mass sideways: {values[NAMES[0]]:.3g} kg as felt along the axis."
     ),

@@ -32,7 +32,7 @@ CHARACTERS = 4  # with which a look-alike is tried
 
 STIFFNESS_LAWS = {"hertz_stiffness", "rough_surface_stiffness", "contact_loss"}
 LOWER_SPRING = {"frame_compliance", "base_motion", "tube_spring_damping", "tube_spring_cubic"}
-TOLD_AS_ANOTHER = {"base_motion", "cable_drag", "normal_tangential_coupling"}
+TOLD_AS_ANOTHER = {"base_motion", "cable_drag", "normal_tangential_coupling", "upper_roll"}
 """Effects of the same equations as another one, which is named for both: without them nothing is missing."""
 NEVER_TOGETHER = (STIFFNESS_LAWS, LOWER_SPRING)
 

@@ -12,6 +12,7 @@ from mesotap.configuration.config import Config, load_config, text_of
 from mesotap.console.board import Board
 from mesotap.console.child import Child
 from mesotap.console.frames import Message
+from mesotap.console.settings_form import SettingsFile
 from mesotap.console.so_far import SoFar
 from rig.errors import MesotapError
 
@@ -58,6 +59,10 @@ class Bench:
         """Return its text."""
         path = self.config_path or Path("config.yaml")
         return text_of(path, "a configuration") if path.exists() else ""
+
+    def settings(self) -> SettingsFile:
+        """Return the configuration as a form."""
+        return SettingsFile(self.config_path or Path("config.yaml"))
 
     def new_folder(self) -> Path:
         """Return a folder that is not there yet, named by the time."""

@@ -65,6 +65,8 @@ class Routes:
             "judge": (self._judge, True),
             "link": (self._link, True),
             "diagnose": (self._diagnose, True),
+            "settings": (self._save_settings, True),
+            "settings/check": (self._check_settings, False),
         }
         return [
             Route(OPEN_PATH, self._open, methods=["GET"]),
@@ -72,6 +74,7 @@ class Routes:
             Mount("/static", StaticFiles(directory=HERE / "static"), name="static"),
             *(Route(f"/api/{name}", self._act(*act), methods=["POST"]) for name, act in acts.items()),
             Route("/api/control", self._control, methods=["POST"]),
+            Route("/api/settings", self._settings_form, methods=["GET"]),
             Route("/api/sessions", self._sessions, methods=["GET"]),
             Route("/api/taps/{number:int}", self._tap, methods=["GET"]),
             Route("/sessions/{id:str}/{what:str}", self._document, methods=["GET"]),
@@ -165,6 +168,19 @@ class Routes:
         if not self._work.so_far.begin():
             raise Refused("a diagnosis runs already")
         return {"started": True}
+
+    async def _settings_form(self, request: Request) -> Response:
+        try:
+            shown = await asyncio.to_thread(self._work.bench.settings().form)
+        except MesotapError as error:
+            shown = {"error": str(error), "fields": [], "state": ""}
+        return JSONResponse(shown, headers={"Cache-Control": "no-store"})
+
+    async def _check_settings(self, content: dict[str, Any]) -> dict[str, Any]:
+        return await asyncio.to_thread(self._work.bench.settings().changed, dict(content["changes"]), content["state"])
+
+    async def _save_settings(self, content: dict[str, Any]) -> dict[str, Any]:
+        return await asyncio.to_thread(self._work.bench.settings().save, dict(content["changes"]), content["state"])
 
     async def _link(self, content: dict[str, Any]) -> dict[str, Any]:
         return {"path": f"{OPEN_PATH}?token={self._keys.new_link()}"}

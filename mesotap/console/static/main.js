@@ -8,8 +8,9 @@ import { calibration } from "./views/calibration.js";
 import { taps } from "./views/taps.js";
 import { loads } from "./views/loads.js";
 import { sessions } from "./views/sessions.js";
+import { settings } from "./views/settings.js";
 
-const views = { session, calibration, taps, loads, sessions };
+const views = { session, calibration, taps, loads, sessions, settings };
 const byId = (id) => document.getElementById(id);
 let view = null;
 

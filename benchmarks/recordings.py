@@ -194,6 +194,8 @@ for every mode that was found, also where the record hardly speaks for it.
 
 ## ERA (`mesotap analyze --method era`, and where least squares does not settle)
 
+{sum(c["records"] for m, *_, c in found if m == "era")} of these records in all; few, so that only the sums say anything.
+
 {table(found, "era")}
 
 Least squares did not settle, and ERA served, in {sum(c["era"] for m, *_, c in found if m == "ml")} of

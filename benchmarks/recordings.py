@@ -194,7 +194,7 @@ for every mode that was found, also where the record hardly speaks for it.
 
 ## ERA (`mesotap analyze --method era`, and where least squares does not settle)
 
-{sum(c["records"] for m, *_, c in found if m == "era")} of these records in all; few, so that only the sums say anything.
+{sum(c["records"] for m, *_, c in found if m == "era")} records in all; only the sums say anything.
 
 {table(found, "era")}
 

@@ -17,6 +17,7 @@ from mesotap.session.progress import progress_of
 from mesotap.session.states import State
 
 LARGEST_HEADER, LARGEST_JOURNAL = 2**20, 64 * 2**20
+LARGEST_RESULTS = 64 * 2**20
 MOST_SESSIONS = 2000
 REPORT, DIAGNOSIS, RESULTS = "report.html", "diagnosis.html", "results.json"
 
@@ -55,6 +56,33 @@ def sessions_in(root: Path) -> list[PastSession]:
 def session_of(root: Path, wanted: str) -> PastSession | None:
     """Return the session of an id."""
     return next((s for s in sessions_in(root) if s.summary["id"] == wanted), None)
+
+
+def results_of(session: PastSession) -> list[dict[str, Any]]:
+    """Return load and k_c of each load of a finished session, from its results; none where there are none.
+
+    Raises
+    ------
+    RecordingError
+        The results cannot be read.
+    """
+    path = session.path / RESULTS
+    if not path.is_file():
+        return []
+    try:
+        loads = json.loads(read_regular(path, LARGEST_RESULTS, "results"))["loads"]
+        return [
+            {
+                "target_mn": load["target_load_mn"],
+                "load_mn": load["load_mn"]["value"],
+                "k_c": load["contact_stiffness_n_per_m"],
+                "zeta2": load["zeta2"],
+            }
+            for load in loads
+            if load["load_mn"] and load["contact_stiffness_n_per_m"] and load["zeta2"]
+        ]
+    except (ValueError, KeyError, TypeError) as error:
+        raise RecordingError(f"{path.name}: is not the results of a session") from error
 
 
 def _summary(path: Path) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from mesotap.console.audience import Audience
 from mesotap.console.board import Board
 from mesotap.console.frames import frame
 from mesotap.console.gate import OPEN_PATH, REPORT_POLICY, Keys
-from mesotap.console.past import DIAGNOSIS, REPORT, session_of, sessions_in
+from mesotap.console.past import DIAGNOSIS, REPORT, results_of, session_of, sessions_in
 from mesotap.session.hand_verdicts import LONGEST_REASON
 from rig.errors import MesotapError
 
@@ -76,6 +76,7 @@ class Routes:
             Route("/api/control", self._control, methods=["POST"]),
             Route("/api/settings", self._settings_form, methods=["GET"]),
             Route("/api/sessions", self._sessions, methods=["GET"]),
+            Route("/api/sessions/{id:str}", self._results, methods=["GET"]),
             Route("/api/taps/{number:int}", self._tap, methods=["GET"]),
             Route("/sessions/{id:str}/{what:str}", self._document, methods=["GET"]),
             WebSocketRoute("/ws", self._socket),
@@ -102,6 +103,17 @@ class Routes:
     async def _sessions(self, request: Request) -> Response:
         found = await asyncio.to_thread(sessions_in, self._work.bench.root)
         return JSONResponse({"sessions": [s.summary for s in found]}, headers={"Cache-Control": "no-store"})
+
+    async def _results(self, request: Request) -> Response:
+        """What a past session came to, to be held against others."""
+        session = await asyncio.to_thread(session_of, self._work.bench.root, request.path_params["id"])
+        if session is None:
+            return JSONResponse({"error": "there is no such session"}, 404)
+        try:
+            loads = await asyncio.to_thread(results_of, session)
+        except MesotapError as error:
+            return JSONResponse({"error": str(error)}, 400)
+        return JSONResponse({"name": session.summary["name"], "loads": loads}, headers={"Cache-Control": "no-store"})
 
     async def _tap(self, request: Request) -> Response:
         record = self._board.records.get(request.path_params["number"])

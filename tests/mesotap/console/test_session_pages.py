@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
 from daq.session_file import read_session
@@ -47,4 +49,31 @@ def test_stop_by_the_space_bar_and_resume(chromium, tmp_path):
         page.click("button.resume")
         reach(page, "done")
         assert journal_of(console)[-1]["event"] == "filed"
+        assert page.faults == []
+
+
+def test_two_sessions_are_compared(chromium, tmp_path):
+    from playwright.sync_api import expect
+
+    for name, k_c in (("one", 4.6e6), ("two", 4.9e6)):
+        folder = tmp_path / "sessions" / name
+        folder.mkdir(parents=True)
+        header = {"created": "2026-01-01T00:00:00.000Z", "config": f"mesotap: {{specimen: {name}}}"}
+        (folder / "session.json").write_text(json.dumps(header))
+        (folder / "report.html").write_text("<p>a report</p>")
+        value = {"value": k_c, "low": k_c - 1e4, "high": k_c + 1e4}
+        zeta = {"value": 0.02, "low": 0.01, "high": 0.03}
+        load = {"target_load_mn": 300.0, "load_mn": {"value": 299.0}, "contact_stiffness_n_per_m": value, "zeta2": zeta}
+        (folder / "results.json").write_text(json.dumps({"loads": [load]}))
+    with console_in(tmp_path) as console:
+        page = opened(chromium, console)
+        page.click("nav a[href='#sessions']")
+        for name in ("one", "two"):
+            page.check(f"[aria-label='compare {name}']")
+        page.click("#compare")
+        row = page.locator("#compared tbody tr")
+        expect(row).to_contain_text("4.600 ± 0.010", timeout=PATIENCE_MS)
+        expect(row).to_contain_text("4.900 ± 0.010")
+        page.fill("#search", "two")
+        expect(page.locator("#past tbody tr")).to_have_count(1)
         assert page.faults == []

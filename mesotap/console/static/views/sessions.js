@@ -1,30 +1,78 @@
-// Sessions in the console's folder: list, search, open.
+// Sessions in the console's folder: list, search, open, compare.
 
 import { get } from "../wire.js";
-import { make, sheet } from "../parts.js";
+import { alertWith, make, sheet, within } from "../parts.js";
+import { plot, points } from "../plots.js";
 
+const MOST = 4;
+const COLOURS = ["a", "b", "third", "ink"];
 let found = [];
+let chosen, charts;
+
+function endCharts() {
+  for (const chart of charts || []) chart.end();
+  charts = [];
+}
+
+async function compare(into) {
+  endCharts();
+  const taken = [];
+  for (const id of chosen) {
+    const answer = await get(`/api/sessions/${id}`).then((r) => r.json()).catch((error) => ({ error: String(error.message) }));
+    if (answer.error) alertWith(answer.error);
+    else taken.push(answer);
+  }
+  const x = [...new Set(taken.flatMap((s) => s.loads.map((l) => l.load_mn)))].sort((p, q) => p - q);
+  const column = (session, of) => x.map((load) => { const l = session.loads.find((entry) => entry.load_mn === load); return l ? of(l) : null; });
+  const series = taken.map((_, i) => points(COLOURS[i], { points: { show: true, size: 8 + 3 * i, width: 2, fill: "transparent" } }));
+  const stiffness = plot({ title: "Contact stiffness of the sessions", x: "load, mN", y: "k_c, MN/m", series, height: 320 });
+  const damping = plot({ title: "Damping of the sessions", x: "load, mN", y: "ζ2, %", series, height: 320 });
+  charts = [stiffness, damping];
+  const key = make("p", { class: "key" }, ...taken.map((s, i) => make("span", {}, make("i", { class: ["a", "b", "c", "d"][i] }), s.name)));
+  const targets = [...new Set(taken.flatMap((s) => s.loads.map((l) => l.target_mn)))].sort((p, q) => p - q);
+  const row = (target) => make("tr", {}, make("td", {}, target.toFixed(1)), ...taken.map((s) => { const l = s.loads.find((entry) => entry.target_mn === target); return make("td", {}, l ? within({ value: l.k_c.value, half: (l.k_c.high - l.k_c.low) / 2 }, 1e-6, 3) : "–"); }));
+  into.replaceChildren(sheet("Compared", key, make("div", { class: "two" }, stiffness.box, damping.box),
+    make("div", { class: "scroll" }, make("table", { id: "compared" }, make("thead", {}, make("tr", {}, make("th", { scope: "col" }, "load of the plan, mN"), ...taken.map((s) => make("th", { scope: "col" }, `k_c, MN/m: ${s.name}`)))), make("tbody", {}, ...targets.map(row))))));
+  stiffness.set([x, ...taken.map((s) => column(s, (l) => l.k_c.value * 1e-6))]);
+  damping.set([x, ...taken.map((s) => column(s, (l) => l.zeta2.value * 100))]);
+}
 
 export const sessions = {
   async show(root) {
+    chosen = new Set();
+    charts = [];
     const rows = make("tbody");
     const opened = make("div");
     const search = make("input", { type: "search", class: "wide", id: "search", autocomplete: "off" });
-    const list = () => {
-      const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
-      const hits = found.filter((s) => words.every((w) => `${s.name} ${s.specimen} ${s.title} ${s.operator} ${s.state}`.toLowerCase().includes(w)));
-      rows.replaceChildren(...hits.map((s) => make("tr", {},
-        make("td", { class: "text" }, s.name), make("td", { class: "text" }, s.specimen), make("td", { class: "text" }, s.title), make("td", { class: "text" }, s.state), make("td", {}, `${s.accepted} of ${s.taps}`),
-        make("td", { class: "text" }, ...["report", "diagnosis"].filter((what) => s[what]).map((what) => make("button", { type: "button", onclick: () => open(s, what) }, what))))));
-    };
+    const button = make("button", { type: "button", id: "compare", disabled: true, onclick: () => compare(opened) }, `Compare those marked (at most ${MOST})`);
+    const mark = (s) => make("input", { type: "checkbox", "aria-label": `compare ${s.name}`, disabled: !s.report, onkeydown: (event) => { if (event.key === "Enter") event.target.click(); }, onchange: (event) => {
+      if (event.target.checked && chosen.size < MOST) chosen.add(s.id);
+      else chosen.delete(s.id);
+      event.target.checked = chosen.has(s.id);
+      button.disabled = chosen.size < 2;
+    } });
     const open = (s, what) => {
+      endCharts();
       opened.replaceChildren(sheet(`${what} of ${s.name}`, make("iframe", { class: "report", src: `/sessions/${s.id}/${what}`, sandbox: "", title: `${what} of ${s.name}` })));
       opened.scrollIntoView();
     };
+    const list = () => {
+      const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
+      const hits = found.filter((s) => words.every((w) => `${s.name} ${s.specimen} ${s.title} ${s.operator} ${s.state}`.toLowerCase().includes(w)));
+      chosen.clear();
+      button.disabled = true;
+      rows.replaceChildren(...hits.map((s) => make("tr", {},
+        make("td", { class: "text" }, mark(s)), make("td", { class: "text" }, s.name), make("td", { class: "text" }, s.specimen), make("td", { class: "text" }, s.title), make("td", { class: "text" }, s.state), make("td", {}, `${s.accepted} of ${s.taps}`),
+        make("td", { class: "text" }, ...["report", "diagnosis"].filter((what) => s[what]).map((what) => make("button", { type: "button", onclick: () => open(s, what) }, what))))));
+    };
     search.addEventListener("input", list);
+    const headings = ["compare", "name", "specimen", "title", "state", "good taps", "open"];
     root.append(sheet("Sessions in this folder", make("label", {}, "search", search),
-      make("div", { class: "scroll" }, make("table", { id: "past" }, make("thead", {}, make("tr", {}, ...["name", "specimen", "title", "state", "good taps", "open"].map((h) => make("th", { scope: "col", class: "text" }, h)))), rows))), opened);
+      make("div", { class: "scroll" }, make("table", { id: "past" }, make("thead", {}, make("tr", {}, ...headings.map((h) => make("th", { scope: "col", class: "text" }, h)))), rows)), make("p", {}, button)), opened);
     found = (await (await get("/api/sessions")).json()).sessions;
     list();
+  },
+  end() {
+    endCharts();
   },
 };

@@ -6,11 +6,13 @@ A page of somebody else in the same browser can send requests to this address, s
 - every request but the one-time link carries the cookie, which a foreign page does not send (SameSite=Strict);
 - a request that changes something is a POST with a header that a foreign page cannot set without being asked
   (X-Mesotap), and the Origin, where there is one, is the console's own;
-- the WebSocket's handshake has exactly that Origin: browsers let any page open one.
+- the WebSocket's handshake has exactly that Origin: browsers let any page open one;
+- whoever is refused is disconnected, and a body has to be whole in time: nobody without the cookie holds a connection.
 """
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 import secrets
 from http.cookies import CookieError, SimpleCookie
@@ -18,11 +20,16 @@ from http.cookies import CookieError, SimpleCookie
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from mesotap.console.connections import LARGEST_HEADER
+
 OPEN_PATH = "/open"
 """Path of the one-time link, the only one that needs no cookie."""
 
 LARGEST_BODY = 256 * 1024
 """Bytes of a POST: a configuration has at most 100 kB."""
+
+BODY_S = 5.0
+"""In which the body of a POST has to be whole."""
 
 LONGEST_PATH = 512
 MOST_LINKS = 16
@@ -108,21 +115,30 @@ class Gate:
                 return
             await self._app(scope, receive, send)
         elif refusal is not None:
-            status, why = refusal
-            response = PlainTextResponse(f"mesotap: {why}\n", status, {"Cache-Control": "no-store"})
-            await response(scope, receive, _with_headers(send))
+            await _refuse(refusal, scope, receive, send)
+        elif scope["method"] == "POST":
+            body = await _body(receive)
+            if body is None:
+                await _refuse((408, "the request was not whole in time"), scope, receive, send)
+                return
+            await self._app(scope, _after(body, receive), _with_headers(send))
         else:
-            await self._app(scope, _limited(receive), _with_headers(send))
+            await self._app(scope, receive, _with_headers(send))
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
         headers: dict[bytes, list[str]] = {}
         for name, value in scope["headers"]:
             headers.setdefault(name, []).append(value.decode("latin-1"))
+        lengths = headers.get(b"content-length", ["0"])
         hosts, origins = headers.get(b"host", []), headers.get(b"origin", [])
         if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
             return 421, "this console is not served under that name"
+        if sum(len(name) + len(value) + 4 for name, value in scope["headers"]) > LARGEST_HEADER:
+            return 431, "the headers are too long"
         if len(scope["path"]) > LONGEST_PATH:
             return 414, "the address is too long"
+        if b"transfer-encoding" in headers:
+            return 411, "a body says how long it is"
         if scope["type"] == "websocket":
             if len(origins) != 1 or origins[0] not in self._origins:
                 return 403, "a page of another origin"
@@ -136,9 +152,10 @@ class Gate:
             kinds = [kind.partition(";")[0].strip().lower() for kind in headers.get(b"content-type", [])]
             if kinds != ["application/json"]:
                 return 415, "JSON is expected"
-            lengths = headers.get(b"content-length", ["0"])
             if len(lengths) != 1 or not lengths[0].isdigit() or int(lengths[0]) > LARGEST_BODY:
                 return 413, f"more than {LARGEST_BODY // 1024} kB"
+        elif lengths != ["0"]:
+            return 400, "only a POST has a body"
         if scope["type"] == "http" and scope["path"] == OPEN_PATH:
             return None
         if not any(self._keys.admits(text) for text in headers.get(b"cookie", [])):
@@ -146,19 +163,37 @@ class Gate:
         return None
 
 
-def _limited(receive: Receive) -> Receive:
-    """Pass on a body up to its limit, also one that does not say how long it is."""
-    taken = 0
+async def _refuse(refusal: tuple[int, str], scope: Scope, receive: Receive, send: Send) -> None:
+    """Say why in one line, and disconnect."""
+    status, why = refusal
+    headers = {"Cache-Control": "no-store", "Connection": "close"}
+    await PlainTextResponse(f"mesotap: {why}\n", status, headers)(scope, receive, _with_headers(send))
 
-    async def limited() -> Message:
-        nonlocal taken
-        message = await receive()
-        taken += len(message.get("body", b""))
-        if taken > LARGEST_BODY:
-            return {"type": "http.disconnect"}
-        return message
 
-    return limited
+async def _body(receive: Receive) -> bytes | None:
+    """Return the whole body, which is as long as its length says; None if it does not come in time."""
+    body = b""
+    try:
+        async with asyncio.timeout(BODY_S):
+            while True:
+                message = await receive()
+                if message["type"] != "http.request":
+                    return None
+                body += message.get("body", b"")
+                if not message.get("more_body", False):
+                    return body
+    except TimeoutError:
+        return None
+
+
+def _after(body: bytes, receive: Receive) -> Receive:
+    """Pass on a body that was received, then what comes after it."""
+    waiting: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
+
+    async def passing() -> Message:
+        return waiting.pop() if waiting else await receive()
+
+    return passing
 
 
 def _with_headers(send: Send) -> Send:

@@ -33,6 +33,11 @@ SO_FAR = "so-far"
 AGAIN = 4001
 """Code with which a page is told that it was opened a second time under the same key."""
 
+NO_REQUEST = (ValueError, TypeError, KeyError, OverflowError)
+"""What comes of reading a request that has other contents than a page sends."""
+
+LONGEST_NAME = 200
+
 Answer = Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]
 
 
@@ -88,7 +93,7 @@ class Routes:
         """Trade the token of a one-time link for the cookie."""
         if not self._keys.use_link(request.query_params.get("token", "")):
             text = "mesotap: this link was used, or is not one; restart 'mesotap console', or ask its page for a link\n"
-            return PlainTextResponse(text, 403, {"Cache-Control": "no-store"})
+            return PlainTextResponse(text, 403, {"Cache-Control": "no-store", "Connection": "close"})
         response = RedirectResponse("/", 303, {"Cache-Control": "no-store"})
         response.set_cookie(
             self._keys.cookie_name, self._keys.cookie, httponly=True, samesite="strict", secure=self._secure, path="/"
@@ -137,7 +142,7 @@ class Routes:
                 return JSONResponse({"error": "this page only watches: take control first"}, 403)
             try:
                 return JSONResponse(await answer(await _content(request)))
-            except (MesotapError, ValueError, TypeError, KeyError) as error:
+            except (MesotapError, *NO_REQUEST) as error:
                 told = str(error) if isinstance(error, MesotapError) else f"this is no such request ({error})"
                 return JSONResponse({"error": told}, 400)
 
@@ -150,7 +155,10 @@ class Routes:
         return {"told": self._work.tell({"do": "pause"})}
 
     async def _answer(self, content: dict[str, Any]) -> dict[str, Any]:
-        return {"told": self._work.tell({"do": "answer", "id": int(content["id"])})}
+        number, asked = int(content["id"]), self._board.state["ask"]
+        if asked is None or asked["id"] != number:
+            raise Refused("this is not asked now")
+        return {"told": self._work.tell({"do": "answer", "id": number})}
 
     async def _judge(self, content: dict[str, Any]) -> dict[str, Any]:
         number, accepted, reason = int(content["number"]), content["accepted"], str(content["reason"]).strip()
@@ -165,7 +173,10 @@ class Routes:
 
     async def _run(self, content: dict[str, Any]) -> dict[str, Any]:
         names = {key: content[key] for key in ("operator", "specimen", "title") if content.get(key)}
-        changes = [f"mesotap.{key}={json.dumps(str(value))}" for key, value in names.items()]
+        for key, name in names.items():
+            if not isinstance(name, str) or len(name) > LONGEST_NAME or not name.isprintable():
+                raise Refused(f"{key}: give at most {LONGEST_NAME} characters on one line, none of them invisible")
+        changes = [f"mesotap.{key}={json.dumps(name, ensure_ascii=False)}" for key, name in names.items()]
         await self._work.run(changes)
         return {"started": True}
 
@@ -208,7 +219,7 @@ class Routes:
                 "give": lambda: self._audience.give(key, int(content["to"])),
             }
             done = acts[content["do"]]()
-        except (ValueError, TypeError, KeyError):
+        except NO_REQUEST:
             return JSONResponse({"error": "this is no such request"}, 400)
         if not done:
             return JSONResponse({"error": "control is held by another page, or this one is not open"}, 403)
@@ -276,7 +287,10 @@ def _shown(path: Path | None) -> Response:
 
 async def _content(request: Request) -> dict[str, Any]:
     """Return the object that a page sent."""
-    content = json.loads(await request.body() or b"{}")
+    try:
+        content = json.loads(await request.body() or b"{}")
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error
     if not isinstance(content, dict):
         raise ValueError("an object is expected")
     return content

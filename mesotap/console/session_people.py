@@ -137,9 +137,9 @@ class PageOperator(Operator):
 
     def _done(self, number: int) -> bool:
         with self._answered:
-            if self._answer < number:
+            if self._answer != number:
                 self._answered.wait(LOOK_S)
-            return self._answer >= number
+            return self._answer == number
 
 
 class PageGauge(GaugeWatch):

@@ -15,8 +15,8 @@ from tests.mesotap.console.plain_page import PlainPage
 SPECIMEN = """<script>alert(1)</script>"'&{{7*7}}"""
 OPERATOR, TITLE = "../../../etc/passwd", "</title><img src=x onerror=alert(1)>"
 PATIENCE_S = 20.0
-SAME_LOAD_MN = 20.0
-"""The simulated load moves by a few mN while it is held; without contact it is hundreds away."""
+LOADED_MN = 200.0
+"""The session is held at 300 mN; with the surfaces apart the gauge reads a few."""
 
 HEADERS = {
     "Host": "{host}",
@@ -74,15 +74,11 @@ class Siege:
         self.driver, self.watcher = PlainPage(console, self.client), PlainPage(console, self.client)
         names = {"specimen": SPECIMEN, "operator": OPERATOR, "title": TITLE}
         assert self.driver.post("run", names) == (200, {"started": True})
-        self.driver.until(lambda: self.driver.state["locked_mn"] is not None)
+        self.driver.reach("LOCK")
         assert self.driver.post("pause")[0] == 200
         self.driver.until(lambda: self.driver.state["paused"])
         self._journal, self._at = self.journal(), self.driver.state["state"]
-        seen = self.driver.seen["load"]
-        self.driver.until(lambda: self.driver.seen["load"] > seen)
-        self._load_mn = self.driver.parts["load"]["mn"]
         assert self._at == "LOCK"
-        assert self._load_mn > 10 * SAME_LOAD_MN
         self._fresh = 0
 
     def journal(self) -> bytes:
@@ -153,10 +149,10 @@ class Siege:
         assert (state["running"], state["ended"], state["paused"]) == (True, None, True)
         assert state["state"] == self._at
         assert self.journal() == self._journal
-        assert abs(self.driver.parts["load"]["mn"] - self._load_mn) < SAME_LOAD_MN
+        assert self.driver.parts["load"]["mn"] > LOADED_MN
         assert self.driver.drives
         assert self.client.request("GET", "/")[0] == 200
-        assert "Traceback" not in self.console.errors()
+        assert "Exception in ASGI application" not in self.console.errors()
 
     def end(self) -> None:
         """Close the pages."""

@@ -6,7 +6,7 @@ DEMO := demo
 SEED := 1
 
 .PHONY: demo test check unit lint types layers kills recovery gauges bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness package clean
-.PHONY: console-stop console-kills
+.PHONY: console-stop console-kills console-axe
 
 demo: $(VENV)/.installed
 	rm -rf $(DEMO)
@@ -41,6 +41,12 @@ kills: $(VENV)/.tested
 # STOP in the page of the console, 50 times, until the stage is told to go back (ten minutes)
 console-stop: $(VENV)/.tested
 	MESOTAP_STOPS=50 $(BIN)/python -m pytest -s -n 0 tests/mesotap/console/test_stop.py
+
+# the console's pages through axe-core, which is fetched from the npm registry into a folder outside this one
+AXE ?= $(HOME)/.cache/mesotap-axe
+console-axe: $(VENV)/.tested
+	npm install --silent --no-save --prefix $(AXE) axe-core@4.14.1
+	MESOTAP_AXE=$(AXE) $(BIN)/python -m pytest -rs -n 0 tests/mesotap/console/test_accessible.py
 
 # the console killed ten times in every state, each session resumed (half an hour)
 console-kills: $(VENV)/.tested

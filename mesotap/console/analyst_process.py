@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import socket
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -99,6 +100,17 @@ class Analyst:
             if found.f2_hz is not None
         ]
         return [*modes, self._told()]
+
+    def alone(self, number: int) -> list[Message]:
+        """Analyse one tap by itself."""
+        impact = self._impacts[number]
+        if not impact.accepted:
+            return []
+        try:
+            (found,) = self._analysed([impact]).impacts
+        except NOT_ANALYSED:
+            return []  # of all taps of its load together it is said why
+        return [] if found.f2_hz is None else [{"kind": "modes", "number": number, "modes": modes_of(found)}]
 
     def snapshot(self, path: Path) -> Message:
         """Write the session so far to a file."""
@@ -237,24 +249,26 @@ def main(descriptor: int) -> None:
                 connection.sendall(frame(answer))
 
 
-def answers(analyst: Analyst, message: Message, numbers: bytes) -> list[Message]:
-    """Return what is said to one message."""
+def answers(analyst: Analyst, message: Message, numbers: bytes) -> Iterator[Message]:
+    """Yield what is said to one message; of a tap first what it is by itself, which does not grow with their number."""
     what = message.get("kind")
     if what == "begun":
-        return [analyst.begin(message)]
-    if what == "points":
+        yield analyst.begin(message)
+    elif what == "points":
         analyst.calibrated(message["when"], message["points"])
     elif what == "tap":
         load_set = analyst.tap(message, numbers)
-        return [] if message.get("old") else analyst.results(load_set)
+        if not message.get("old"):
+            yield from analyst.alone(message["number"])
+            yield from analyst.results(load_set)
     elif what == "judged":
-        load_set_or_none = analyst.judge(message)
-        return [] if load_set_or_none is None else analyst.results(load_set_or_none)
+        judged = analyst.judge(message)
+        if judged is not None:
+            yield from analyst.results(judged)
     elif what == "all":
-        return analyst.results(None)
+        yield from analyst.results(None)
     elif what == "snapshot":
-        return [analyst.snapshot(Path(message["path"]))]
-    return []
+        yield analyst.snapshot(Path(message["path"]))
 
 
 if __name__ == "__main__":

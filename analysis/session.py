@@ -51,6 +51,7 @@ from calibration.settings import CalibrationSettings
 from daq.contact_force import contact_force
 from daq.records import Impact, RigDescription, Session
 from rig.errors import MesotapError
+from rig.interlock import CAREFUL_READING_S
 from rig.settings import Masses, Springs, Wiring
 from rig.tube import OwnMode
 
@@ -205,7 +206,9 @@ def analyse_session(
     beside = _Beside(
         known=known,
         history=history,
-        reading=_gauge_reading_error(session.impacts),
+        reading=_gauge_reading_error(
+            session.impacts, history.reading_std_mv * math.sqrt(calibration.averaging_s / CAREFUL_READING_S)
+        ),
         noise=noise,
         wiring=wiring or Wiring(),
         scatter=known_scatter(list(taps.values()), settings.tap_scatter),
@@ -386,11 +389,15 @@ def _spring_values(moving: MovingMasses, modes: dict[int, ImpactModes], f1: floa
     return springs_from_system_mode(f1, float(np.median(stiffness)), m1, m2, ratio)
 
 
-def _gauge_reading_error(impacts: Sequence[Impact]) -> float:
-    """Standard error of one gauge reading, mV, from readings before and after the same tap."""
+def _gauge_reading_error(impacts: Sequence[Impact], calibrations_mv: float) -> float:
+    """Standard error of one gauge reading, mV, from readings before and after the same tap.
+
+    A single tap hardly shows it: there it is at least what the scatter of the calibrations makes of so short a reading.
+    """
     change = [s.voltage_after_mv - s.voltage_before_mv for s in impacts if s.accepted]
     usable = [c for c in change if math.isfinite(c)]
-    return math.sqrt(sum(c * c for c in usable) / len(usable) / 2) if len(usable) >= 2 else 0.0
+    own = math.sqrt(sum(c * c for c in usable) / len(usable) / 2) if usable else 0.0
+    return own if len(usable) >= 2 else max(own, calibrations_mv)
 
 
 def _impact_voltage(impact: Impact) -> float:

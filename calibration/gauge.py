@@ -101,6 +101,11 @@ class GaugeHistory:
         self._quantum = max([settings.resolution_mv, *(p.quantum_mv for p in used)])
         self._wander = Wander(fit_curve(used, settings), self._hours(used), zeros, settings) if used else None
 
+    @property
+    def reading_std_mv(self) -> float:
+        """Standard deviation of a reading by the scatter of the calibrations, mV; 0 where there is none."""
+        return 0.0 if self._wander is None else self._wander.curve.reading_std_mv
+
     def _hours(self, used: Sequence[CalibrationPoints]) -> Timeline:
         """Times of the calibrations in hours; an hour apart where they cannot be told apart."""
         seconds = [_seconds(points.time) for points in used]

@@ -147,7 +147,7 @@ class Wiring(Section):
     input_range_v: Positive = 5.0
     bits: Annotated[int, Field(ge=8, le=32)] = 16
     sample_rate_hz: Positive = 25000.0
-    clock_accuracy_ppm: Annotated[float, Field(ge=0, le=10_000)] = 50.0  # limits; NI 9234: 50 by its data sheet
+    clock_accuracy_ppm: Annotated[float, Field(ge=0, le=10_000)] = 50.0  # limits; usual for a crystal oscillator
 
     @model_validator(mode="after")
     def _distinct(self) -> Wiring:

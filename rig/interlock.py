@@ -86,7 +86,8 @@ class Interlock:
         self._witness = LoadWitness(rig, limits, scale)
         self._travel = TravelWitness(limits, spring_stiffness)
         self._stands: tuple[float, bool] | None = None  # where the stage was left, and whether clamped
-        self._left_mn = self._looked_mn = math.nan  # load at which it was left, and at the last look since
+        self._left_mn = math.nan  # load at which it was left
+        self._looked_mn: tuple[float, ...] = ()  # at the last two looks since
         self.shown: Callable[[float], None] = unseen
         rig.stage.permit = self._permit
 
@@ -241,7 +242,7 @@ class Interlock:
         with self._travel.step(step_um, before):
             position = self._rig.stage.move_by(step_um, aim).position_um
         self._stands = (position, False)
-        self._left_mn = self._looked_mn = math.nan
+        self._left_mn, self._looked_mn = math.nan, ()
         if step_um < 0:
             self._travel.turned_back(position)
         self._witness.travelled_um += max(step_um, 0.0)
@@ -292,7 +293,7 @@ class Interlock:
     def lock(self) -> None:
         """Clamp the stage at its load."""
         self._rig.stage.lock()
-        self._looked_mn = math.nan
+        self._looked_mn = ()
         self._stands = (self._rig.stage.read().position_um, True)
 
     # --- watching -------------------------------------------------------------------------------------------
@@ -301,15 +302,16 @@ class Interlock:
         """See that the load is known and within the limit.
 
         Where there may be ``taps``, a single reading may hold what one makes the gauge swing, and what counts is what a
-        longer one confirms.
+        longer one confirms. A jump in the midst of a reading shows half in it and half in the next: the last two looks
+        count.
         """
-        left, before = (math.nan, math.nan) if self._stands is None else (self._left_mn, self._looked_mn)
+        left, before = (math.nan, ()) if self._stands is None else (self._left_mn, self._looked_mn)
         load = self.load_mn(0.0)
         if taps:
-            before = math.nan
+            before = ()
             if load > self._limits.load_mn or self._travel.against_waiting(left, before, load):
                 load = self.load_mn(CONFIRMING_READING_S)
-        self._looked_mn = math.nan if taps else load
+        self._looked_mn = () if taps else (*before[-1:], load)
         self._check_limit(load)
         self._believe(self._travel.against_step(load) or self._travel.against_waiting(left, before, load))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from rig.errors import InterlockRefusal
@@ -117,15 +117,15 @@ class TravelWitness:
             "and what touches the masses, then resume; a filter slower than its settling_s does the same"
         )
 
-    def against_waiting(self, left_mn: float, before_mn: float, now_mn: float) -> str:
+    def against_waiting(self, left_mn: float, before_mn: Sequence[float], now_mn: float) -> str:
         """Say why the load of a stage that stands cannot be lost, or jump; empty if it is as it may be.
 
-        ``left_mn`` is the load at which the stage was left, ``before_mn`` the one seen just before, NaN for none.
+        ``left_mn`` is the load at which the stage was left, NaN for none, ``before_mn`` those seen just before.
         """
         room = STANDING_CHANGE_THRESHOLDS * self._limits.contact_threshold_mn
         if left_mn - now_mn > max(room, LOST_SHARE * left_mn):
             return self.against_standing(left_mn, now_mn)
-        return self.against_standing(before_mn, now_mn) if math.isfinite(before_mn) else ""
+        return next((said for before in before_mn if (said := self.against_standing(before, now_mn))), "")
 
     def against_step(self, now_mn: float) -> str:
         """Say why the load cannot be what it is in the midst of a step; empty if it can, or nothing is under way."""

@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from analysis.modal.modes import ModeEstimate
 from analysis.moving_masses import moving_masses
 from analysis.session import KnownRig
-from analysis.stiffness import springs_from_system_mode
+from analysis.stiffness import pole, springs_from_system_mode
 from calibration.estimate import Estimate
 from daq.records import RigDescription
 from rig.settings import Masses, RigSettings, Springs, TubeSettings
@@ -37,7 +38,8 @@ def stiffness(tester, springs):
     covariance = np.zeros((4, 4))
     covariance[:2, :2] = moving.covariance
     known = KnownRig(m1, m2, Estimate(k1, 0.0), Estimate(k2, 0.0), covariance, own_mode=moving.own_mode)
-    return known.contact_of_load(Estimate(f2, 0.0), Estimate(zeta2, 0.0)).stiffness_n_per_m
+    mode = ModeEstimate(pole(f2, zeta2), np.zeros((2, 2)), np.ones(1, complex))
+    return known.contact(mode).stiffness_n_per_m
 
 
 @pytest.mark.parametrize("load_n", [0.2649, 0.5248, 0.927])

@@ -19,6 +19,20 @@ SAFE_WITHIN_S = 0.5
 DEAD, DROPPED, SHIFTED = ("scale", 0.0), ("offset", -85.0), ("offset", -4.2)
 
 
+@pytest.mark.parametrize("after_s", [2.0, 2.037, 2.07])  # before, in the midst of and after a reading of the watch
+def test_a_load_that_jumps_is_noticed_wherever_in_a_reading_it_does(tmp_path, after_s):
+    bench = FaultyBench(tmp_path / "s", quick_config("mesotap.dwell_s=20"))
+
+    def happen() -> None:
+        bench.happens(bench.rig.clock.now())
+        bench.rig.physics.load_cell.fault = SHIFTED
+
+    bench.when(State.LOCK, 0, 1, lambda: bench.after(after_s, happen))
+    outcome = bench.run()
+    assert "while the stage stood still" in outcome.reads
+    assert outcome.apart_s - outcome.made_s <= SAFE_WITHIN_S
+
+
 @pytest.mark.parametrize("round_trip_s", [0.0, 0.05])
 @pytest.mark.parametrize(
     ("state", "fault"),

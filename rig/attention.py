@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rig.errors import RigError
-from rig.interface import Rig, Waiting
+from rig.interface import HEED_S, Rig, Waiting
 from rig.watch import LoadWatch
 
 SLOW_WIRE_S = 0.005  # round trip to the stage from which a step lasts longer than a look at the gauge
@@ -27,7 +27,9 @@ class Attention:
     beat
         Called every time: the program lives.
     heed
-        Called with what is to be done again and again while the operator pauses; raises what he wants to end with.
+        Called with what is to be done again and again while the operator pauses; raises what he wants to end with. It
+        is called with None in the midst of a move or a reading, where he can end but a pause has to wait: a look at
+        the load within which the program stood still would keep every other look from being made.
 
     Attributes
     ----------
@@ -35,7 +37,9 @@ class Attention:
         Whether the rig is being brought into its safe state: from then on nothing interrupts.
     """
 
-    def __init__(self, rig: Rig, watch: LoadWatch, beat: Callable[[], None], heed: Callable[[Hold], None]) -> None:
+    def __init__(
+        self, rig: Rig, watch: LoadWatch, beat: Callable[[], None], heed: Callable[[Hold | None], None]
+    ) -> None:
         self._rig = rig
         self.watch = watch
         self._beat, self._heed = beat, heed
@@ -75,15 +79,16 @@ class Attention:
         self._beat()
         if not self.leaving:
             self.watch.look()
-            self._heed(self.hold)
+            self._heed(None if self.watch.looking else self.hold)
 
     def heed(self) -> None:
-        """Heed a wish to interrupt, without looking at the load."""
+        """Heed a wish to end, without looking at the load; a pause waits until the move or reading is over."""
         self._beat()
         if not self.leaving:
-            self._heed(self.hold)
+            self._heed(None)
 
     def hold(self) -> None:
-        """Watch on while the operator pauses."""
+        """Watch on while the operator pauses; on a rig whose time is virtual it has to be let pass."""
         self._beat()
         self.watch.look()
+        self._rig.clock.sleep(HEED_S)

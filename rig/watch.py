@@ -54,6 +54,11 @@ class LoadWatch:
         self._looking = False
         self.taps = False
 
+    @property
+    def looking(self) -> bool:
+        """Whether a look is being made, during which no other is."""
+        return self._looking
+
     def restart(self) -> None:
         """Count the periods from now on: with each entry of the journal, so that a resumed session looks alike."""
         self._gauge_seen_at = self._stage_seen_at = self._clock.now()

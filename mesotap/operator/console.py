@@ -205,13 +205,16 @@ class KeyControl:
         self._ended = ""
         self._told = False
 
-    def check(self, hold: Callable[[], None] = nothing) -> None:
-        """Return at once, or stay while paused, or raise `SessionAborted`, once: who leaves is not interrupted."""
+    def check(self, hold: Callable[[], None] | None = nothing) -> None:
+        """Return at once, or stay while paused, or raise `SessionAborted`, once: who leaves is not interrupted.
+
+        Without ``hold`` nobody may stay here: a wish to pause is kept until somebody may.
+        """
         if self._told:
             return
-        key = self._keyboard.pressed(PAUSE_KEY + ABORT_KEY)
+        key = self._keyboard.pressed(ABORT_KEY if hold is None else PAUSE_KEY + ABORT_KEY)
         self._heed(key)
-        if key == PAUSE_KEY:
+        if key == PAUSE_KEY and hold is not None:
             self._pause(hold)
 
     def _heed(self, key: str) -> None:

@@ -40,14 +40,17 @@ GOES_ON = "'mesotap resume' goes on"
 class Control(Protocol):
     """The operator's wish to interrupt, asked for between steps."""
 
-    def check(self, hold: Callable[[], None]) -> None:
-        """Return at once, or stay while paused (calling ``hold`` now and then), or raise `SessionAborted`."""
+    def check(self, hold: Callable[[], None] | None) -> None:
+        """Return at once, or stay while paused (calling ``hold`` now and then), or raise `SessionAborted`.
+
+        Where ``hold`` is None, in the midst of a move or a reading, it does not stay.
+        """
 
 
 class Uninterrupted:
     """A control that never interrupts."""
 
-    def check(self, hold: Callable[[], None]) -> None:
+    def check(self, hold: Callable[[], None] | None) -> None:
         """Return at once."""
 
 

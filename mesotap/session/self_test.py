@@ -53,7 +53,7 @@ def self_test(
     config: Config,
     touch: bool = True,
     beat: Callable[[], None] = nothing,
-    heed: Callable[[Hold], None] = lambda hold: None,
+    heed: Callable[[Hold | None], None] = lambda hold: None,
     operator: Waiting | None = None,
 ) -> Iterator[Verdict]:
     """Test an opened rig part by part, and yield a verdict on each.

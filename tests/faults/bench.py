@@ -126,6 +126,7 @@ class FaultyBench:
         self._due: list[tuple[float, Callable[[], None]]] = []
         self._checks: dict[tuple[State, int], int] = {}
         self._waiting: list[tuple[State, int, int, Callable[[], None]]] = []
+        self._pauses_s = 0.0
         self._outcome = Outcome()
         self._ends_s = LONGEST_S
         self.mends: list[Callable[[], object]] = []
@@ -148,10 +149,13 @@ class FaultyBench:
         self._outcome.made_s = at_s
 
     def pause(self, seconds: float) -> None:
-        """Have the operator pause the session for a while, from within a look at the keys."""
+        """Have the operator pause the session for a while, from the next look at the keys on where he may."""
+        self._pauses_s = seconds
+
+    def _stay(self, hold: Callable[[], None], seconds: float) -> None:
         end = self.rig.clock.now() + seconds
         while self.rig.clock.now() < end:
-            self._hold()
+            hold()
             self.rig.clock.sleep(POLL_S)
 
     def kill(self) -> None:
@@ -205,7 +209,6 @@ class FaultyBench:
 
     def check(self, hold) -> None:
         """Look at the operator's keys: nobody is there, but this is where things are made to happen."""
-        self._hold = hold
         progress = self.runner.progress
         key = (progress.state, progress.load_set)
         self._checks[key] = self._checks.get(key, 0) + 1
@@ -215,6 +218,9 @@ class FaultyBench:
                 self._waiting.remove(entry)
                 self.happens(self.rig.clock.now())
                 action()
+        if hold is not None and self._pauses_s:
+            seconds, self._pauses_s = self._pauses_s, 0.0
+            self._stay(hold, seconds)
         self._keys.check(hold)
 
     def accepted(self) -> dict[int, tuple]:

@@ -88,7 +88,8 @@ class Interrupt:
         self.runner = None
 
     def check(self, hold) -> None:
-        hold()
+        if hold is not None:
+            hold()
         if self.runner is not None and self.runner.progress.state is self.state:
             self.left -= 1
             if self.left == 0:

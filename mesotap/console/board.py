@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mesotap.console.frames import Message, frame
 
+REPORT, DIAGNOSIS = "report.html", "diagnosis.html"
 RECORDS_KEPT = 64
 LINES_KEPT = 30
 
@@ -78,6 +79,7 @@ class Board:
             "running": False, "state": "", "words": "no session", "text": "", "next": IDLE, "ask": None,
             "paused": False, "said": [], "ended": None, "plan_mn": [], "load_set": 0, "wanted": 0, "accepted": 0,
             "limit_mn": None, "force_limit": None, "locked_mn": None, "simulated": False, "session": None, "name": "",
+            "reported": False, "diagnosed": False,
         }  # fmt: skip
         self.load = {"mn": None, "at": None}
         self.calibration = {"before": [], "after": []}
@@ -241,11 +243,18 @@ class Board:
 
     def _hear_ended(self, message: Message, numbers: bytes) -> None:
         self.state.update(ended={"how": message["how"], "text": message["text"]}, ask=None, paused=False)
+        self._see_documents()
         if message["how"] == "filed":
             self.state.update(state="DONE", words="done", text="", next=WHAT_TO_DO["DONE"])
         else:
             self.state.update(next="The session ended; 'Resume' goes on with it.", words="ended")
         self.show("state")
+
+    def _see_documents(self) -> None:
+        """See what there is to read of the session: a diagnosis is made where its configuration asks for one."""
+        if self.folder is not None:
+            self.state["reported"] = (self.folder / REPORT).is_file()
+            self.state["diagnosed"] = (self.folder / DIAGNOSIS).is_file()
 
     def gone(self) -> None:
         """See the session's process gone."""

@@ -11,7 +11,7 @@ from daq.errors import RecordingError
 from daq.journal import HEADER, JOURNAL
 from daq.regular import read_regular
 from mesotap.commands.recordings import SESSION_FILE
-from mesotap.console.board import session_id
+from mesotap.console.board import DIAGNOSIS, REPORT, session_id
 from mesotap.session.hand_verdicts import IMPACT, accepted_in
 from mesotap.session.progress import progress_of
 from mesotap.session.states import State
@@ -19,7 +19,7 @@ from mesotap.session.states import State
 LARGEST_HEADER, LARGEST_JOURNAL = 2**20, 64 * 2**20
 LARGEST_RESULTS = 64 * 2**20
 MOST_SESSIONS = 2000
-REPORT, DIAGNOSIS, RESULTS = "report.html", "diagnosis.html", "results.json"
+RESULTS = "results.json"
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,10 +19,10 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from mesotap import __version__
 from mesotap.console.at_work import AtWork, Refused
 from mesotap.console.audience import Audience
-from mesotap.console.board import Board
+from mesotap.console.board import DIAGNOSIS, REPORT, Board
 from mesotap.console.frames import frame
 from mesotap.console.gate import OPEN_PATH, REPORT_POLICY, Keys
-from mesotap.console.past import DIAGNOSIS, REPORT, results_of, session_of, sessions_in
+from mesotap.console.past import results_of, session_of, sessions_in
 from mesotap.session.hand_verdicts import LONGEST_REASON
 from rig.errors import MesotapError
 
@@ -90,7 +90,9 @@ class Routes:
     # --- pages ----------------------------------------------------------------------------------------------
 
     async def _open(self, request: Request) -> Response:
-        """Trade the token of a one-time link for the cookie."""
+        """Trade the token of a one-time link for the cookie; what only looks whether it is there leaves it good."""
+        if request.method != "GET":
+            return PlainTextResponse("mesotap: only GET\n", 405, {"Allow": "GET", "Cache-Control": "no-store"})
         if not self._keys.use_link(request.query_params.get("token", "")):
             text = "mesotap: this link was used, or is not one; restart 'mesotap console', or ask its page for a link\n"
             return PlainTextResponse(text, 403, {"Cache-Control": "no-store", "Connection": "close"})

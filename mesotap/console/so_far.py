@@ -12,8 +12,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from mesotap.console.board import DIAGNOSIS
 from mesotap.console.frames import Message
-from mesotap.console.past import DIAGNOSIS
 
 NICENESS = 15
 LONGEST_S = 1800.0

@@ -50,14 +50,15 @@ function show() {
       onclick: async () => { const answer = await post("diagnose", {}); if (!answer.ok) alertWith(answer.error); } },
     diagnosis.running ? `Diagnosing ${diagnosis.taps || ""} taps …` : "Diagnose what there is so far"),
     make("span", { role: "status", class: "small" }, diagnosis.why ? ` ${diagnosis.why}` : diagnosis.running ? " It takes some minutes, and gives way to the session." : diagnosis.ready ? ` Of ${diagnosis.taps} taps, below.` : ""));
-  const wanted = state.state === "DONE" && state.session ? `done ${state.session}` : diagnosis.ready ? `so far ${diagnosis.taps}` : "";
+  const done = state.state === "DONE" && state.session;
+  const wanted = `${done ? `${state.session} ${state.reported} ${state.diagnosed}` : ""} ${diagnosis.ready ? diagnosis.taps : ""}`;
   if (wanted === opened) return;
   opened = wanted;
   documents.replaceChildren();
   const frame = (title, src) => documents.append(sheet(title, make("iframe", { class: "report", src, sandbox: "", title })));
   if (diagnosis.ready) frame(`Diagnosis of the first ${diagnosis.taps} taps`, "/sessions/so-far/diagnosis");
-  if (state.state === "DONE" && state.session) {
-    frame("Report of this session", `/sessions/${state.session}/report`);
+  if (done) {
+    if (state.reported) frame("Report of this session", `/sessions/${state.session}/report`);
     if (state.diagnosed) frame("Diagnosis of this session", `/sessions/${state.session}/diagnosis`);
   }
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import socket
 import ssl
 import webbrowser
@@ -130,6 +131,7 @@ class ConsoleServer:
             config.load()
         except (OSError, ssl.SSLError) as error:
             raise ConsoleError(f"{self._address.certificate}: no certificate with its key ({error})") from error
+        logging.getLogger("uvicorn.error").addFilter(_worth_telling)
         link = self.link()
         self._said(f"console: {link}")
         self._said("         (opens once; Ctrl-C ends the console, and a session with the surfaces apart)")
@@ -149,6 +151,11 @@ class ConsoleServer:
             if self.work.running:
                 self._said("ending the session: the surfaces are taken apart ...")
             await self.work.end()
+
+
+def _worth_telling(record: logging.LogRecord) -> bool:
+    """Whether the person at the console needs to know: a page that sends what is no text was disconnected already."""
+    return record.exc_info is None or not isinstance(record.exc_info[1], UnicodeDecodeError)
 
 
 def _bound(address: Address) -> socket.socket:

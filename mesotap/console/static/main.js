@@ -115,8 +115,8 @@ addEventListener("keydown", (event) => {
   event.preventDefault();
   pressStop();
 }, { capture: true });
-addEventListener("keyup", (event) => {
-  if (event.key === " " && event.target.closest?.("button, a")) event.preventDefault();
+addEventListener("keyup", (event) => { // a button or a checkbox acts when the key comes up
+  if (event.key === " " && event.target.closest?.("button, a, input[type=checkbox]")) event.preventDefault();
 }, { capture: true });
 
 // --- dark and light ---------------------------------------------------------

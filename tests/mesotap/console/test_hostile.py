@@ -10,12 +10,12 @@ import pytest
 
 from mesotap.console.session_people import PageOperator
 from tests.mesotap.console.consoles import console_in
+from tests.mesotap.console.raw_requests import INNER, RAW
 from tests.mesotap.console.siege import (
     SPECIMEN,
     Siege,
     all_of,
     closed_in_time,
-    handshake,
     request,
     sessions_listed,
     statuses,
@@ -39,133 +39,6 @@ def begun(tmp_path_factory):
 def siege(begun):
     yield begun
     begun.unharmed()
-
-
-ORIGINS = {
-    "foreign": "http://evil.example",
-    "foreign, with our port": "http://evil.example:{port}",
-    "null": "null",
-    "empty": "",
-    "of a file": "file://",
-    "other scheme": "https://{host}",
-    "other port": "http://127.0.0.1:1",
-    "no port": "http://127.0.0.1",
-    "ours before a domain": "http://127.0.0.1:{port}.evil.example",
-    "ours as a user": "http://{host}@evil.example",
-    "ours as the host of a user": "http://evil.example@{host}",
-    "ours with a path": "http://{host}/",
-    "look-alike": "http://lоcalhost:{port}",  # a Cyrillic letter
-    "subdomain": "http://evil.localhost:{port}",
-    "two in one": "http://{host}, http://evil.example",
-}
-HOSTS = {
-    "foreign": "evil.example",
-    "foreign, with our port": "evil.example:{port}",
-    "no port": "127.0.0.1",
-    "other port": "127.0.0.1:1",
-    "other loopback": "127.0.0.2:{port}",
-    "any address": "0.0.0.0:{port}",
-    "short": "127.1:{port}",
-    "as a number": "2130706433:{port}",
-    "in IPv6": "[::ffff:127.0.0.1]:{port}",
-    "ours before a domain": "127.0.0.1:{port}.evil.example",
-    "ours as a user": "{host}@evil.example",
-    "subdomain": "evil.localhost:{port}",
-    "final dot": "localhost.:{port}",
-    "empty": "",
-}
-INNER = request()
-CHUNKED = {"Content_Length": None, "Transfer_Encoding": "chunked"}
-RAW = {
-    **{f"origin {k}": (403, request(Origin=v)) for k, v in ORIGINS.items()},
-    "origin twice": (403, request(more="Origin: http://evil.example\r\n")),
-    **{f"host {k}": (421, request(Host=v)) for k, v in HOSTS.items()},
-    "host twice": (400, request(more="Host: evil.example\r\n")),
-    "host missing": (400, request(Host=None)),
-    "host missing in 1.0": (421, request("POST /api/stop HTTP/1.0", Host=None)),
-    "absolute address": (404, request("POST http://evil.example/api/stop HTTP/1.1", Connection="close")),
-    "absolute address of ours": (404, request("POST http://{host}/api/stop HTTP/1.1", Connection="close")),
-    "forwarded host": (421, request(Host="evil.example", X_Forwarded_Host="{host}", Forwarded="host={host}")),
-    # methods
-    **{f"method {m}": (405, request(f"{m} /api/stop HTTP/1.1"))
-       for m in ("TRACE", "PUT", "DELETE", "OPTIONS", "PATCH", "post", "STOP", "PROPFIND")},
-    "method CONNECT": (405, request("CONNECT evil.example:443 HTTP/1.1")),
-    "method OPTIONS *": (405, request("OPTIONS * HTTP/1.1")),
-    "method GET": (405, request("GET /api/stop HTTP/1.1", "", Content_Length=None, Connection="close")),
-    "method HEAD": (405, request("HEAD /api/stop HTTP/1.1", "", Content_Length=None, Connection="close")),
-    "method overridden": (405, request("GET /api/stop HTTP/1.1", "", Content_Length=None, Connection="close",
-                                       X_HTTP_Method_Override="POST")),
-    "preflight": (405, request("OPTIONS /api/stop HTTP/1.1", "", Access_Control_Request_Method="POST",
-                               Access_Control_Request_Headers="x-mesotap")),
-    # the cookie and the header that a foreign page cannot set
-    "no cookie": (401, request(Cookie=None)),
-    "cookie of another port": (401, request(Cookie="mesotap-1={secret}")),
-    "cookie of another name": (401, request(Cookie="session={secret}")),
-    "cookie cut short": (401, request(Cookie="{cut}")),
-    "cookie prolonged": (401, request(Cookie="{cookie}A")),
-    "cookie empty": (401, request(Cookie="mesotap-{port}=")),
-    "cookie of two, the last false": (401, request(Cookie="{cookie}; mesotap-{port}=guess")),
-    "cookie in the wrong place": (401, request(Cookie=None, Authorization="Bearer {secret}", X_Cookie="{cookie}")),
-    "header missing": (403, request(X_Mesotap=None)),
-    "header 0": (403, request(X_Mesotap="0")),
-    "header twice": (403, request(more="X-Mesotap: 1\r\n")),
-    **{f"content {k or 'of no type'}": (415, request(Content_Type=k or None)) for k in
-       ("", "text/plain", "application/x-www-form-urlencoded", "multipart/form-data; boundary=x", "text/json",
-        "application/json, text/plain")},
-    "content of two types": (415, request(more="Content-Type: text/plain\r\n")),
-    # the one-time link
-    **{f"token {k}": (403, request(f"GET /open{v} HTTP/1.1", "", Cookie=None, Content_Length=None)) for k, v in {
-        "missing": "", "empty": "?token=", "used": "?token={used}", "guessed": "?token=guess", "NUL": "?token=%00",
-        "not ASCII": "?token=%f0%9f%98%80", "half a character": "?token=%ed%a0%80", "under another name": "?key={used}",
-        "of the cookie": "?token={secret}", "twice": "?token=a&token=b"}.items()},
-    "token at the page": (401, request("GET /?token={used} HTTP/1.1", "", Cookie=None)),
-    "token as a cookie": (401, request("GET / HTTP/1.1", "", Cookie="mesotap-{port}={used}")),
-    "token posted": (401, request("POST /?token={used} HTTP/1.1", Cookie=None)),
-    # lengths and what hides a second request
-    "body too large": (413, request(body="{}" + " " * 300_000)),
-    "body said to be a terabyte": (413, request(Content_Length="1000000000000")),
-    "length negative": (400, request(Content_Length="-1")),
-    "length in words": (400, request(Content_Length="two")),
-    "length signed": (400, request(Content_Length="+2")),
-    "length twice": (400, request(more="Content-Length: 3\r\n")),
-    "chunks": (411, request(body="2\r\n{}\r\n0\r\n\r\n", **CHUNKED)),
-    "chunks without end": (411, request(body="ffffff\r\n" + "a" * 9000, **CHUNKED)),
-    "length and chunks": (411, request(body="0\r\n\r\n" + INNER, Content_Length="4", Transfer_Encoding="chunked")),
-    "chunks and length": (411, request(body="0\r\n\r\n" + INNER, Content_Length="5",
-                                       more="Transfer-Encoding: chunked\r\n")),
-    "chunks under another name": (400, request(more="Transfer-Encoding : chunked\r\n")),
-    "chunks misspelt": (400, request(more="Transfer-Encoding: xchunked\r\n")),
-    "chunks twice": (400, request(more="Transfer-Encoding: chunked, identity\r\n")),
-    "hidden after a refusal": (403, request(X_Mesotap=None, body="{}" + INNER, Content_Length="2")),
-    "hidden in the body of a GET": (400, request("GET / HTTP/1.1", INNER)),
-    "hidden in a header": (400, request(more="X: a\r\n\0" + INNER)),
-    # what is hardly HTTP
-    "header too long": (431, request(more="X: " + "a" * 20_000 + "\r\n")),
-    "headers too many": (431, request(more="X: a\r\n" * 5000)),
-    "header with NUL": (400, request(more="X: a\0b\r\n")),
-    "header without a name": (400, request(more=": a\r\n")),
-    "line of 20 kB": (414, request("GET /" + "a" * 20_000 + " HTTP/1.1")),
-    "path of 600": (414, request("POST /" + "a" * 600 + " HTTP/1.1")),
-    "HTTP/0.9": (400, "GET /\r\n\r\n"),
-    "HTTP/2": (421, "PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"),
-    "TLS": (400, "\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n"),
-    "noise": (400, "\0\1\2\3 \x7f\r\n\r\n"),
-    # the handshake
-    **{f"handshake origin {k}": (403, handshake(Origin=v)) for k, v in ORIGINS.items()},
-    "handshake without origin": (403, handshake(Origin=None)),
-    "handshake origin twice": (400, handshake(more="Origin: http://{host}\r\n")),
-    "handshake host": (403, handshake(Host="evil.example:{port}")),
-    "handshake without cookie": (403, handshake(Cookie=None)),
-    "handshake cookie of another port": (403, handshake(Cookie="mesotap-1={secret}")),
-    "handshake elsewhere": (403, handshake("GET /api/stop HTTP/1.1")),
-    "handshake without page": (403, handshake("GET /ws HTTP/1.1")),
-    "handshake page short": (403, handshake("GET /ws?page=abc HTTP/1.1")),
-    "handshake page long": (403, handshake("GET /ws?page=" + "a" * 65 + " HTTP/1.1")),
-    "handshake page no key": (403, handshake("GET /ws?page=..%2f..%2f..%2f..%2f..%2fetc HTTP/1.1")),
-    "handshake version": (400, handshake(Sec_WebSocket_Version="12")),
-    "handshake key missing": (400, handshake(Sec_WebSocket_Key=None)),
-    "handshake key false": (400, handshake(Sec_WebSocket_Key="short")),
-}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", RAW)
@@ -333,6 +206,17 @@ def test_slow_requests(siege):
 def test_half_closed(siege, share):
     whole = siege.filled(request(X_Mesotap=None))
     assert statuses(siege.sent(whole[: int(share * len(whole))], half_close=True)) in ([], [400], [403])
+
+
+def test_asking_for_the_head_of_a_link_does_not_use_it_up(siege):
+    path = siege.driver.post("link", {})[1]["path"]
+    assert siege.client.request("HEAD", path)[0] == 405
+    assert siege.client.request("GET", path)[0] == 303
+
+
+def test_no_traceback_is_printed(siege):
+    assert siege.closed_with(*FRAMES["not UTF-8"][1]) == 1007
+    assert "Traceback" not in siege.console.errors()
 
 
 def test_an_answer_to_what_was_not_asked_yet_answers_nothing():

@@ -54,12 +54,18 @@ function setText(id, text) {
   if (element.textContent !== text) element.textContent = text; // what has not changed is not read out again
 }
 
+// Where the surfaces do not touch there is no load to watch.
+function paused(state) {
+  const loaded = ["SET_LOAD", "LOCK", "TAP", "RETRACT"].includes(state.state);
+  return `Paused, ${loaded ? "the load is watched" : "nothing moves"}. Continue, or STOP.`;
+}
+
 function showState() {
   const state = page.parts.state;
   if (!state) return;
   setText("words", state.paused ? "paused" : state.words);
   setText("detail", state.text);
-  setText("next", state.ask ? state.ask.text : state.paused ? "Paused, the load is watched. Continue, or STOP." : state.next);
+  setText("next", state.ask ? state.ask.text : state.paused ? paused(state) : state.next);
   const ended = state.ended;
   alertWith(!page.connected ? "The connection to the console is lost; the session goes on, or has taken the surfaces apart." : ended && ended.how !== "filed" ? ended.text : "");
 }

@@ -80,3 +80,21 @@ def test_two_sessions_are_compared(chromium, tmp_path):
         page.fill("#search", "two")
         expect(page.locator("#past tbody tr")).to_have_count(1)
         assert page.faults == []
+
+
+def test_the_space_bar_on_a_checkbox_is_stop_and_leaves_it_as_it_is(chromium, tmp_path):
+    folder = tmp_path / "sessions" / "one"
+    folder.mkdir(parents=True)
+    (folder / "session.json").write_text(json.dumps({"created": "2026-01-01T00:00:00.000Z", "config": ""}))
+    (folder / "report.html").write_text("<p>a report</p>")
+    with console_in(tmp_path) as console:
+        page = opened(chromium, console)
+        page.click("nav a[href='#sessions']")
+        box = page.locator("[aria-label='compare one']")
+        box.focus()
+        with page.expect_request("**/api/stop"):
+            page.keyboard.press("Space")
+        assert not box.is_checked()
+        page.keyboard.press("Enter")
+        assert box.is_checked()
+        assert page.faults == []

@@ -1,4 +1,4 @@
-"""Whenever the operator pauses under load, the load is watched: looks go on, and a load over the limit ends it."""
+"""Whenever the operator pauses under load, the load is watched, wherever the session was then."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ PAUSE_S = 1.0
 LOOKS = 7
 """In that time, at the least: the gauge is read ten times a second, on the drivers' wires somewhat less often."""
 
+MOST_ASKED = 1000
 UNDER_LOAD = (State.SET_LOAD, State.LOCK, State.TAP)
 
 
@@ -36,12 +37,15 @@ class Presses(Keyboard):
         self.clock, self.wanted, self.left = clock, state, nth
         self.state = lambda: State.CONNECT
         self.paused_at = self.went_on_at = None
+        self.asked = 0
 
     @property
     def there(self) -> bool:
         return True
 
     def pressed(self, keys: str, wait_s: float = 0.0) -> str:
+        self.asked += self.paused_at is not None
+        assert self.asked < MOST_ASKED, "the pause does not end, or nothing goes on after it"
         if self.state() is self.wanted and self.left > 0:
             self.left -= 1
         if self.left:

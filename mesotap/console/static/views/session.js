@@ -24,7 +24,7 @@ function showActions() {
   const may = driving();
   if (state.running) {
     actions.replaceChildren(
-      make("button", { type: "button", id: "pause", disabled: !may, onclick: () => act("pause") }, state.paused ? "Continue" : "Pause, the load is watched"),
+      make("button", { type: "button", id: "pause", disabled: !may, onclick: () => act("pause") }, state.paused ? "Continue" : "Pause"),
     );
     return;
   }

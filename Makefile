@@ -6,7 +6,7 @@ DEMO := demo
 SEED := 1
 
 .PHONY: demo test check unit lint types layers kills recovery gauges bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness package clean
-.PHONY: console-stop console-kills console-axe
+.PHONY: console-stop console-kills console-axe console-soak
 
 demo: $(VENV)/.installed
 	rm -rf $(DEMO)
@@ -51,6 +51,10 @@ console-axe: $(VENV)/.tested
 # the console killed ten times in every state, each session resumed (half an hour)
 console-kills: $(VENV)/.tested
 	MESOTAP_CONSOLE_KILLS=10 $(BIN)/python -m pytest -s -n 0 tests/mesotap/console/test_kills.py
+
+# an hour of sessions in the console, one page that drives and three that watch: memory, and how late what comes
+console-soak: $(VENV)/.tested
+	$(BIN)/python -m benchmarks.console_soak --minutes $(or $(MINUTES),60)
 
 # 200 seeded loads: does every interval cover as often as it says?
 recovery: $(VENV)/.installed

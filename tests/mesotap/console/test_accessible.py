@@ -37,7 +37,7 @@ def findings(page, theme):
 
 
 def test_nothing_serious_on_any_page(chromium, tmp_path):
-    with console_in(tmp_path, "--speed", "20", "--set", "mesotap.dwell_s=10") as console:
+    with console_in(tmp_path, "--speed", "20", "--set", "mesotap.dwell_s=100") as console:
         page = opened(chromium, console)
         page.add_init_script(path=AXE)
         page.reload()

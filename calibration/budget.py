@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from calibration.estimate import LEVEL, Estimate
 
@@ -117,17 +117,17 @@ def _effective(contributions: Sequence[Contribution]) -> float:
 
 def _student(dof: float) -> float:
     upper = 0.5 + LEVEL / 2
-    return float(stats.norm.ppf(upper) if math.isinf(dof) else stats.t.ppf(upper, dof))
+    return float(special.ndtri(upper) if math.isinf(dof) else special.stdtrit(dof, upper))
 
 
 def _convolved(spread: float, dof: float, half_widths: Sequence[float], steps: Sequence[float]) -> float:
     """Half of the 95 % interval of a scaled t plus rectangles (+- each half-width) plus steps of either sign."""
     x = np.linspace(-_REACH, _REACH, _POINTS)
     if spread > x[1] - x[0]:
-        below = stats.norm.cdf(x / spread) if math.isinf(dof) else stats.t.cdf(x / spread, dof)
+        t = x / spread
+        below: NDArray[np.float64] = np.asarray(special.ndtr(t) if math.isinf(dof) else special.stdtr(dof, t))
     else:
         below = np.clip(0.5 + x / (x[1] - x[0]), 0.0, 1.0)
-    below = np.asarray(below, dtype=np.float64)
     for width in half_widths:
         if width > x[1] - x[0]:
             below = _smeared(x, below, width)

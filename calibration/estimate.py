@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from scipy import stats
+from scipy import special
 
 LEVEL = 0.95  # of every interval that mesotap states
 
@@ -35,7 +35,8 @@ class Estimate:
         """Half of the 95 % interval (Student's t, unless ``coverage`` says otherwise)."""
         if self.coverage is not None:
             return self.coverage * self.standard_error
-        quantile = stats.norm.ppf(0.5 + LEVEL / 2) if math.isinf(self.dof) else stats.t.ppf(0.5 + LEVEL / 2, self.dof)
+        upper = 0.5 + LEVEL / 2
+        quantile = special.ndtri(upper) if math.isinf(self.dof) else special.stdtrit(self.dof, upper)
         return float(quantile) * self.standard_error
 
     @property

@@ -39,10 +39,25 @@ JsonPath = Annotated[
     Path | None,
     typer.Option("--json", metavar="OUT.json", help="Also write the answer for programs.", show_default=False),
 ]
-Simulate = Annotated[bool, typer.Option("--simulate", help="Use the simulated rig instead of the real one.")]
+
+
+def _one_rig(context: typer.Context, option: typer.CallbackParam, given: bool) -> bool:
+    """Refuse the second of two rigs."""
+    if given and context.params.get("emulate" if option.name == "simulate" else "simulate"):
+        raise typer.BadParameter("--simulate and --emulate name two rigs; give one of them")
+    return given
+
+
+Simulate = Annotated[
+    bool, typer.Option("--simulate", callback=_one_rig, help="Use the simulated rig instead of the real one.")
+]
 Emulate = Annotated[
     bool,
-    typer.Option("--emulate", help="Use the drivers with emulated devices, which the simulated rig stands behind."),
+    typer.Option(
+        "--emulate",
+        callback=_one_rig,
+        help="Use the drivers with emulated devices, which the simulated rig stands behind.",
+    ),
 ]
 Seed = Annotated[
     int | None,
@@ -121,9 +136,9 @@ def run(
 
     Keys: p pauses, q ends safely. However it ended, 'mesotap resume' continues it.
     """
-    from mesotap.commands.session import RigChoice
     from mesotap.commands.session import run as begin
     from mesotap.commands.wire_options import WireOptions
+    from mesotap.session.order import RigChoice
 
     wire = WireOptions(record_wire, record_samples, log_wire)
     choice = RigChoice(simulate, emulate, seed, realtime)
@@ -182,8 +197,8 @@ def console(
     resumed.
     """
     from mesotap.commands.console import console as serve
-    from mesotap.commands.session import RigChoice
     from mesotap.console.server import Address
+    from mesotap.session.order import RigChoice
 
     address = Address(host, port, certfile, keyfile, tuple(name or ()))
     choice = RigChoice(simulate, emulate, seed, simulate or emulate, speed)

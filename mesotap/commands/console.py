@@ -6,11 +6,11 @@ from pathlib import Path
 
 from rich.console import Console
 
-from mesotap.commands.session import RigChoice
 from mesotap.configuration.config import load_config
 from mesotap.console.at_work import Bench
 from mesotap.console.server import Address, ConsoleServer
 from mesotap.operator.terminal import escape
+from mesotap.session.order import RigChoice
 
 
 def console(

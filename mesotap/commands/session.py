@@ -7,7 +7,7 @@ import datetime
 import shutil
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,7 @@ from mesotap.session.entries import progress_in
 from mesotap.session.guardian_link import guardian_for
 from mesotap.session.hand_verdicts import with_hand_verdicts
 from mesotap.session.header import FOLDER_FORMAT, FOLDER_VERSION, header_fault, kept_config, note_version, read_header
+from mesotap.session.order import FOLDER_NAME, RigChoice
 from mesotap.session.progress import HARDWARE, assemble
 from mesotap.session.runner import Bench, SessionRunner
 from mesotap.session.session_log import Logged, session_log
@@ -43,32 +44,6 @@ from rig.drivers.wire_record import WireFile
 from rig.errors import MesotapError
 from rig.hardware_log import HardwareLog
 from rig.wall_clock import WallClock
-
-FOLDER_NAME = "%Y%m%d-%H%M%S"
-"""Of a session that was given no other, by the time at which it began."""
-
-
-@dataclass(frozen=True, slots=True)
-class RigChoice:
-    """Which rig a session is run with.
-
-    Attributes
-    ----------
-    simulate, emulate
-        The simulated rig, or the drivers on emulated devices, instead of the configured devices.
-    seed
-        Of the simulated rig; None for the configured one.
-    realtime
-        Whether simulated time passes as on the bench.
-    speed
-        How many times faster it then passes.
-    """
-
-    simulate: bool = False
-    emulate: bool = False
-    seed: int | None = None
-    realtime: bool = False
-    speed: float = 1.0
 
 
 def run(

@@ -236,7 +236,8 @@ def _settings(table: PublishedTable) -> list[str]:
 
 def _simulated_session(changes: Sequence[str], seed: int, console: Console) -> tuple[Session, SessionResults]:
     from mesotap.commands.recordings import SESSION_FILE
-    from mesotap.commands.session import RigChoice, run
+    from mesotap.commands.session import run
+    from mesotap.session.order import RigChoice
 
     with tempfile.TemporaryDirectory() as folder:
         unheard = Console(file=io.StringIO())

@@ -6,7 +6,7 @@ import asyncio
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from mesotap.configuration.config import Config, load_config, text_of
 from mesotap.console.board import Board
@@ -14,10 +14,8 @@ from mesotap.console.child import Child
 from mesotap.console.frames import Message
 from mesotap.console.settings_form import SettingsFile
 from mesotap.console.so_far import SoFar
+from mesotap.session.order import FOLDER_NAME, RigChoice
 from rig.errors import MesotapError
-
-if TYPE_CHECKING:
-    from mesotap.commands.session import RigChoice
 
 SESSION, ANALYST = "mesotap.console.session_process", "mesotap.console.analyst_process"
 ANALYST_NICENESS = 2
@@ -66,8 +64,6 @@ class Bench:
 
     def new_folder(self) -> Path:
         """Return a folder that is not there yet, named by the time."""
-        from mesotap.commands.session import FOLDER_NAME
-
         name = datetime.now(UTC).strftime(FOLDER_NAME)
         candidates = (self.root / (name if i == 1 else f"{name}-{i}") for i in range(1, 1000))
         return next(path for path in candidates if not path.exists())

@@ -60,9 +60,10 @@ def told(error: BaseException) -> dict[str, Any]:
 
 def carry_out(order: Message, people: PagePeople) -> None:
     """Run or resume a session."""
-    from mesotap.commands.session import RigChoice, begin, go_on
+    from mesotap.commands.session import begin, go_on
     from mesotap.commands.wire_options import WireOptions
     from mesotap.configuration.config import parse_config
+    from mesotap.session.order import RigChoice
 
     path, wire = Path(str(order["path"])), WireOptions(log=bool(order["log_wire"]))
     if order["do"] == "resume":

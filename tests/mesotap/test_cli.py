@@ -299,6 +299,12 @@ def test_one_sentence_for_what_a_person_can_cause(arguments, expected, tmp_path)
     assert expected in refused(*arguments, cwd=tmp_path)
 
 
+@pytest.mark.parametrize("command", ["run", "console", "devices", "check", "calibrate"])
+def test_no_command_takes_two_rigs(command, tmp_path):
+    assert "name two rigs" in refused(command, "--simulate", "--emulate", cwd=tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_second_program_in_one_session_is_refused(session):
     from daq.journal import SessionFolder
 

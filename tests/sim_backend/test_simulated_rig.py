@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rig import RigError
 from rig.settings import RigSettings, Wiring
-from sim_backend import SimulatedRig
+from sim_backend.rig import SimulatedRig
 from sim_backend.settings import (
     BadTaps,
     SimBackendSettings,

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
 
 from tests.mesotap.console.consoles import Client, console_in
@@ -59,3 +62,10 @@ def test_nothing_runs_in_a_page_but_its_own_scripts(client):
     policy = client.request("GET", "/")[1]["content-security-policy"]
     assert "script-src 'self'" in policy
     assert "unsafe" not in policy
+
+
+def test_the_server_serves_without_the_numerics():
+    """They take 170 MB and a second; only the processes that it starts compute."""
+    loads = "import sys, mesotap.commands.console; print({'numba', 'scipy.stats', 'matplotlib'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", loads], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"

@@ -11,8 +11,8 @@ from mesotap.session.states import State
 from rig import RigError
 from rig.drivers.recorder_settings import Usb1608Settings
 from rig.drivers.usb1608 import Usb1608
-from sim_backend import SimulatedRig
 from sim_backend.emulators.usb1608 import EmulatedUsb1608
+from sim_backend.rig import SimulatedRig
 from tests.mesotap.benches import header_of, new_runner, runner_in, small_config
 
 

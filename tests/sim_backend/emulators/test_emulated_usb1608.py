@@ -17,11 +17,11 @@ from rig.drivers.recorder_settings import SolenoidSettings, Usb1608Settings
 from rig.drivers.solenoid import SolenoidImpactor
 from rig.drivers.usb1608 import Usb1608
 from rig.settings import Channel, RigSettings, Wiring
-from sim_backend import SimulatedRig
 from sim_backend.clock import VirtualClock
 from sim_backend.emulators.counting import TURNS, CountingSource, numbers
 from sim_backend.emulators.usb1608 import EmulatedUsb1608, Fault, bus_of
 from sim_backend.recorder import calibration_table
+from sim_backend.rig import SimulatedRig
 from sim_backend.settings import BadTaps, SimBackendSettings, SimulatedRecorder
 
 WIRING = Wiring()

@@ -2,7 +2,8 @@
 
 A page of somebody else in the same browser can send requests to this address, so an address alone proves nothing:
 
-- the Host must be one under which the console was opened, else a foreign name that is made to point here would do;
+- the Host must be one under which the console was opened, or the address at which the request came, else a foreign
+  name that is made to point here would do;
 - every request but the one-time link carries the cookie, which a foreign page does not send (SameSite=Strict);
 - a request that changes something is a POST with a header that a foreign page cannot set without being asked
   (X-Mesotap), and the Origin, where there is one, is the console's own;
@@ -13,7 +14,9 @@ A page of somebody else in the same browser can send requests to this address, s
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import hmac
+import ipaddress
 import secrets
 from http.cookies import CookieError, SimpleCookie
 
@@ -100,7 +103,7 @@ class Gate:
         self._app = app
         self._keys = keys
         self._hosts = hosts
-        self._origins = frozenset(f"{scheme}://{host}" for host in hosts)
+        self._scheme = scheme
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Refuse, or pass on."""
@@ -131,8 +134,9 @@ class Gate:
             headers.setdefault(name, []).append(value.decode("latin-1"))
         lengths = headers.get(b"content-length", ["0"])
         hosts, origins = headers.get(b"host", []), headers.get(b"origin", [])
-        if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
-            return 421, "this console is not served under that name"
+        if len(hosts) != 1 or hosts[0].lower() not in self._hosts | {_reached(scope)}:
+            return 421, "this console is not served under that name; allow it with --name"
+        own = f"{self._scheme}://{hosts[0].lower()}"
         if sum(len(name) + len(value) + 4 for name, value in scope["headers"]) > LARGEST_HEADER:
             return 431, "the headers are too long"
         if len(scope["path"]) > LONGEST_PATH:
@@ -140,11 +144,11 @@ class Gate:
         if b"transfer-encoding" in headers:
             return 411, "a body says how long it is"
         if scope["type"] == "websocket":
-            if len(origins) != 1 or origins[0] not in self._origins:
+            if origins != [own]:
                 return 403, "a page of another origin"
         elif scope["method"] not in METHODS:
             return 405, f"only {', '.join(METHODS)}"
-        elif any(origin not in self._origins for origin in origins):
+        elif any(origin != own for origin in origins):
             return 403, "a page of another origin"
         elif scope["method"] == "POST":
             if headers.get(HEADER) != ["1"]:
@@ -161,6 +165,16 @@ class Gate:
         if not any(self._keys.admits(text) for text in headers.get(b"cookie", [])):
             return 401, "open the link that 'mesotap console' printed"
         return None
+
+
+def _reached(scope: Scope) -> str:
+    """Return the address of this machine at which a request came, as its Host would say it."""
+    host, port = scope.get("server") or ("", 0)
+    with contextlib.suppress(ValueError):
+        address = ipaddress.ip_address(host)
+        if address.version == 6:
+            host = str(address.ipv4_mapped or f"[{address}]")
+    return f"{host}:{port}"
 
 
 async def _refuse(refusal: tuple[int, str], scope: Scope, receive: Receive, send: Send) -> None:

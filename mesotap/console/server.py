@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import logging
 import socket
 import ssl
@@ -24,6 +25,7 @@ from mesotap.console.routes import Routes
 from rig.errors import MesotapError
 
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+EVERY_ADDRESS = ("0.0.0.0", "::")
 LARGEST_SOCKET_FRAME = 1024
 """Bytes that a page may send over the WebSocket: it only ever says "stop"."""
 
@@ -66,11 +68,18 @@ class Address:
         """``https`` where there is a certificate."""
         return "http" if self.certificate is None else "https"
 
+    @property
+    def linked(self) -> str:
+        """Name under which the link has it."""
+        if self.names:
+            return self.names[0]
+        if self.host in EVERY_ADDRESS:
+            return socket.gethostname()
+        return f"[{self.host}]" if ":" in self.host else self.host
+
     def hosts(self, port: int) -> frozenset[str]:
-        """Return what the header Host may say."""
-        named = {*LOOPBACK, *self.names}
-        if not self.loopback and self.host not in ("0.0.0.0", "::"):
-            named.add(f"[{self.host}]" if ":" in self.host else self.host)
+        """Return what the header Host may say, beside the address at which a request comes."""
+        named = {*LOOPBACK, *self.names, self.linked}
         standard = {"http": 80, "https": 443}[self.scheme]
         return frozenset({f"{name.lower()}:{port}" for name in named} | (named if port == standard else set()))
 
@@ -89,6 +98,8 @@ class ConsoleServer:
     """
 
     def __init__(self, bench: Bench, address: Address, said: Callable[[str], None]) -> None:
+        if address.key is not None and address.certificate is None:
+            raise ConsoleError("--keyfile: a key is of no use without its certificate; give --certfile too")
         self._address, self._said = address, said
         self._listening = _bound(address)
         self.port: int = self._listening.getsockname()[1]
@@ -103,8 +114,7 @@ class ConsoleServer:
 
     def link(self) -> str:
         """Return a new one-time link."""
-        host = self._address.host if self._address.host not in ("0.0.0.0", "::") else socket.gethostname()
-        return f"{self._address.scheme}://{host}:{self.port}{OPEN_PATH}?token={self.keys.new_link()}"
+        return f"{self._address.scheme}://{self._address.linked}:{self.port}{OPEN_PATH}?token={self.keys.new_link()}"
 
     def run(self, browser: bool) -> None:
         """Serve until a signal ends it; a session that runs then has its surfaces taken apart."""
@@ -130,7 +140,8 @@ class ConsoleServer:
         try:
             config.load()
         except (OSError, ssl.SSLError) as error:
-            raise ConsoleError(f"{self._address.certificate}: no certificate with its key ({error})") from error
+            key = self._address.key or self._address.certificate
+            raise ConsoleError(f"{self._address.certificate}, {key}: no certificate with its key ({error})") from error
         logging.getLogger("uvicorn.error").addFilter(_worth_telling)
         link = self.link()
         self._said(f"console: {link}")
@@ -168,9 +179,10 @@ def _bound(address: Address) -> socket.socket:
         listening.listen(BACKLOG)  # who comes before it is served waits
     except OSError as error:
         listening.close()
+        other = "--port" if error.errno in (errno.EADDRINUSE, errno.EACCES) else "--host"
         where = f"{address.host}:{address.port}"
         raise ConsoleError(
-            f"{where}: the console cannot be served there ({error.strerror}); name another --port"
+            f"{where}: the console cannot be served there ({error.strerror}); name another {other}"
         ) from error
     listening.setblocking(False)
     return listening

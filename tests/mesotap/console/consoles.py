@@ -57,10 +57,11 @@ class ConsoleProcess:
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "300"},
         )
         assert self.process.stdout is not None
-        said = self.process.stdout.readline()
-        found = re.search(r"(https?)://([^:/]+):(\d+)(/\S+)", said)
-        assert found is not None, said + self.errors()
-        self.link, self.port, self.path = found[0], int(found[3]), found[4]
+        self.warned = ""
+        while (found := re.search(r"https?://(\S+):(\d+)(/\S+)", said := self.process.stdout.readline())) is None:
+            assert said, self.warned + self.errors()
+            self.warned += said
+        self.link, self.host, self.port, self.path = found[0], found[1], int(found[2]), found[3]
 
     def errors(self) -> str:
         """What it said on standard error."""

@@ -15,9 +15,9 @@ NOTE_PRESSES = """() => {
 }"""
 
 
-def opened(chromium: Any, console: ConsoleProcess, link: str = "") -> Any:
+def opened(chromium: Any, console: ConsoleProcess, link: str = "", **context: Any) -> Any:
     """Open the console in a browser of its own; what goes wrong in the page is in ``page.faults``."""
-    page = chromium.new_context().new_page()
+    page = chromium.new_context(**context).new_page()
     page.set_default_timeout(PATIENCE_MS)
     page.faults = []
     page.on("pageerror", lambda error: page.faults.append(str(error)))

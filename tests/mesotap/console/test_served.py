@@ -1,0 +1,123 @@
+"""The console beyond this machine: its warnings, its names, TLS, and what cannot be served."""
+
+from __future__ import annotations
+
+import http.client
+import socket
+import ssl
+
+import pytest
+import trustme
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from mesotap.console.server import Address, ConsoleError, ConsoleServer
+from tests.mesotap.console.consoles import console_in, needs_chromium
+from tests.mesotap.console.pages import begin, opened, reach
+
+
+def own_address() -> str:
+    """Return an address of this machine that is not 127.0.0.1; nothing is sent to find it."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+        try:
+            asking.connect(("198.51.100.1", 9))
+        except OSError:
+            pytest.skip("this machine has no address but its own")
+        return str(asking.getsockname()[0])
+
+
+@pytest.fixture(scope="module")
+def certified(tmp_path_factory):
+    """Files of an authority, of a certificate for this machine, and of its key."""
+    folder, authority = tmp_path_factory.mktemp("certificates"), trustme.CA()
+    names = (socket.gethostname(), "localhost", "127.0.0.1", own_address(), "bench.example")
+    own = authority.issue_cert(*names)
+    authority.cert_pem.write_to_path(folder / "authority.pem")
+    own.cert_chain_pems[0].write_to_path(folder / "certificate.pem")
+    own.private_key_pem.write_to_path(folder / "key.pem")
+    return folder
+
+
+def asked(host: str, port: int, path: str, name: str, context: ssl.SSLContext | None = None, cookie: str = ""):
+    """Return status, cookie of one request, in which the Host is ``name``."""
+    connection = (
+        http.client.HTTPConnection(host, port, timeout=60)
+        if context is None
+        else http.client.HTTPSConnection(host, port, timeout=60, context=context)
+    )
+    try:
+        connection.request("GET", path, headers={"Host": f"{name}:{port}", "Cookie": cookie})
+        answer = connection.getresponse()
+        answer.read()
+        return answer.status, answer.headers.get("set-cookie", "")
+    finally:
+        connection.close()
+
+
+def test_every_address_with_a_warning_and_under_its_own_names_only(tmp_path):
+    with console_in(tmp_path, "--host", "0.0.0.0", "--name", "bench.example") as console:
+        assert "can be reached by other machines" in console.warned
+        assert "whoever listens on the network reads the link" in console.warned
+        assert console.host == "bench.example"
+        address = own_address()
+        assert asked(address, console.port, "/", "evil.example")[0] == 421
+        assert asked(address, console.port, "/", "198.51.100.7")[0] == 421
+        assert asked(address, console.port, "/", address)[0] == 401
+        status, cookie = asked(address, console.port, console.path, "bench.example")
+        assert status == 303
+        for name in (address, "localhost", "127.0.0.1", "Bench.Example"):
+            assert asked(address, console.port, "/", name, cookie=cookie.partition(";")[0])[0] == 200, name
+
+
+def test_the_link_of_every_address_is_one_that_is_served(tmp_path):
+    with console_in(tmp_path, "--host", "0.0.0.0") as console:
+        assert console.host == socket.gethostname()
+        assert asked("127.0.0.1", console.port, console.path, console.host)[0] == 303
+
+
+def test_over_tls_the_cookie_is_for_tls_alone_and_an_origin_without_it_is_foreign(tmp_path, certified):
+    files = ("--certfile", str(certified / "certificate.pem"), "--keyfile", str(certified / "key.pem"))
+    trusting = ssl.create_default_context(cafile=str(certified / "authority.pem"))
+    with console_in(tmp_path, "--host", "0.0.0.0", *files) as console:
+        assert console.link.startswith("https://")
+        assert "listens on the network" not in console.warned
+        status, cookie = asked("127.0.0.1", console.port, console.path, "localhost", trusting)
+        assert status == 303
+        assert "; secure" in cookie.lower()
+        with pytest.raises((OSError, http.client.HTTPException)):
+            asked("127.0.0.1", console.port, "/", "localhost")
+        more = {"additional_headers": {"Cookie": cookie.partition(";")[0]}, "ssl": trusting}
+        address = f"wss://localhost:{console.port}/ws?page={'a' * 32}"
+        with connect(address, origin=f"https://localhost:{console.port}", **more) as socket_:
+            assert socket_.recv(30)
+        with pytest.raises(InvalidStatus):
+            connect(address, origin=f"http://localhost:{console.port}", **more)
+
+
+@needs_chromium
+def test_a_session_is_run_over_tls_from_an_address_of_the_network(tmp_path, certified, chromium):
+    files = ("--certfile", str(certified / "certificate.pem"), "--keyfile", str(certified / "key.pem"))
+    with console_in(tmp_path, "--host", "0.0.0.0", "--speed", "100", *files) as console:
+        link = console.link.replace(f"//{console.host}:", f"//{own_address()}:")
+        page = opened(chromium, console, link, ignore_https_errors=True)
+        begin(page)
+        reach(page, "[Cc]alibrat")
+        page.keyboard.press("Space")
+        page.wait_for_selector("#run:enabled")
+        assert page.faults == []
+
+
+def said(**given) -> str:
+    with pytest.raises(ConsoleError) as told:
+        ConsoleServer(None, Address(**given), print)  # type: ignore[arg-type]
+    return str(told.value)
+
+
+def test_what_cannot_be_served_is_one_sentence(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        assert said(port=taken.getsockname()[1]).endswith("name another --port")
+    assert said(host="198.51.100.7").endswith("name another --host")
+    assert said(host="999.1.1.1").endswith("name another --host")
+    assert (
+        said(key=tmp_path / "key.pem") == "--keyfile: a key is of no use without its certificate; give --certfile too"
+    )

@@ -25,7 +25,7 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from mesotap.console.frames import taken
-from tests.mesotap.console.consoles import CHROMIUM, FLAGS, Client, ConsoleProcess, console_in
+from tests.mesotap.console.consoles import CHROMIUM, FLAGS, Client, ConsoleProcess, client_of, console_in
 from tests.mesotap.console.pages import opened
 
 GROWTH_MB = 10.0
@@ -83,6 +83,8 @@ class Watcher:
                     continue
                 self.frames += 1
                 message, _ = taken(data if isinstance(data, bytes) else data.encode())
+                if message["part"] == "alive":
+                    socket.send("here")
                 if message["part"] == "load" and message["at"] is not None:
                     if not first:  # the first is what there was before it came
                         self.late_s.append(time.time() - message["at"])
@@ -147,15 +149,6 @@ def soak(minutes: float, speed: float) -> bool:
     print(f"{minutes:g} min, {sessions} sessions at {speed:g} times the speed, 1 page that drives and 3 watchers")
     print(f"load average {os.getloadavg()[1]:.1f} on {os.cpu_count()} cores; sessions are in {folder}")
     return judged(before, after, taps, watchers, faults)
-
-
-def client_of(page: Any, console: ConsoleProcess) -> Client:
-    """Return a client with the cookie that the page was given: the link is used up."""
-    client = Client.__new__(Client)
-    client.port = console.port
-    cookie = page.context.cookies()[0]
-    client.cookie = f"{cookie['name']}={cookie['value']}"
-    return client
 
 
 def in_page(page: Any, what: str) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,6 +14,9 @@ RECORDS_WAITING = 4
 
 KEPT_FOR_S = 10.0
 """For which control stays with a page whose connection was lost."""
+
+NUMBERS_KEPT = 64
+"""Pages that keep their number when they come back; of those that are closed, the oldest are forgotten first."""
 
 
 class Sender(Protocol):
@@ -81,6 +85,7 @@ class Audience:
         self._changed = changed
         self._pages: dict[str, Page] = {}
         self._numbers: dict[str, int] = {}
+        self._count = itertools.count(1)
         self._holder = ""  # key of the page that holds control; empty for nobody
         self._release: asyncio.TimerHandle | None = None
         self._asking: set[int] = set()
@@ -92,8 +97,10 @@ class Audience:
 
     def enter(self, key: str) -> Page:
         """Let a page in; the first one holds control, one that comes back has what it had."""
-        number = self._numbers.setdefault(key, len(self._numbers) + 1)
+        number = self._numbers[key] if key in self._numbers else next(self._count)
+        self._numbers[key] = number
         page = self._pages[key] = Page(key, number)
+        self._forget_numbers()
         if not self._holder and len(self._pages) == 1:
             self._holder = key
         if self._holder == key and self._release is not None:
@@ -166,6 +173,11 @@ class Audience:
             self._release.cancel()
             self._release = None
         self._changed()
+
+    def _forget_numbers(self) -> None:
+        closed = [key for key in self._numbers if key not in self._pages and key != self._holder]
+        for key in closed[: max(0, len(self._numbers) - NUMBERS_KEPT)]:
+            del self._numbers[key]
 
     def _free(self) -> None:
         self._holder, self._release = "", None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -14,24 +13,20 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.templating import Jinja2Templates
-from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from mesotap import __version__
 from mesotap.console.at_work import AtWork, Refused
 from mesotap.console.audience import Audience
 from mesotap.console.board import DIAGNOSIS, REPORT, Board
-from mesotap.console.frames import frame
 from mesotap.console.gate import OPEN_PATH, REPORT_POLICY, Keys
+from mesotap.console.page_sockets import PageSockets
 from mesotap.console.past import results_of, session_of, sessions_in
 from mesotap.session.hand_verdicts import LONGEST_REASON
 from rig.errors import MesotapError
 
 HERE = Path(__file__).parent
 PAGE_KEY = "X-Mesotap-Page"
-LONGEST_KEY = 64
 SO_FAR = "so-far"
-AGAIN = 4001
-"""Code with which a page is told that it was opened a second time under the same key."""
 
 NO_REQUEST = (ValueError, TypeError, KeyError, OverflowError)
 """What comes of reading a request that has other contents than a page sends."""
@@ -57,7 +52,7 @@ class Routes:
     def __init__(self, work: AtWork, keys: Keys, audience: Audience, board: Board, secure: bool) -> None:
         self._work, self._keys, self._audience, self._board, self._secure = work, keys, audience, board, secure
         self._templates = Jinja2Templates(HERE / "templates")
-        self._sockets: dict[str, WebSocket] = {}
+        self._sockets = PageSockets(work, audience, board)
 
     def routes(self) -> list[BaseRoute]:
         """All of them."""
@@ -84,7 +79,7 @@ class Routes:
             Route("/api/sessions/{id:str}", self._results, methods=["GET"]),
             Route("/api/taps/{number:int}", self._tap, methods=["GET"]),
             Route("/sessions/{id:str}/{what:str}", self._document, methods=["GET"]),
-            WebSocketRoute("/ws", self._socket),
+            WebSocketRoute("/ws", self._sockets.meet),
         ]
 
     # --- pages ----------------------------------------------------------------------------------------------
@@ -226,57 +221,6 @@ class Routes:
         if not done:
             return JSONResponse({"error": "control is held by another page, or this one is not open"}, 403)
         return JSONResponse({"done": True})
-
-    # --- the WebSocket --------------------------------------------------------------------------------------
-
-    async def _socket(self, socket: WebSocket) -> None:
-        """Show a page what there is, until it closes."""
-        key = socket.query_params.get("page", "")
-        if not 16 <= len(key) <= LONGEST_KEY or not key.isalnum():
-            await socket.close(1008)
-            return
-        await socket.accept()
-        if key in self._sockets:
-            await socket.close(AGAIN)
-            return
-        self._sockets[key] = socket
-        page = self._audience.enter(key)
-        try:
-            await socket.send_bytes(frame({"part": "you", "number": page.number, "version": __version__}))
-            for part in self._board.parts():
-                page.outbox.put(part, self._board.frame_of(part))
-            if (last := self._board.last_record()) is not None:
-                page.outbox.put_record(last)
-            sending = asyncio.create_task(self._send(socket, page.outbox.take))
-            try:
-                while True:
-                    await self._heard(socket)
-            finally:
-                sending.cancel()
-                with contextlib.suppress(asyncio.CancelledError, Exception):
-                    await sending
-        except (WebSocketDisconnect, RuntimeError):
-            pass
-        finally:
-            del self._sockets[key]
-            self._audience.leave(page)
-
-    async def _heard(self, socket: WebSocket) -> None:
-        """Hear one message: STOP is taken here too, over a connection that is open already; all else is refused."""
-        message = await socket.receive()
-        if message["type"] == "websocket.disconnect":
-            raise WebSocketDisconnect(message.get("code", 1000))
-        if message.get("text") == "stop":
-            self._work.tell({"do": "stop"})
-        else:
-            await socket.close(1008)
-            raise WebSocketDisconnect(1008)
-
-    async def _send(self, socket: WebSocket, take: Callable[[], Awaitable[bytes]]) -> None:
-        """Send what there is to be shown; a page that is slow holds up itself alone."""
-        with contextlib.suppress(WebSocketDisconnect, RuntimeError, OSError):
-            while True:
-                await socket.send_bytes(await take())
 
 
 def _shown(path: Path | None) -> Response:

@@ -67,35 +67,60 @@ function showState() {
   setText("detail", state.text);
   setText("next", state.ask ? state.ask.text : state.paused ? paused(state) : state.next);
   const ended = state.ended;
-  alertWith(!page.connected ? "The connection to the console is lost; the session goes on, or has taken the surfaces apart." : ended && ended.how !== "filed" ? ended.text : "");
+  alertWith(!page.connected ? unconnected() : ended && ended.how !== "filed" ? ended.text : "");
 }
+
+function unconnected() {
+  if (page.full) return "Too many pages of this console are open: close one of them.";
+  const kept = drove ? "; control is kept for this page for ten seconds" : "";
+  return `The connection to the console is lost and is tried again; the session goes on, or has taken the surfaces apart${kept}.`;
+}
+
+let drove = false; // when it was last connected
+let back = ""; // what became of control while the connection was lost
 
 export function driving() {
   const audience = page.parts.audience;
   return Boolean(page.connected && audience && audience.holder === page.number);
 }
 
+// Whether control was kept or lost while the connection was.
+function noteControl() {
+  if (!page.connected) back = drove ? "lost" : "";
+  else if (page.parts.audience) {
+    drove = driving();
+    if (back === "lost") back = drove ? "kept" : "gone";
+    else if (drove !== (back === "kept")) back = "";
+  }
+}
+
 function showControl() {
   const audience = page.parts.audience;
   const button = byId("control");
-  if (!audience) return;
+  if (!audience) {
+    if (!page.connected) setText("who", page.number === null ? "" : `Page ${page.number} has no connection.`);
+    button.disabled = true;
+    return;
+  }
   const watchers = audience.pages.length - (audience.holder_open ? 1 : 0);
   const others = `${watchers} watching`;
   button.hidden = false;
   if (driving()) {
     const asking = audience.asking[0];
-    setText("who", `This page (${page.number}) holds control; ${others}.`);
+    setText("who", `This page (${page.number}) holds control${back === "kept" ? ", kept for it while its connection was lost" : ""}; ${others}.`);
     button.textContent = asking ? `Hand control to page ${asking}` : "You hold control";
     button.disabled = !asking;
     button.onclick = () => post("control", { do: "give", to: asking });
   } else if (audience.holder === null) {
-    setText("who", "Nobody holds control.");
+    setText("who", back === "gone" ? "Nobody holds control: this page lost its connection for more than ten seconds." : "Nobody holds control.");
     button.textContent = "Take control";
     button.disabled = false;
     button.onclick = () => post("control", { do: "take" });
   } else {
     const asked = audience.asking.includes(page.number);
-    setText("who", `This page (${page.number}) watches; page ${audience.holder} holds control${audience.holder_open ? "" : " but has lost its connection"}.`);
+    const watching = back === "gone" ? `lost its connection for more than ten seconds, and watches` : "watches";
+    const away = audience.holder_open ? "" : "; its connection is lost: if it is not back in ten seconds, anybody may take control";
+    setText("who", `This page (${page.number}) ${watching}; page ${audience.holder} holds control${away}.`);
     button.textContent = asked ? "Control asked for" : "Ask for control";
     button.disabled = asked;
     button.onclick = () => post("control", { do: "ask" });
@@ -137,6 +162,7 @@ byId("theme").addEventListener("click", () => setTheme(document.documentElement.
 setTheme(localStorage.getItem("mesotap-theme") || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
 
 listen((part) => {
+  if (part === "audience" || part === "connection") noteControl();
   if (part === "load" || part === "state") showLoad();
   if (part === "state" || part === "connection" || part === "you") showState();
   if (["audience", "you", "connection"].includes(part)) showControl();

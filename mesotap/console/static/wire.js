@@ -1,6 +1,9 @@
 // The connection to the console: frames in, requests out.
 
 const HEAD = 8;
+const TICK_MS = 500;
+const MOST_SILENT = 8; // ticks: the console says something every second
+const AGAIN = 4001, FULL = 4002;
 
 export const page = {
   key: sessionStorage.getItem("mesotap-page") || newKey(),
@@ -8,11 +11,13 @@ export const page = {
   parts: {},
   record: null,
   connected: false,
+  full: false,
   latency: [],
 };
 
 const listeners = new Set();
 let socket = null;
+let silent = 0;
 
 function newKey() {
   const bytes = crypto.getRandomValues(new Uint8Array(16));
@@ -47,28 +52,55 @@ export function recordIn(buffer) {
 
 export function connect() {
   const scheme = location.protocol === "https:" ? "wss:" : "ws:";
-  socket = new WebSocket(`${scheme}//${location.host}/ws?page=${page.key}`);
-  socket.binaryType = "arraybuffer";
-  socket.onmessage = (event) => {
-    const [message] = taken(event.data);
-    if (message.part === "you") {
-      page.number = message.number;
-      page.connected = true;
-    } else if (message.part === "record") {
-      page.record = recordIn(event.data);
-      page.record.came = Date.now() / 1000;
-    } else {
-      page.parts[message.part] = message;
-    }
-    tell(message.part);
+  const mine = new WebSocket(`${scheme}//${location.host}/ws?page=${page.key}`);
+  mine.binaryType = "arraybuffer";
+  mine.onmessage = (event) => {
+    if (mine === socket) hear(event.data);
   };
-  socket.onclose = (event) => {
-    page.connected = false;
-    if (event.code === 4001) page.key = newKey(); // this tab was copied from another
-    tell("connection");
-    setTimeout(connect, 500);
+  mine.onclose = (event) => {
+    if (mine === socket) lost(event.code);
   };
+  socket = mine;
+  silent = 0;
 }
+
+function hear(data) {
+  silent = 0;
+  const [message] = taken(data);
+  if (message.part === "alive") {
+    socket.send("here");
+    return;
+  }
+  if (message.part === "you") {
+    page.number = message.number;
+    page.connected = true;
+    page.full = false;
+  } else if (message.part === "record") {
+    page.record = recordIn(data);
+    page.record.came = Date.now() / 1000;
+  } else {
+    page.parts[message.part] = message;
+  }
+  tell(message.part);
+}
+
+function lost(code) {
+  socket = null;
+  page.connected = false;
+  page.full = code === FULL;
+  delete page.parts.audience; // who drives then is told anew
+  if (code === AGAIN) page.key = newKey(); // this tab was copied from another
+  tell("connection");
+  setTimeout(connect, page.full ? 10 * TICK_MS : TICK_MS);
+}
+
+// A connection that is lost without a word (radio gone, machine asleep) looks open: it is given up when nothing comes.
+setInterval(() => {
+  if (socket === null || ++silent <= MOST_SILENT) return;
+  const gone = socket;
+  lost(0);
+  gone.close();
+}, TICK_MS);
 
 // STOP goes over the connection that is open already, and as a request: whichever arrives first.
 export function stop() {

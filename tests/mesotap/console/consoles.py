@@ -122,6 +122,15 @@ class Client:
         return status, json.loads(answer)
 
 
+def client_of(page: Any, console: ConsoleProcess) -> Client:
+    """Return a client with the cookie that a page was given: the link is used up."""
+    client = Client.__new__(Client)
+    client.port = console.port
+    cookie = page.context.cookies()[0]
+    client.cookie = f"{cookie['name']}={cookie['value']}"
+    return client
+
+
 def journal_of(console: ConsoleProcess) -> list[dict[str, Any]]:
     """Entries of the journal of the console's one session."""
     (folder,) = [path for path in console.sessions.iterdir() if path.is_dir()]

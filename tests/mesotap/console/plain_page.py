@@ -26,6 +26,8 @@ class PlainPage:
     ----------
     parts
         The newest of each part; ``seen`` how many frames of it came.
+    silent
+        Whether it does not answer, as one whose connection was lost.
     """
 
     def __init__(self, console: ConsoleProcess, client: Client, key: str = "") -> None:
@@ -33,6 +35,7 @@ class PlainPage:
         self.parts: dict[str, dict[str, Any]] = {}
         self.seen: dict[str, int] = {}
         self.states: list[str] = []
+        self.silent = False
         address = f"ws://127.0.0.1:{console.port}/ws?page={self.key}"
         headers = {"Cookie": client.cookie}
         self._open = contextlib.ExitStack()
@@ -79,6 +82,8 @@ class PlainPage:
             for data in self._socket:
                 message, _ = taken(data if isinstance(data, bytes) else data.encode())
                 part = message["part"]
+                if part == "alive" and not self.silent:
+                    self._socket.send("here")
                 self.parts[part] = message
                 self.seen[part] = self.seen.get(part, 0) + 1
                 if part == "state" and message["state"] not in self.states[-1:]:

@@ -75,6 +75,19 @@ def test_control_is_taken_back_from_a_page_that_stays_away(later):
     assert not pages.holds_control(first.key)
 
 
+def test_numbers_of_pages_that_are_gone_are_forgotten(later):
+    pages = Audience(lambda: None)
+    driver = pages.enter("d" * 16)
+    for i in range(3 * audience.NUMBERS_KEPT):
+        pages.leave(pages.enter(f"{i:016d}"))
+    pages.leave(driver)
+    assert len(pages._numbers) <= audience.NUMBERS_KEPT
+    assert pages.enter(f"{i:016d}").number == 3 * audience.NUMBERS_KEPT + 1
+    assert pages.enter("e" * 16).number == 3 * audience.NUMBERS_KEPT + 2
+    assert pages.enter(driver.key).number == 1
+    assert pages.holds_control(driver.key)
+
+
 def test_a_slow_page_gets_the_newest_and_costs_nobody_memory():
     box = Outbox()
     for i in range(1000):

@@ -96,6 +96,7 @@ class AnalogSignal:
         acceleration = self._noise.draw(n)
         if self._mechanisms:
             acceleration += self._tones(first, n)
+        acceleration += self._hum(first, n)
         dynamic_mn = np.zeros(n)
         for start, record, load in self._records:
             low, high = max(first, start), min(first + n, start + len(load))
@@ -104,9 +105,20 @@ class AnalogSignal:
                 dynamic_mn[low - first : high - first] += load[low - start : high - start]
         self._records = [r for r in self._records if r[0] + len(r[2]) > self._next]
         if len(self.inputs) == len(acceleration):
-            return acceleration / self._units_per_volt
+            return self._plugged(acceleration / self._units_per_volt)
         strain_mv = self._gauge.stream(dynamic_mn, self._rng)
-        return np.vstack([acceleration, strain_mv]) / self._units_per_volt
+        return self._plugged(np.vstack([acceleration, strain_mv]) / self._units_per_volt)
+
+    def _plugged(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what is at each input: A and B may be the wrong way round."""
+        return volts[[1, 0, *range(2, len(volts))]] if self._settings.sensors.swapped else volts
+
+    def _hum(self, first: int, samples: int) -> NDArray[np.float64]:
+        """The mains in each cable, (2, samples); zero by default."""
+        t = self._started_s + (first + np.arange(samples)) / self._rate_hz
+        sensors = self._settings.sensors
+        sizes = np.array([[sensors.a.hum_m_s2], [sensors.b.hum_m_s2]])
+        return sizes * np.sin(2 * np.pi * sensors.mains_hz * t)
 
     def _tones(self, first: int, samples: int) -> NDArray[np.float64]:
         """Steady tones that the mechanisms put into both channels; their phase is that of the rig's time."""
@@ -126,7 +138,16 @@ class AnalogSignal:
         onset = max(0.0, after_start - start / self._rate_hz)
         pulse = self._settings.pulse
         record, load = tap_record(tap, self._truth, pulse, onset, self._rate_hz, self._analog, self._mechanisms)
-        self._records.append((start, record, load))
+        self._records.append((start, self._sensed(record), load))
+
+    def _sensed(self, record: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the accelerometers make of a tap, (2, n)."""
+        sensed = record.copy()
+        for row, sensor in enumerate((self._settings.sensors.a, self._settings.sensors.b)):
+            late = sensor.delay_samples
+            sensed[row, late:] = sensor.gain * record[row, : record.shape[1] - late]
+            sensed[row, :late] = 0.0
+        return sensed
 
     def checkpoint(self) -> dict[str, Any]:
         """Return its state as JSON types; that it is being sampled is not part of it."""

@@ -17,12 +17,15 @@ from sim_backend.settings import SimBackendSettings
 from sim_backend.state_space import StateSpace
 from sim_backend.taps import Rocking, Tap
 from sim_backend.truth import TrueRig
+from sim_backend.two_mass import LOWER
 
 DELAY_S = (0.05, 0.2)
 SECOND_IMPACT_S, SECOND_IMPACT_SHARE = (1.5e-3, 6e-3), (0.3, 0.6)
 TOO_HARD_RATIO = (1.3, 2.5)  # of peak contact force and preload
 TOO_WEAK_SHARE = (0.01, 0.02)  # of the usual strength
 CLIPPED_RATIO = (1.2, 2.0)  # of peak acceleration and full scale
+LOWER_MASS_PEAK_N = 0.12  # makes 1 m/s2
+SIDE_HZ, SIDE_SHARE = 1000.0, 0.6  # of a tap beside one accelerometer: rotation, over what is common to both
 ROCKING_HZ, ROCKING_DAMPING, ROCKING_SHARE = (3000.0, 6000.0), (0.01, 0.04), (0.3, 0.6)
 CARE = 0.5  # of the usual share of bad taps, once told what was wrong
 SMALLEST_PRELOAD_N = 0.01
@@ -75,7 +78,20 @@ class SimulatedImpactor(Impactor):
         """Decide one tap for a preload of ``load_mn``; a hint makes a bad one half as likely."""
         if not (np.isfinite(load_mn) and load_mn >= 0):
             raise RigError(f"The simulated impactor cannot tap for a preload of {load_mn} mN: it must be known.")
-        tap = self._decide(load_mn * 1e-3, CARE if hint else 1.0)
+        self._make(self._decide(load_mn * 1e-3, CARE if hint else 1.0))
+
+    def tap_lower_mass(self, side: int = 0) -> None:
+        """Tap the lower mass from above, for which the surfaces need not touch.
+
+        ``side``: 0 in the middle, 1 beside accelerometer A, -1 beside B.
+        """
+        rng, scatter = self._rng, self._settings.pulse.strength_scatter_percent / 100
+        onset_s = self._clock.now() + rng.uniform(*DELAY_S)
+        peak = LOWER_MASS_PEAK_N * max(WEAKEST_STRENGTH, 1 + scatter * rng.standard_normal())
+        rocking = Rocking(SIDE_HZ, ROCKING_DAMPING[1], side * SIDE_SHARE) if side else None
+        self._make(Tap(onset_s, self._true_load_n(), 1.0, 1.0, (peak,), (0.0,), rocking, (), LOWER))
+
+    def _make(self, tap: Tap) -> None:
         self._pending = [*self.pending(), tap]
         self.history.append(tap)
         for listener in self._listeners:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sim_backend.pulses import Pulse
 from sim_backend.state_space import StateSpace, exact_response
-from sim_backend.two_mass import TwoMass
+from sim_backend.two_mass import UPPER, TwoMass
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,23 +45,26 @@ def ring_down_linear(
     samples: int,
     sample_rate_hz: float,
     analog: StateSpace | None = None,
+    struck: int = UPPER,
 ) -> RingDown:
-    """Return the exact response of Eq. 9 to a pulse on the upper mass, from rest.
+    """Return the exact response of Eq. 9 to a pulse on one mass, from rest.
 
     Parameters
     ----------
     tester
         Eq. 9 with its contact.
     pulse
-        Force on the upper mass, N; any pulse of `sim_backend.pulses`.
+        Force on the mass that is struck, N; any pulse of `sim_backend.pulses`.
     onset_s
         Onset after sample 0, s, anywhere between samples.
     samples, sample_rate_hz
         Length, and sampling rate in Hz.
     analog
         Filter between accelerometer and converter; None for none.
+    struck
+        Which mass.
     """
-    system = tester.state_space()
+    system = tester.state_space(struck)
     if analog is not None:
         system = system.then(analog)
     return RingDown(sample_rate_hz, *exact_response(system, pulse, onset_s, samples, sample_rate_hz))

@@ -115,6 +115,23 @@ class SimulatedNoise(Section):
     corner_hz: Positive = 500.0
 
 
+class SimulatedSensor(Section):
+    """What one accelerometer and its cable do that the section ``rig.wiring`` does not say."""
+
+    gain: Finite = 1.0  # over the declared: -1 upside down, 0 dead
+    delay_samples: Annotated[int, Field(ge=0, le=1000)] = 0
+    hum_m_s2: NonNegative = 0.0  # amplitude of the mains line
+
+
+class SimulatedSensors(Section):
+    """Faults of the wiring, to be found before a session; none by default."""
+
+    a: SimulatedSensor = SimulatedSensor()
+    b: SimulatedSensor = SimulatedSensor()
+    swapped: bool = False  # A's cable is on B's input
+    mains_hz: Positive = 50.0
+
+
 class SimulatedRecorder(Section):
     """Errors of the recorder's converters, up to so much either way; its calibration knows them."""
 
@@ -153,6 +170,7 @@ class SimBackendSettings(Section):
     pulse: SimulatedPulse = SimulatedPulse()
     bad_taps: BadTaps = BadTaps()
     noise: SimulatedNoise = SimulatedNoise()
+    sensors: SimulatedSensors = SimulatedSensors()
     recorder: SimulatedRecorder = SimulatedRecorder()
     gauge: SimulatedGauge = SimulatedGauge()
     stage: SimulatedStage = SimulatedStage()

@@ -14,6 +14,7 @@ from sim_backend.ring_down import ring_down_linear
 from sim_backend.settings import SimulatedPulse
 from sim_backend.state_space import StateSpace, exact_response
 from sim_backend.truth import TrueRig
+from sim_backend.two_mass import UPPER
 
 if TYPE_CHECKING:
     from sim_backend.acting import Acting
@@ -57,6 +58,8 @@ class Tap:
         Rotation that it caused, or None.
     kinds
         What went wrong, named like the settings of bad taps; empty for a good tap.
+    struck
+        Which mass.
     """
 
     onset_s: float
@@ -67,6 +70,7 @@ class Tap:
     delays_s: tuple[float, ...]
     rocking: Rocking | None = None
     kinds: tuple[str, ...] = ()
+    struck: int = UPPER
 
     def to_json(self) -> dict[str, Any]:
         """Return the tap as JSON types."""
@@ -82,7 +86,7 @@ class Tap:
 
 
 def tap_pulse(tap: Tap, settings: SimulatedPulse) -> Pulse:
-    """Return the force of a tap on the upper mass, from its onset."""
+    """Return the force of a tap, from its onset."""
     make = SHAPES[settings.shape]
     duration = settings.duration_ms * 1e-3
     pulse = make(tap.peaks_n[0], duration)
@@ -92,12 +96,21 @@ def tap_pulse(tap: Tap, settings: SimulatedPulse) -> Pulse:
 
 
 def rocking_response(
-    rocking: Rocking, pulse: Pulse, onset_s: float, samples: int, sample_rate_hz: float, analog: StateSpace
+    rocking: Rocking,
+    pulse: Pulse,
+    onset_s: float,
+    samples: int,
+    sample_rate_hz: float,
+    analog: StateSpace,
+    struck: int = UPPER,
 ) -> NDArray[np.float64]:
-    """Return the shape of the rotation, (samples,), after the filter, in arbitrary units."""
+    """Return the shape of the rotation, (samples,), after the filter, in arbitrary units.
+
+    A mass that is struck itself turns at once, the way it is struck.
+    """
     omega = 2 * np.pi * rocking.frequency_hz
     a = np.array([[0.0, omega], [-omega, -2 * rocking.damping_ratio * omega]])
-    mode = StateSpace(a, np.array([0.0, omega]), a[1:], np.zeros(1))
+    mode = StateSpace(a, np.array([0.0, omega]), a[1:], np.array([0.0 if struck == UPPER else omega]))
     return exact_response(mode.then(analog), pulse, onset_s, samples, sample_rate_hz)[0]
 
 
@@ -117,18 +130,18 @@ def tap_record(
     samples = round(RECORD_S * sample_rate_hz)
     pulse = tap_pulse(tap, settings)
     tester = rig.tester(tap.preload_n, tap.stiffness_factor, tap.damping_factor)
-    if mechanisms and tap.preload_n > 0:
+    if mechanisms and tap.preload_n > 0 and tap.struck == UPPER:
         from sim_backend.twin import twin_record  # compiles force laws: only where there are any
 
         acceleration, lower = twin_record(
             tester, tap.preload_n, mechanisms, pulse, onset_s, samples, sample_rate_hz, analog
         )
     else:
-        response = ring_down_linear(tester, pulse, onset_s, samples, sample_rate_hz, analog)
+        response = ring_down_linear(tester, pulse, onset_s, samples, sample_rate_hz, analog, tap.struck)
         acceleration = np.vstack([response.acceleration, response.acceleration])
         lower = response.lower_displacement
     if tap.rocking is not None:
-        shape = rocking_response(tap.rocking, pulse, onset_s, samples, sample_rate_hz, analog)
+        shape = rocking_response(tap.rocking, pulse, onset_s, samples, sample_rate_hz, analog, tap.struck)
         first = slice(0, int((onset_s + settings.duration_ms * 1e-3 + FIRST_MOMENTS_S) * sample_rate_hz) + 1)
         common, rotation = np.max(np.abs(acceleration[0, first])), np.max(np.abs(shape[first]))
         acceleration += np.array([[1.0], [-1.0]]) * shape * (tap.rocking.share * common / rotation)

@@ -12,6 +12,7 @@ from rig.tube import OwnMode
 from sim_backend.state_space import StateSpace
 
 TUBE_MODE_DAMPING = 2e-3  # ratio of a steel tube between set screws; nobody has measured it
+UPPER, LOWER = 0, 1  # which mass is struck
 PAIRING_TOLERANCE = 1e-9  # |Im s| / |s| below which a pole counts as real
 
 
@@ -64,8 +65,8 @@ class TwoMass:
         a[n:, :n], a[n:, n:] = -k / mass[:, None], -c / mass[:, None]
         return a
 
-    def state_space(self) -> StateSpace:
-        """Return the tester from the force on the upper mass, N, to five outputs.
+    def state_space(self, struck: int = UPPER) -> StateSpace:
+        """Return the tester from the force on the mass that is struck, the upper one, N, to five outputs.
 
         In this order: acceleration of the lower mass (m/s2), x2 (m), dynamic contact force (N),
         approach x1 - x2 (m), its rate (m/s).
@@ -76,8 +77,9 @@ class TwoMass:
         apart[:2] = 1.0, -1.0
         rate = np.roll(apart, n)
         b = np.zeros(2 * n)
-        b[n] = 1 / (self.m1 - (0.0 if self.tube_mode is None else self.tube_mode.mass_kg))
-        return StateSpace(a, b, np.stack([a[n + 1], place, self.kc * apart + self.cc * rate, apart, rate]), np.zeros(5))
+        b[n + struck] = 1 / ((self.m1, self.m2)[struck] - (0.0 if self.tube_mode is None else self.tube_mode.mass_kg))
+        outputs = np.stack([a[n + 1], place, self.kc * apart + self.cc * rate, apart, rate])
+        return StateSpace(a, b, outputs, np.array([b[n + 1], 0.0, 0.0, 0.0, 0.0]))
 
     def poles(self) -> NDArray[np.complex128]:
         """Return the four roots s of Eq. 10 (s = j omega), rad/s; eight with own modes of the tube springs."""

@@ -101,6 +101,15 @@ class DevicesProcess:
         """Have the person tap."""
         self._rig.physics.impactor.tap(load_mn, hint)
 
+    def do_tap_lower_mass(self, side: int) -> None:
+        """Have the person tap the lower mass."""
+        self._rig.physics.impactor.tap_lower_mass(side)
+
+    def do_push(self, depth_um: float) -> None:
+        """Have somebody push the upper mass so much deeper than the stage holds it."""
+        with self._rig.lock:
+            self._rig.physics.push(depth_um)
+
     def do_place(self, load_mn: float) -> None:
         """Have the person hang a weight."""
         self._rig.physics.weights.place(load_mn)
@@ -240,6 +249,10 @@ class RemoteTaps(Impactor):
     def tap(self, load_mn: float, hint: str = "") -> None:
         """Ask for one tap."""
         self._devices.call("tap", load_mn, hint)
+
+    def tap_lower_mass(self, side: int = 0) -> None:
+        """Ask for one tap of the lower mass; see `SimulatedImpactor.tap_lower_mass`."""
+        self._devices.call("tap_lower_mass", side)
 
 
 class RemoteWeights(DeadWeights):

@@ -13,7 +13,7 @@ from daq.second_impact import find_second_impact
 from daq.settings import Quality
 from rig.settings import STANDARD_GRAVITY
 
-__all__ = ["Verdict", "contact_force", "is_clipped", "judge"]
+__all__ = ["Verdict", "contact_force", "is_clipped", "judge", "rotation_of"]
 
 FLAT_TOP = 4
 """Equal samples in a row at the very top of a record that tell a clipped amplifier."""
@@ -105,7 +105,7 @@ def judge(
     noise = float(mean[:pretrigger].std()) if pretrigger >= QUIETEST_PRETRIGGER else math.nan
     peak = float(np.abs(a).max())
     signal = float(np.abs(mean[pretrigger:]).max())
-    rotation = _rotation(a[:, pretrigger:], sample_rate_hz, quality.rotation_window_ms)
+    rotation = rotation_of(a[:, pretrigger:], sample_rate_hz, quality.rotation_window_ms)
     second = find_second_impact(mean, sample_rate_hz, pretrigger)
     change = abs(load_after_mn - load_before_mn)
     numbers: dict[str, float | str] = {
@@ -162,8 +162,8 @@ def judge(
     return Verdict(not reasons, "; ".join(text for _, text in reasons), numbers)
 
 
-def _rotation(a: NDArray[np.float64], sample_rate_hz: float, window_ms: float) -> float:
-    """Return rms(A - B) / rms(A + B) over the first milliseconds; infinite where the sum is zero."""
+def rotation_of(a: NDArray[np.float64], sample_rate_hz: float, window_ms: float) -> float:
+    """Return rms(A - B) / rms(A + B) over the first ``window_ms`` of a (2, n); infinite where the sum is zero."""
     first = a[:, : max(2, round(window_ms * 1e-3 * sample_rate_hz))]
     difference, total = (float(np.sqrt(np.mean((first[0] + sign * first[1]) ** 2))) for sign in (-1, 1))
     return difference / total if total > 0 else math.inf if difference > 0 else 0.0

@@ -58,7 +58,7 @@ class Record:
     time: str
 
 
-class _Stream:
+class SampleStream:
     """The blocks as one run of samples without gaps, of which the oldest can be forgotten.
 
     Where the recorder lost samples the run begins anew: nothing is ever joined across a gap.
@@ -71,7 +71,11 @@ class _Stream:
         Index since which no sample was lost.
     lost
         Samples lost so far.
+    last
+        The block that was read last.
     """
+
+    last: Block
 
     def __init__(self, accelerometers: Accelerometers) -> None:
         self._source = accelerometers
@@ -100,6 +104,7 @@ class _Stream:
             self._blocks.clear()
             self.begin = self.end = self.unbroken = block.first_sample
         self._blocks.append(block)
+        self.last = block
         self.end += samples
         return block
 
@@ -122,7 +127,7 @@ class _Stream:
         return np.array(joined[first - self.begin : last - self.begin], dtype=np.float64)
 
 
-class _Threshold:
+class Threshold:
     """Finds the first sample of the mean of A and B that departs from its running mean, either way."""
 
     def __init__(self, quiet: NDArray[np.float64], sample_rate_hz: float, threshold_m_s2: float) -> None:
@@ -187,7 +192,7 @@ def record_impact(
             f"daq.trigger: pretrigger_samples ({trigger.pretrigger_samples}) must be smaller "
             f"than record_samples ({trigger.record_samples})"
         )
-    stream = _Stream(accelerometers)
+    stream = SampleStream(accelerometers)
     try:
         accelerometers.start()
         rate = accelerometers.sample_rate_hz
@@ -197,7 +202,7 @@ def record_impact(
             idle()
             if stream.end > last_sample:
                 raise _lost(stream)
-        threshold = _Threshold(stream.acceleration(stream.begin, stream.end), rate, trigger.threshold_m_s2)
+        threshold = Threshold(stream.acceleration(stream.begin, stream.end), rate, trigger.threshold_m_s2)
         called = clock.now()
         impactor.tap(load_mn, hint)
         found = _await_tap(stream, threshold, clock, trigger, clock.now() - called, rate, idle)
@@ -217,8 +222,8 @@ def record_impact(
 
 
 def _await_tap(
-    stream: _Stream,
-    threshold: _Threshold,
+    stream: SampleStream,
+    threshold: Threshold,
     clock: Clock,
     trigger: Trigger,
     strike_s: float,
@@ -247,7 +252,7 @@ def _await_tap(
             )
 
 
-def _lost(stream: _Stream) -> SamplesLost:
+def _lost(stream: SampleStream) -> SamplesLost:
     return SamplesLost(
         f"The recorder lost {stream.lost} samples while the tap was waited for; close other programs, and tap again."
     )

@@ -190,6 +190,9 @@ def console(
     ] = 1.0,
     changes: Changes = None,
     log_wire: LogWire = False,
+    scope: Annotated[
+        bool, typer.Option("--scope", help="No session: both accelerometers and the load live, for setting up.")
+    ] = False,
 ) -> None:
     """Run sessions from a page in the browser, on this machine unless --host says otherwise.
 
@@ -202,7 +205,7 @@ def console(
 
     address = Address(host, port, certfile, keyfile, tuple(name or ()))
     choice = RigChoice(simulate, emulate, seed, simulate or emulate, speed)
-    serve(config, tuple(changes or ()), choice, output, address, browser, _console(None), log_wire)
+    serve(config, tuple(changes or ()), choice, output, address, browser, _console(None), log_wire, scope)
 
 
 @app.command()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from mesotap.configuration.config import load_config
+from mesotap.configuration.config import ConfigError, load_config
 from mesotap.console.at_work import Bench
 from mesotap.console.server import Address, ConsoleServer
 from mesotap.operator.terminal import escape
@@ -22,14 +22,19 @@ def console(
     browser: bool,
     terminal: Console,
     log_wire: bool = False,
+    scope: bool = False,
 ) -> None:
     """Serve the console until a signal ends it."""
 
     def said(text: str) -> None:
         terminal.print(escape(text), highlight=False, soft_wrap=True)
 
+    if scope and log_wire:
+        raise ConfigError(
+            "--log-wire: the live view has no session.log; 'mesotap devices --record-wire' records the wire"
+        )
     load_config(config_path, changes)  # a mistake is told here, not to whoever opens the page
-    server = ConsoleServer(Bench(config_path, changes, choice, root, log_wire), address, said)
+    server = ConsoleServer(Bench(config_path, changes, choice, root, log_wire, scope), address, said)
     if not address.loopback:
         said(f"warning: {address.host} can be reached by other machines; who has the link runs the rig")
         if address.certificate is None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mesotap.configuration.config import Config, load_config, text_of
-from mesotap.console.board import Board
+from mesotap.console.board import VIEW_IDLE, Board
 from mesotap.console.child import Child
 from mesotap.console.frames import Message
 from mesotap.console.settings_form import SettingsFile
@@ -19,6 +19,7 @@ from rig.errors import MesotapError
 
 SESSION, ANALYST = "mesotap.console.session_process", "mesotap.console.analyst_process"
 ANALYST_NICENESS = 2
+STARTING = "Nothing to do: the devices are being connected."
 
 
 class Refused(MesotapError, ValueError):
@@ -41,6 +42,8 @@ class Bench:
         Folder of all sessions.
     log_wire
         Whether session.log has every byte on every wire.
+    scope
+        Whether the console is for setting up alone: it shows the live view, and runs no session.
     """
 
     config_path: Path | None
@@ -48,6 +51,7 @@ class Bench:
     choice: RigChoice
     root: Path
     log_wire: bool = False
+    scope: bool = False
 
     def config(self) -> Config:
         """Return the configuration in force; `ConfigError` says what is wrong with it."""
@@ -87,6 +91,8 @@ class AtWork:
         self._child: Child | None = None
         self._analyst: Child | None = None
         self._starting = asyncio.Lock()
+        if bench.scope:
+            board.state.update(next=VIEW_IDLE, words="no view")
 
     @property
     def running(self) -> bool:
@@ -103,6 +109,7 @@ class AtWork:
         ConfigError
             The configuration cannot be used.
         """
+        self._runs_sessions()
         path = self.bench.new_folder()
         self.bench.root.mkdir(parents=True, exist_ok=True)
         load_config(self.bench.config_path, (*self.bench.changes, *changes))
@@ -120,10 +127,27 @@ class AtWork:
         )
         return path
 
+    async def view(self) -> None:
+        """Begin the live view."""
+        config = self.bench.config()
+        name = str(self.bench.config_path or "config.yaml")
+        order = {"do": "view", "config": self.bench.config_text(), "name": name, "changes": list(self.bench.changes)}
+        begun = {"running": False, "viewing": True, "viewed": True, "limit_mn": config.rig.limits.load_mn}
+        await self._start({**order, "choice": asdict(self.bench.choice)}, **begun)
+
+    def wish(self, wish: Message) -> bool:
+        """Tell the live view what a page wants; whether there is one."""
+        return bool(self.board.state["viewing"]) and self.tell({"do": "wish", "wish": wish})
+
     async def resume(self, path: Path) -> None:
         """Go on with a session."""
+        self._runs_sessions()
         speed, log_wire = self.bench.choice.speed, self.bench.log_wire
         await self._start({"do": "resume", "path": str(path), "speed": speed, "log_wire": log_wire})
+
+    def _runs_sessions(self) -> None:
+        if self.bench.scope:
+            raise Refused("this console was begun with --scope, for setting up: begin one without it for a session")
 
     def tell(self, message: Message) -> bool:
         """Tell the session something; whether there is one."""
@@ -150,6 +174,8 @@ class AtWork:
         """Hear what the session tells: the pages are shown it, and the analysis is given what it needs."""
         kind, before = message.get("kind"), self.board.state["load_set"]
         self.board.hear(message, numbers)
+        if self.board.state["viewed"]:
+            return
         if kind in ("begun", "tap", "judged"):
             self._analysed(message, numbers)
         elif kind == "point":
@@ -175,12 +201,13 @@ class AtWork:
         self.board.state["so_far"] = self.so_far.shown
         self.board.show("state")
 
-    async def _start(self, order: dict[str, Any]) -> None:
+    async def _start(self, order: dict[str, Any], **begun: Any) -> None:
         async with self._starting:
             if self.running:
-                raise Refused("a session runs already; end it with STOP before another is begun")
+                what = "the live view" if self.board.state["viewing"] else "a session"
+                raise Refused(f"{what} runs already; end it, or press STOP, before anything else is begun")
             self.board.clear()
-            self.board.state.update(running=True, words="starting", next="Nothing to do: the session is being started.")
+            self.board.state.update({"running": True, "words": "starting", "next": STARTING, **begun})
             self.board.show(*self.board.parts())
             self.so_far.forget()
             await self.ready()

@@ -39,6 +39,7 @@ BY_ITSELF = {
     "PRE_CALIBRATION": "Nothing to do: the simulated rig hangs its weights itself.",
     "POST_CALIBRATION": "Nothing to do: the simulated rig hangs its weights itself.",
 }
+VIEW_IDLE = "Take the surfaces apart, then begin: what the gauge reads then counts as no load."
 IDLE = "No session runs. Start one, or go on with one that was not finished."
 
 Show = Callable[[str, bytes], None]
@@ -79,7 +80,7 @@ class Board:
             "running": False, "state": "", "words": "no session", "text": "", "next": IDLE, "ask": None,
             "paused": False, "said": [], "ended": None, "plan_mn": [], "load_set": 0, "wanted": 0, "accepted": 0,
             "limit_mn": None, "force_limit": None, "locked_mn": None, "simulated": False, "session": None, "name": "",
-            "reported": False, "diagnosed": False,
+            "reported": False, "diagnosed": False, "viewing": False, "viewed": False, "alarm": "",
         }  # fmt: skip
         self.load = {"mn": None, "at": None}
         self.calibration = {"before": [], "after": []}
@@ -189,6 +190,20 @@ class Board:
             tap.update(accepted=message["accepted"], reason=reason, by_hand=message["reason"])
             self.show("taps")
 
+    # --- what the live view tells -----------------------------------------------------------------------------
+
+    def _hear_picture(self, message: Message, numbers: bytes) -> None:
+        if message["next"] != self.state["next"] or self.state["words"] != "live view":
+            self.state.update(next=message["next"], words="live view")
+            self.show("state")
+        told = {k: v for k, v in message.items() if k not in ("kind", "next")}
+        self._show("picture", frame({"part": "picture", **told}, numbers))
+
+    def _hear_alarm(self, message: Message, numbers: bytes) -> None:
+        self.state.update(alarm=f"{message['text']}: the surfaces are being taken apart", words="alarm")
+        self.state["next"] = "Keep off the rig: the surfaces are being taken apart."
+        self.show("state")
+
     # --- what the analysis tells ----------------------------------------------------------------------------
 
     def _hear_modes(self, message: Message, numbers: bytes) -> None:
@@ -242,9 +257,11 @@ class Board:
         self.show("state")
 
     def _hear_ended(self, message: Message, numbers: bytes) -> None:
-        self.state.update(ended={"how": message["how"], "text": message["text"]}, ask=None, paused=False)
+        self.state.update(ended={"how": message["how"], "text": message["text"]}, ask=None, paused=False, alarm="")
         self._see_documents()
-        if message["how"] == "filed":
+        if self.state["viewed"]:
+            self.state.update(next=VIEW_IDLE, words="ended" if message["text"] else "no view")
+        elif message["how"] == "filed":
             self.state.update(state="DONE", words="done", text="", next=WHAT_TO_DO["DONE"])
         else:
             self.state.update(next="The session ended; 'Resume' goes on with it.", words="ended")
@@ -258,8 +275,12 @@ class Board:
 
     def gone(self) -> None:
         """See the session's process gone."""
-        self.state["running"] = False
-        if self.state["ended"] is None:
+        self.state.update(running=False, viewing=False)
+        if self.state["ended"] is None and self.state["viewed"]:
+            text = "the view's process was killed; the guardian takes the surfaces apart"
+            self.state.update(ended={"how": "failed", "text": text}, ask=None, words="ended")
+            self.state["next"] = "Look whether the surfaces are apart."
+        elif self.state["ended"] is None:
             text = "the session's process was killed; the guardian takes the surfaces apart; 'Resume' goes on"
             self.state.update(ended={"how": "failed", "text": text}, ask=None, paused=False, words="ended")
             self.state["next"] = "Look whether the surfaces are apart, then resume the session."

@@ -21,6 +21,7 @@ from mesotap.console.board import DIAGNOSIS, REPORT, Board
 from mesotap.console.gate import OPEN_PATH, REPORT_POLICY, Keys
 from mesotap.console.page_sockets import PageSockets
 from mesotap.console.past import results_of, session_of, sessions_in
+from mesotap.console.view_routes import ViewRoutes
 from mesotap.session.hand_verdicts import LONGEST_REASON
 from rig.errors import MesotapError
 
@@ -67,6 +68,7 @@ class Routes:
             "diagnose": (self._diagnose, True),
             "settings": (self._save_settings, True),
             "settings/check": (self._check_settings, False),
+            **ViewRoutes(self._work).acts(),
         }
         return [
             Route(OPEN_PATH, self._open, methods=["GET"]),
@@ -99,7 +101,10 @@ class Routes:
 
     async def _page(self, request: Request) -> Response:
         return self._templates.TemplateResponse(
-            request, "console.html", {"version": __version__}, headers={"Cache-Control": "no-store"}
+            request,
+            "console.html",
+            {"version": __version__, "scope": self._work.bench.scope},
+            headers={"Cache-Control": "no-store"},
         )
 
     async def _sessions(self, request: Request) -> Response:

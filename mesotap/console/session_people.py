@@ -23,7 +23,7 @@ from mesotap.session.hand_verdicts import HandVerdict, verdicts_in
 from mesotap.session.runner import Observer
 from mesotap.session.states import State
 from mesotap.session.watching import GaugeWatch
-from rig import Operator
+from rig import Operator, RigError
 
 LOAD_PERIOD_S = 0.04
 """Between two loads that are told: 25 a second are as many as an eye follows."""
@@ -99,11 +99,18 @@ class PageOperator(Operator):
         self._asked = 0
         self._answered = threading.Condition()
         self._answer = 0
+        self._gone = False
 
     def answer(self, number: int) -> None:
         """Hear that what was asked is done; called by the thread that hears it."""
         with self._answered:
             self._answer = number
+            self._answered.notify_all()
+
+    def lost(self) -> None:
+        """Hear that the console has gone, and everybody who could be asked with it."""
+        with self._answered:
+            self._gone = True
             self._answered.notify_all()
 
     def say(self, text: str) -> None:
@@ -137,8 +144,10 @@ class PageOperator(Operator):
 
     def _done(self, number: int) -> bool:
         with self._answered:
-            if self._answer != number:
+            if self._answer != number and not self._gone:
                 self._answered.wait(LOOK_S)
+            if self._gone:
+                raise RigError("operator: the console has gone, so nobody can be asked to do it")
             return self._answer == number
 
 
@@ -245,6 +254,7 @@ class PagePeople:
     def lost(self) -> None:
         """Hear that the console has gone."""
         self.control.end("the console, which has gone")
+        self.operator.lost()
         self.keys.press(ABORT_KEY)
 
     def _take_verdicts(self) -> list[HandVerdict]:

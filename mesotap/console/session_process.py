@@ -1,4 +1,5 @@
-"""The process in which a session runs while the console serves its pages: no load on those starves the load watch.
+"""The process in which a session, or the live view, runs while the console serves its pages: no load on those starves
+the load watch.
 
 ``python -m mesotap.console.session_process DESCRIPTOR``: a connected socket, over which the first message says what to
 do. It ends with the session; if the console goes first, it takes the surfaces apart and ends.
@@ -10,15 +11,19 @@ import os
 import queue
 import socket
 import sys
+from collections import deque
 from pathlib import Path
 from typing import Any
 
 from mesotap.console.frames import Message
 from mesotap.console.session_link import SessionLink
-from mesotap.console.session_people import PagePeople
+from mesotap.console.session_people import PagePeople, Tell
+from mesotap.session.order import RigChoice
 from rig.errors import MesotapError
 
 ORDER_S = 30.0
+ORDERS = ("run", "resume", "view")
+MOST_WISHES = 100
 
 
 def main(descriptor: int) -> None:
@@ -31,18 +36,26 @@ def main(descriptor: int) -> None:
         link.tell(message, numbers)
 
     people = PagePeople(tell)
+    wishes: deque[Message] = deque(maxlen=MOST_WISHES)
 
     def heard(message: Message) -> None:
-        if message.get("do") in ("run", "resume"):
+        if message.get("do") in ORDERS:
             orders.put(message)
+        elif message.get("do") == "wish":
+            wishes.append(message["wish"])
         else:
             people.heard(message)
 
     link = SessionLink(socket.socket(fileno=descriptor), heard, people.lost)
     link.start()
     try:
-        carry_out(orders.get(timeout=ORDER_S), people)
-        link.tell({"kind": "ended", "how": "filed", "text": "the session is complete"})
+        order = orders.get(timeout=ORDER_S)
+        if order["do"] == "view":
+            view_live(order, people, wishes, tell)
+            link.tell({"kind": "ended", "how": "over", "text": ""})
+        else:
+            carry_out(order, people)
+            link.tell({"kind": "ended", "how": "filed", "text": "the session is complete"})
     except BaseException as error:
         link.tell({"kind": "ended", **told(error)})
         if not isinstance(error, MesotapError | KeyboardInterrupt):
@@ -63,7 +76,6 @@ def carry_out(order: Message, people: PagePeople) -> None:
     from mesotap.commands.session import begin, go_on
     from mesotap.commands.wire_options import WireOptions
     from mesotap.configuration.config import parse_config
-    from mesotap.session.order import RigChoice
 
     path, wire = Path(str(order["path"])), WireOptions(log=bool(order["log_wire"]))
     if order["do"] == "resume":
@@ -72,6 +84,31 @@ def carry_out(order: Message, people: PagePeople) -> None:
     config = parse_config(str(order["config"]), str(order["name"]), order["changes"])
     choice = RigChoice(**order["choice"])
     begin(config, choice, path, people.people, wire=wire)
+
+
+def view_live(order: Message, people: PagePeople, wishes: deque[Message], tell: Tell) -> None:
+    """Show both accelerometers and the load until somebody ends it."""
+    from mesotap.configuration.config import parse_config
+    from mesotap.session.bench import build_rig
+    from mesotap.session.emulated_devices import SeparateRig
+    from mesotap.session.guardian_link import guardian_for
+    from mesotap.session.live_view import LiveView, ViewBench, for_setting_up
+
+    choice = RigChoice(**order["choice"])
+    config = parse_config(str(order["config"]), str(order["name"]), order["changes"])
+    simulated = choice.simulate or choice.emulate
+    if simulated:
+        config = for_setting_up(config)
+    operator = people.operator
+    rig = build_rig(config, choice.simulate, operator, choice.seed, choice.realtime, choice.emulate, speed=choice.speed)
+    try:
+        with people.control.listening():
+            guardian = guardian_for(rig, config)
+            bench = ViewBench(rig, operator, people.control, tell, guardian, people.people.gauge, wishes, simulated)
+            LiveView(config, bench).run()
+    finally:
+        if isinstance(rig, SeparateRig):
+            rig.end_devices()
 
 
 if __name__ == "__main__":

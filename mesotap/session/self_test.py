@@ -77,7 +77,7 @@ def self_test(
 
     def gauge() -> tuple[bool, str]:
         nonlocal zero
-        zero, passed, says = _gauge_zero(rig, config)
+        zero, passed, says = gauge_zero(rig, config)
         return passed, says
 
     verdict = _tried("gauge zero", gauge)
@@ -163,7 +163,8 @@ def _noise_floor(rig: Rig, config: Config) -> tuple[bool, str]:
     return True, said
 
 
-def _gauge_zero(rig: Rig, config: Config) -> tuple[float, bool, str]:
+def gauge_zero(rig: Rig, config: Config) -> tuple[float, bool, str]:
+    """Return what the gauge reads with the surfaces apart, mV, whether it can be used, and what was found."""
     reading = rig.load_cell.read(ZERO_S)
     sensitivity = config.rig.gauge_sensitivity_mv_per_mn
     threshold = config.rig.limits.contact_threshold_mn

@@ -9,21 +9,24 @@ import { taps } from "./views/taps.js";
 import { loads } from "./views/loads.js";
 import { sessions } from "./views/sessions.js";
 import { settings } from "./views/settings.js";
+import { scope } from "./views/scope.js";
 
-const views = { session, calibration, taps, loads, sessions, settings };
+const views = { session, calibration, taps, loads, sessions, settings, scope };
+const offered = Array.from(document.querySelectorAll("nav a"), (link) => link.hash.slice(1)); // a console for setting up has fewer
 const byId = (id) => document.getElementById(id);
 let view = null;
 
 function route() {
-  const name = location.hash.slice(1).split("/")[0] || "session";
-  const next = views[name] || views.session;
+  const asked = location.hash.slice(1).split("/")[0];
+  const name = offered.includes(asked) ? asked : offered[0];
+  const next = views[name];
   if (view && view.end) view.end();
   view = next;
   const root = byId("view");
   root.replaceChildren();
   view.show(root);
   for (const link of document.querySelectorAll("nav a")) {
-    if (link.getAttribute("href") === `#${views[name] ? name : "session"}`) link.setAttribute("aria-current", "page");
+    if (link.getAttribute("href") === `#${name}`) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
   }
   document.title = `${name} – mesotap console`;
@@ -67,7 +70,7 @@ function showState() {
   setText("detail", state.text);
   setText("next", state.ask ? state.ask.text : state.paused ? paused(state) : state.next);
   const ended = state.ended;
-  alertWith(!page.connected ? unconnected() : ended && ended.how !== "filed" ? ended.text : "");
+  alertWith(!page.connected ? unconnected() : state.alarm ? state.alarm : ended && ended.how !== "filed" ? ended.text : "");
 }
 
 function unconnected() {

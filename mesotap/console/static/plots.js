@@ -23,7 +23,7 @@ function axis(label) {
 }
 
 // An element with a plot; set(data) draws it anew. Described for those who do not see it.
-export function plot({ title, x, y, series, height = 260, log = false, description, hooks = {}, range = null }) {
+export function plot({ title, x, y, series, height = 260, log = false, description, hooks = {}, range = null, logX = false, rangeX = null }) {
   const box = make("div", { class: "plot", role: "img", "aria-label": description || title });
   let chart = null;
   let last = null;
@@ -32,14 +32,16 @@ export function plot({ title, x, y, series, height = 260, log = false, descripti
     const xAxis = axis(x);
     xAxis.size = parseFloat(getComputedStyle(document.documentElement).fontSize) * 1.7;
     const yAxis = axis(y);
-    if (log) yAxis.values = (u, ticks) => ticks.map((v) => (v === null ? "" : Math.log10(v) % 1 ? "" : v >= 0.01 && v < 1e4 ? String(+v.toPrecision(1)) : v.toExponential(0)));
+    const decades = (u, ticks) => ticks.map((v) => (v === null ? "" : Math.log10(v) % 1 ? "" : v >= 0.01 && v < 1e5 ? String(+v.toPrecision(1)) : v.toExponential(0)));
+    if (log) yAxis.values = decades;
+    if (logX) xAxis.values = decades;
     chart = new uPlot(
       {
         width: Math.max(200, box.clientWidth),
         height,
         legend: { show: false },
         cursor: { points: { show: false } },
-        scales: { x: { time: false }, y: { ...(log ? { distr: 3 } : {}), ...(range ? { range } : {}) } },
+        scales: { x: { time: false, ...(logX ? { distr: 3 } : {}), ...(rangeX ? { range: rangeX } : {}) }, y: { ...(log ? { distr: 3 } : {}), ...(range ? { range } : {}) } },
         axes: [xAxis, yAxis],
         hooks,
         series: [{}, ...series.map((s) => ({ points: { show: false }, ...s, stroke: s.colour ? () => colour(s.colour) : s.stroke, width: s.width ?? 1.5 }))],

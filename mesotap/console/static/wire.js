@@ -66,7 +66,7 @@ export function connect() {
 
 function hear(data) {
   silent = 0;
-  const [message] = taken(data);
+  const [message, , at] = taken(data);
   if (message.part === "alive") {
     socket.send("here");
     return;
@@ -80,6 +80,7 @@ function hear(data) {
     page.record.came = Date.now() / 1000;
   } else {
     page.parts[message.part] = message;
+    if (at < data.byteLength) message.numbers = new Float32Array(data, at);
   }
   tell(message.part);
 }

@@ -25,6 +25,7 @@ from tests.mesotap.console.siege import (
 pytestmark = pytest.mark.slow
 TEXT, BINARY, CONTINUED, CLOSE, PING = 1, 2, 0, 8, 9
 MANY = 200
+VIEW = [f"view/{act}" for act in ("begin", "show", "reset", "check", "tap", "end")]
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +118,7 @@ def test_a_second_session_is_not_begun(siege):
 
 
 @pytest.mark.parametrize("key", ["{watcher}", "", "0" * 32, "{driver}0", "../{driver}"])
-@pytest.mark.parametrize("what", ["run", "pause", "answer", "resume", "judge", "link", "control"])
+@pytest.mark.parametrize("what", ["run", "pause", "answer", "resume", "judge", "link", "control", *VIEW])
 def test_commands_without_control(siege, what, key):
     body = '{"id":1,"number":0,"accepted":false,"reason":"x","do":"take"}'
     answer = siege.sent(

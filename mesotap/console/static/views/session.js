@@ -22,6 +22,10 @@ function showActions() {
   const state = page.parts.state;
   if (!state || !actions) return;
   const may = driving();
+  if (state.viewing) {
+    actions.replaceChildren(make("p", {}, "The live view runs (Scope): end it there before a session begins."));
+    return;
+  }
   if (state.running) {
     actions.replaceChildren(
       make("button", { type: "button", id: "pause", disabled: !may, onclick: () => act("pause") }, state.paused ? "Continue" : "Pause"),

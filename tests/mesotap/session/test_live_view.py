@@ -178,7 +178,7 @@ def test_a_load_over_the_limit_is_an_alarm_and_taken_off(build):
 
 
 def test_a_load_near_the_limit_is_told():
-    viewed = Viewed(NO_PLAY, things=lambda rig: [(2.0, lambda: rig.push(150.0 + 8.6))], stop_s=3.0)
+    viewed = Viewed(NO_PLAY, things=lambda rig: [(2.0, lambda: rig.push(150.0 + 6.1))], stop_s=3.0)
     assert viewed.pictures[-1]["next"].endswith("of 1100 mN: turn no further.")
 
 

@@ -18,14 +18,13 @@ from analysis.budgets import (
     with_clock,
 )
 from analysis.modal.amplitude import AmplitudePoint, along_the_decay, combined_curve, varies
+from analysis.modal.checks import DISAGREEMENT
 from analysis.modal.clipping import clipped_samples
+from analysis.modal.consensus import CONTACT_MODE_ABOVE, HIGHEST_SHARE
 from analysis.modal.modes import ModeEstimate
 from analysis.modal.noise import NoiseModel, noise_model
 from analysis.modal.spectrum import SpectralMode, spectral_mode
 from analysis.modal.tester import (
-    CONTACT_MODE_ABOVE,
-    DISAGREEMENT,
-    HIGHEST_SHARE,
     ImpactModes,
     filter_poles,
     identify_impacts,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Real = NDArray[np.float64]
@@ -30,7 +31,7 @@ def clipped_samples(y: Real) -> NDArray[np.int64]:
     >>> clipped_samples(y[None]).size
     14
     """
-    y = np.atleast_2d(y)
+    y = np.atleast_2d(np.asarray(y, np.float64))
     found = np.zeros(y.shape[1], np.bool_)
     for channel in y:
         low, high = float(channel.min()), float(channel.max())
@@ -38,12 +39,16 @@ def clipped_samples(y: Real) -> NDArray[np.int64]:
         if not span > 0:
             continue
         for extreme in (low, high):
-            at = np.abs(channel - extreme) <= ALIKE * span
-            if _longest_run(at) >= IN_A_ROW:
-                found |= at
+            if _longest_run(channel, extreme, ALIKE * span) >= IN_A_ROW:
+                found |= np.abs(channel - extreme) <= ALIKE * span
     return np.flatnonzero(found)
 
 
-def _longest_run(flags: NDArray[np.bool_]) -> int:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
+@njit(cache=True)
+def _longest_run(y: Real, value: float, within: float) -> int:
+    """Samples in a row, at most, that are this value."""
+    longest, run = 0, 0
+    for sample in y:
+        run = run + 1 if abs(sample - value) <= within else 0
+        longest = max(longest, run)
+    return longest

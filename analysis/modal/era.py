@@ -15,9 +15,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from analysis.modal.exponentials import FitFailure
+from analysis.modal.sums import power_sums
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
+
+
+LEAST_SHARE = 0.05  # of a squared singular value that is taken for signal, however large the noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,35 +57,28 @@ class Realisation:
 
 
 @njit(cache=True)
-def _hankel_products(y: Real, lags: int, columns: int) -> tuple[Real, Real]:
+def _hankel_products(y: Real, lags: int, spacing: int, columns: int) -> tuple[Real, Real]:
     """``H0 H0^T`` and ``H1 H0^T``, (lags c, lags c): row i c + a is channel a at lag i."""
     c = y.shape[0]
-    size = lags * c
-    g0 = np.empty((size, size))
-    g1 = np.empty((size, size))
+    products = np.empty(((lags + 1) * c, lags * c))
     for a in range(c):
         for b in range(c):
             for i in range(lags + 1):
-                first = np.dot(y[a, i : i + columns], y[b, :columns])
+                inner = np.dot(y[a, i * spacing : i * spacing + columns], y[b, :columns])
+                products[i * c + a, b] = inner
                 if i < lags:
-                    g0[i * c + a, b] = first
-                if i > 0:
-                    g1[(i - 1) * c + a, b] = first
+                    products[b, i * c + a] = inner
     for a in range(c):
         for b in range(c):
-            for i in range(lags):
+            for i in range(1, lags + 1):
                 for j in range(1, lags):
-                    # down a diagonal one product enters and one leaves
-                    if i > 0:
-                        gain = y[a, i - 1 + columns] * y[b, j - 1 + columns] - y[a, i - 1] * y[b, j - 1]
-                        g0[i * c + a, j * c + b] = g0[(i - 1) * c + a, (j - 1) * c + b] + gain
-                        gain = y[a, i + columns] * y[b, j - 1 + columns] - y[a, i] * y[b, j - 1]
-                        g1[i * c + a, j * c + b] = g1[(i - 1) * c + a, (j - 1) * c + b] + gain
-                    else:
-                        g0[a, j * c + b] = g0[j * c + b, a]
-                        gain = y[a, columns] * y[b, j - 1 + columns] - y[a, 0] * y[b, j - 1]
-                        g1[a, j * c + b] = g0[(j - 1) * c + b, a] + gain
-    return g0, g1
+                    # down a diagonal as many products enter and leave as lags are samples apart
+                    gain = 0.0
+                    for k in range((i - 1) * spacing, i * spacing):
+                        m = k + (j - i) * spacing
+                        gain += y[a, k + columns] * y[b, m + columns] - y[a, k] * y[b, m]
+                    products[i * c + a, j * c + b] = products[(i - 1) * c + a, (j - 1) * c + b] + gain
+    return products[: lags * c].copy(), products[c:].copy()
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +97,8 @@ class HankelSvd:
         (c, n) the record itself; of several, the first.
     lags, columns
         Block rows and columns of the Hankel matrix.
+    spacing
+        Samples between two lags.
     """
 
     vectors: Real
@@ -108,9 +107,10 @@ class HankelSvd:
     record: Real
     lags: int
     columns: int
+    spacing: int = 1
 
 
-def hankel_svd(y: Real, lags: int | None = None) -> HankelSvd:
+def hankel_svd(y: Real, lags: int | None = None, spacing: int = 1) -> HankelSvd:
     """Return the singular vectors and values of the block Hankel matrix of one ring-down, or of several side by side.
 
     Parameters
@@ -119,6 +119,8 @@ def hankel_svd(y: Real, lags: int | None = None) -> HankelSvd:
         (c, n) ring-down, free decay only; or (m, c, n), m of them with the same modes.
     lags
         Block rows; by default a third of the record, at most 240 / sqrt(c).
+    spacing
+        Samples from one lag to the next. The fastest mode has to turn by less than half a turn in that time.
 
     Raises
     ------
@@ -138,19 +140,19 @@ def hankel_svd(y: Real, lags: int | None = None) -> HankelSvd:
     several = y if y.ndim == 3 else y[None]
     c, n = several.shape[1:]
     rows = lags if lags is not None else min(n // 3, int(240 / np.sqrt(c)))
-    columns = n - rows
+    columns = n - rows * spacing
     if rows < 4 or columns < rows:
         raise FitFailure(f"{n} samples are too few for the Eigensystem Realization Algorithm")
-    g0, g1 = _hankel_products(several[0], rows, columns)
+    g0, g1 = _hankel_products(several[0], rows, spacing, columns)
     for record in several[1:]:
-        more0, more1 = _hankel_products(record, rows, columns)
+        more0, more1 = _hankel_products(record, rows, spacing, columns)
         g0 += more0
         g1 += more1
     values, vectors = np.linalg.eigh(g0)
     singular = np.sqrt(np.clip(values[::-1], 0.0, None))
     if not singular[0] > 0:
         raise FitFailure("the record holds nothing but zeros")
-    return HankelSvd(np.ascontiguousarray(vectors[:, ::-1]), singular, g1, several[0], rows, columns)
+    return HankelSvd(np.ascontiguousarray(vectors[:, ::-1]), singular, g1, several[0], rows, columns, spacing)
 
 
 def realise(decomposed: HankelSvd, order: int, noise_variance: float = 0.0) -> Realisation:
@@ -175,34 +177,19 @@ def realise(decomposed: HankelSvd, order: int, noise_variance: float = 0.0) -> R
     >>> round(s.real, 3), round(s.imag / (2 * np.pi), 3)
     (np.float64(-20.0), np.float64(300.0))
     """
-    c = decomposed.record.shape[0]
+    c, spacing = decomposed.record.shape[0], decomposed.spacing
     u, s = decomposed.vectors[:, :order], decomposed.singular_values[:order]
     if order > s.size or s[-1] <= s[0] * 1e-13:
         order = int(np.count_nonzero(s > s[0] * 1e-13))
         u, s = u[:, :order], s[:order]
-    root = np.sqrt(s)
-    a_matrix = (u.T @ decomposed.shifted @ u) / (root[:, None] * (root * s)[None, :])
-    values, right = np.linalg.eig(a_matrix)
-    left = np.linalg.inv(right)  # rows: left eigenvectors with l r = 1
-    keep = np.flatnonzero((values.imag > 1e-9) & (np.abs(values) < 1.5))
-    keep = keep[np.argsort(np.abs(np.angle(values[keep])))]
-    observability = (u * root) @ right  # (lags c, order)
-    first_states = left @ _first_column(decomposed, u, root)
-    poles = values[keep].astype(np.complex128)
-    shapes = observability[:c, keep] * first_states[keep][None, :]
-    covariance = np.zeros((keep.size, 2, 2))
-    emac = np.empty(keep.size)
-    for m, index in enumerate(keep):
-        decay = -np.log(np.abs(values[index]))
-        lag = decomposed.lags - 1 if decay * (decomposed.lags - 1) <= 1 else max(1, int(1 / decay))
-        predicted = observability[:c, index] * values[index] ** lag
-        emac[m] = _coherence(predicted, observability[lag * c : (lag + 1) * c, index])
-        if noise_variance > 0:
-            covariance[m] = _pole_covariance(decomposed, u, root, left[index], right[:, index], values[index])
+    column = np.ascontiguousarray(decomposed.record[:, : decomposed.lags * spacing : spacing].T.reshape(-1))
+    poles, shapes, covariance, emac = _realised(
+        np.ascontiguousarray(u), s, decomposed.shifted, column, decomposed.columns, spacing, c, noise_variance
+    )
     return Realisation(
         poles=poles,
-        shapes=np.ascontiguousarray(shapes, dtype=np.complex128),
-        log_pole_covariance=covariance * noise_variance,
+        shapes=shapes,
+        log_pole_covariance=covariance,
         emac=emac,
         mpc=_phase_collinearity(shapes),
         singular_values=decomposed.singular_values,
@@ -210,54 +197,141 @@ def realise(decomposed: HankelSvd, order: int, noise_variance: float = 0.0) -> R
     )
 
 
-def _first_column(decomposed: HankelSvd, u: Real, root: Real) -> Real:
-    """State at the first sample: S^-1/2 U^T times the first column of H0."""
-    column = decomposed.record[:, : decomposed.lags].T.reshape(-1)
-    state: Real = (u.T @ column) / root
-    return state
+@njit(cache=True)
+def _realised(
+    u: Real, singular: Real, shifted: Real, column: Real, columns: int, spacing: int, c: int, noise_variance: float
+) -> tuple[Complex, Complex, Real, Real]:
+    """Poles (m,), shapes (c, m), covariances (m, 2, 2) of the log poles, and EMAC (m,), ascending in frequency."""
+    size = u.shape[0]
+    # white noise adds its variance to the diagonal of H0 H0^T, and to the one above that of H1 H0^T
+    added = noise_variance * columns
+    s = np.sqrt(np.maximum(singular**2 - added, LEAST_SHARE * singular**2))
+    root = np.sqrt(s)
+    moved = u.T @ (shifted @ u) - added * (np.ascontiguousarray(u[: size - c]).T @ np.ascontiguousarray(u[c:]))
+    values, right = np.linalg.eig((moved / np.outer(root, root * s)).astype(np.complex128))
+    left = np.linalg.inv(right)  # rows: left eigenvectors with l r = 1
+    complex_u = u.astype(np.complex128)
+    observability = (complex_u * root) @ right  # (lags c, order)
+    first_states: Complex = left @ ((u.T @ column) / root).astype(np.complex128)
+    keep = np.flatnonzero((values.imag > 1e-9) & (np.abs(values) < 1.5))
+    keep = keep[np.argsort(np.abs(np.angle(values[keep])))]
+    of_a_sample: Complex = np.exp(np.log(values.astype(np.complex128)) / spacing)
+    poles = of_a_sample[keep]
+    shapes = np.empty((c, keep.size), np.complex128)
+    covariance = np.zeros((keep.size, 2, 2))
+    emac = np.empty(keep.size)
+    lasting: Complex = of_a_sample / np.maximum(np.abs(of_a_sample), 1.0)
+    lags = size // c
+    for m in range(keep.size):
+        own = keep[m]
+        shapes[:, m] = observability[:c, own] * first_states[own]
+        decay = -np.log(np.abs(values[own]))
+        lag = lags - 1 if decay * (lags - 1) <= 1 else max(1, int(1 / decay))
+        predicted = observability[:c, own] * values[own] ** lag
+        emac[m] = _coherence(predicted, observability[lag * c : (lag + 1) * c, own])
+        if noise_variance > 0:
+            vector = np.ascontiguousarray(right[:, own])
+            states = first_states * (np.ascontiguousarray(right.T) @ (vector / s))
+            row = complex_u @ (np.ascontiguousarray(left[own]) / root)
+            image = complex_u @ (vector / root**3)
+            covariance[m] = noise_variance * _pole_covariance(
+                row, image, values[own], states, lasting, columns, spacing, c, noise_variance
+            )
+    return poles, shapes, covariance, emac
 
 
+@njit(cache=True)
 def _coherence(predicted: Complex, found: Complex) -> float:
     """Agreement of a mode's later lag with what its pole predicts, 0 to 1 (Pappa, Elliott and Schenk 1993)."""
-    size = np.linalg.norm(predicted), np.linalg.norm(found)
-    if min(size) == 0:
+    first, second, inner = 0.0, 0.0, 0j
+    for a in range(predicted.shape[0]):
+        first += np.abs(predicted[a]) ** 2
+        second += np.abs(found[a]) ** 2
+        inner += np.conj(predicted[a]) * found[a]
+    if min(first, second) == 0:
         return 0.0
-    ratio = min(size) / max(size)
-    phase = abs(np.angle(np.vdot(predicted, found)))
-    return float(ratio * max(0.0, 1.0 - phase / (np.pi / 4)))
+    ratio = np.sqrt(min(first, second) / max(first, second))
+    return ratio * max(0.0, 1.0 - abs(np.angle(inner)) / (np.pi / 4))
 
 
 def _phase_collinearity(shapes: Complex) -> Real:
     """Modal phase collinearity of each column of ``shapes`` (c, m)."""
+    if shapes.shape[0] == 1:
+        return np.ones(shapes.shape[1])
     x, y = shapes.real, shapes.imag
     sxx, syy, sxy = (x * x).sum(axis=0), (y * y).sum(axis=0), (x * y).sum(axis=0)
     total = np.where(sxx + syy > 0, sxx + syy, 1.0)
     mpc: Real = ((sxx - syy) ** 2 + 4 * sxy**2) / total**2
-    return mpc if shapes.shape[0] > 1 else np.ones(shapes.shape[1])
+    return mpc
 
 
-def _pole_covariance(decomposed: HankelSvd, u: Real, root: Real, left: Complex, right: Complex, pole: complex) -> Real:
+@njit(cache=True)
+def _pole_covariance(
+    row: Complex,
+    image: Complex,
+    pole: complex,
+    states: Complex,
+    poles: Complex,
+    columns: int,
+    spacing: int,
+    c: int,
+    variance: float,
+) -> Real:
     """Covariance of log z for unit white noise: first-order perturbation of an eigenvalue of ERA.
 
-    ``dz = p^T (dH1 - z dH0) q`` with ``p = U S^-1/2 l`` and ``q = V S^-1/2 r`` is linear in the noise samples;
-    its weights are the convolution of p and q.
+    ``dz = p^T (dH1 - z dH0) q`` with ``p = U S^-1/2 l`` (``row``) and ``q = V S^-1/2 r = H0^T U S^-3/2 r`` is linear in
+    the noise samples; its weights are the convolution of p and q. The realised system continues its own states, so that
+    q is a sum of its ``poles``' powers with the amplitudes ``states``, and of the noise of this ``variance`` that
+    ``image = U S^-3/2 r`` lets through.
     """
-    c = decomposed.record.shape[0]
-    row = (u / root) @ left  # (lags c,)
-    # V S^-1/2 r = H0^T U S^-3/2 r, a correlation of the record with the vector
-    image = (u / root**3) @ right
-    columns = np.zeros(decomposed.columns, np.complex128)
+    size, pseudo = 0.0, 0j
     for a in range(c):
-        columns += np.correlate(decomposed.record[a, : decomposed.columns + decomposed.lags - 1], image[a::c].conj())
-    variance, pseudo = 0.0, 0j
-    for a in range(c):
-        spread = np.convolve(row[a::c], columns)
-        weights = np.concatenate(([0], spread)) - pole * np.concatenate((spread, [0]))
-        weights = weights / pole  # d log z = dz / z
-        variance += float((np.abs(weights) ** 2).sum())
-        pseudo += complex((weights**2).sum())
+        # d log z = dz / z over the samples from lag to lag
+        weights = np.zeros(spacing * (row.size // c) + 1, np.complex128)
+        weights[:-1:spacing] -= row[a::c] / spacing
+        weights[spacing::spacing] += row[a::c] / (spacing * pole)
+        power, square = _convolved_squares(weights, states, poles, columns)
+        size += power
+        pseudo += square
+        for b in range(c):
+            backwards = np.zeros(weights.size, np.complex128)
+            backwards[: weights.size - 1 : spacing] = image[b::c][::-1]
+            noisy = np.convolve(weights, backwards)
+            size += variance * columns * (noisy.real**2 + noisy.imag**2).sum()
+            pseudo += variance * columns * (noisy**2).sum()
     covariance = np.empty((2, 2))
-    covariance[0, 0] = 0.5 * (variance + pseudo.real)
-    covariance[1, 1] = 0.5 * (variance - pseudo.real)
+    covariance[0, 0] = 0.5 * (size + pseudo.real)
+    covariance[1, 1] = 0.5 * (size - pseudo.real)
     covariance[0, 1] = covariance[1, 0] = 0.5 * pseudo.imag
     return covariance
+
+
+@njit(cache=True)
+def _convolved_squares(g: Complex, amplitudes: Complex, poles: Complex, n: int) -> tuple[float, complex]:
+    """Sum of the squared moduli, and of the squares, of g convolved with the n samples of a sum of exponentials."""
+    m, order = g.shape[0], poles.shape[0]
+    head, end = np.zeros(m - 1, np.complex128), np.zeros(m - 1, np.complex128)
+    inner = np.zeros(order, np.complex128)  # amplitudes of the convolution where g lies within the samples
+    for b in range(order):
+        power = 1.0 + 0j
+        late = poles[b] ** (n - m + 1)
+        for k in range(m - 1):
+            head[k] += amplitudes[b] * power
+            end[k] += amplitudes[b] * late * power
+            inner[b] += g[m - 1 - k] * power
+            power *= poles[b]
+        inner[b] = amplitudes[b] * (inner[b] + g[0] * power)
+    size, square = 0.0, 0j
+    for t in range(m - 1):
+        first, last = 0j, 0j
+        for i in range(t + 1):
+            first += g[i] * head[t - i]
+            last += g[m - 1 - i] * end[m - 2 - t + i]
+        for value in (first, last):
+            size += value.real**2 + value.imag**2
+            square += value * value
+    for a in range(order):
+        for b in range(order):
+            size += (inner[a] * np.conj(inner[b]) * power_sums(poles[a] * np.conj(poles[b]), n - m + 1)[0]).real
+            square += inner[a] * inner[b] * power_sums(poles[a] * poles[b], n - m + 1)[0]
+    return size, square

@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from analysis.modal.sums import Tail, all_poles, grams_without, no_tail, normal_equations_of, squares
 from rig.errors import MesotapError
 
 Complex = NDArray[np.complex128]
@@ -25,8 +26,8 @@ MAX_ITERATIONS = 60
 CONVERGED = 1e-12  # relative fall of the sum of squares
 SETTLED = 1e-4  # squared standard errors of the poles, by which a last step may still move them
 ROUNDING = 1e-13  # of a record's energy: a fall of the sum of squares that rounding can feign
+RIDGE = 1e-13  # on a correlation matrix, below which columns are the same
 NONE_MISSING = np.zeros(0, np.int64)
-LARGEST_CANCELLATION = 1e7  # energy of all columns by themselves over that of the record
 LARGEST_GROWTH = 1.02  # a sampled pole beyond this modulus cannot be a ring-down
 
 
@@ -66,194 +67,26 @@ class ExponentialFit:
 
 
 @njit(cache=True)
-def _power_sums(w: complex, n: int) -> tuple[complex, complex, complex]:
-    """Sum of w^k, k w^k and k^2 w^k over k = 0 ... n-1, by doubling: stable for any modulus near or below 1."""
-    g0, g1, g2 = 0j, 0j, 0j  # sums over the first m terms
-    m = 0
-    power = 1.0 + 0j  # w^m
-    for bit in range(62, -1, -1):
-        if m > 0:
-            g2, g1, g0 = (
-                g2 + power * (g2 + 2.0 * m * g1 + m * m * g0),
-                g1 + power * (g1 + m * g0),
-                g0 + power * g0,
-            )
-            m *= 2
-            power *= power
-        if (n >> bit) & 1:
-            g0 += power
-            g1 += m * power
-            g2 += m * m * power
-            m += 1
-            power *= w
-    return g0, g1, g2
-
-
-@njit(cache=True, fastmath={"contract", "reassoc"})
-def _data_sums(y: Real, z: complex) -> tuple[complex, complex]:
-    """Sum of y_k z^k and of k y_k z^k, in four interleaved strands so that the processor can overlap them."""
-    n = y.shape[0]
-    zr, zi = z.real, z.imag
-    z2 = z * z
-    z4 = z2 * z2
-    r4, i4 = z4.real, z4.imag
-    pr = np.empty(4)
-    pi = np.empty(4)
-    p = 1.0 + 0j
-    for j in range(4):
-        pr[j], pi[j] = p.real, p.imag
-        p *= z
-    a0, b0, a1, b1 = 0.0, 0.0, 0.0, 0.0
-    k = 0
-    while k + 4 <= n:
-        for j in range(4):
-            v = y[k + j]
-            vr, vi = v * pr[j], v * pi[j]
-            a0 += vr
-            b0 += vi
-            a1 += (k + j) * vr
-            b1 += (k + j) * vi
-            t = pr[j] * r4 - pi[j] * i4
-            pi[j] = pr[j] * i4 + pi[j] * r4
-            pr[j] = t
-        k += 4
-    xr, xi = pr[0], pi[0]
-    while k < n:
-        v = y[k]
-        a0 += v * xr
-        b0 += v * xi
-        a1 += k * v * xr
-        b1 += k * v * xi
-        t = xr * zr - xi * zi
-        xi = xr * zi + xi * zr
-        xr = t
-        k += 1
-    return complex(a0, b0), complex(a1, b1)
-
-
-@njit(cache=True)
-def _all_poles(poles: Complex, fixed: Complex) -> Complex:
-    """Moving poles, their conjugates, then the fixed ones."""
-    j = poles.shape[0]
-    out = np.empty(2 * j + fixed.shape[0], np.complex128)
-    for a in range(j):
-        out[a] = poles[a]
-        out[j + a] = np.conj(poles[a])
-    out[2 * j :] = fixed
-    return out
-
-
-@njit(cache=True)
-def _grams(z: Complex, n: int) -> tuple[Complex, Complex, Complex]:
-    """Inner products of the columns z_a^k weighted with k^0, k^1, k^2."""
-    p = z.shape[0]
-    m0 = np.empty((p, p), np.complex128)
-    m1 = np.empty((p, p), np.complex128)
-    m2 = np.empty((p, p), np.complex128)
-    for a in range(p):
-        for b in range(a, p):
-            s0, s1, s2 = _power_sums(np.conj(z[a]) * z[b], n)
-            m0[a, b], m1[a, b], m2[a, b] = s0, s1, s2
-            m0[b, a], m1[b, a], m2[b, a] = np.conj(s0), np.conj(s1), np.conj(s2)
-    return m0, m1, m2
-
-
-@njit(cache=True)
-def _grams_without(z: Complex, n: int, missing: NDArray[np.int64]) -> tuple[Complex, Complex, Complex]:
-    """As `_grams`, over all samples but the missing ones."""
-    m0, m1, m2 = _grams(z, n)
-    p = z.shape[0]
-    column = np.empty(p, np.complex128)
-    for k in missing:
-        for a in range(p):
-            column[a] = z[a] ** k
-        for a in range(p):
-            for b in range(p):
-                inner = np.conj(column[a]) * column[b]
-                m0[a, b] -= inner
-                m1[a, b] -= k * inner
-                m2[a, b] -= k * k * inner
-    return m0, m1, m2
-
-
-@njit(cache=True)
-def _left_over(square: float, amplitudes: Complex, s0: Complex, m0: Complex) -> float:
-    """Sum of squares that given amplitudes leave; infinite where columns nearly cancel and rounding would decide."""
-    left, together = square, 0.0
-    for a in range(amplitudes.shape[0]):
-        left -= 2.0 * (np.conj(amplitudes[a]) * s0[a]).real
-        together += np.abs(amplitudes[a]) ** 2 * m0[a, a].real
-        for b in range(amplitudes.shape[0]):
-            left += (np.conj(amplitudes[a]) * m0[a, b] * amplitudes[b]).real
-    if not together < LARGEST_CANCELLATION * square:
-        return np.inf
-    return max(left, 0.0)
-
-
-@njit(cache=True)
-def _project(
-    y: Real, weight: Real, z: Complex, moving: int, missing: NDArray[np.int64]
-) -> tuple[float, Complex, Complex, Complex]:
-    """Amplitudes for given poles, sum of squares, and the reduced normal equations of the log poles.
-
-    ``y`` (c, n), zero at the ``missing`` samples; ``weight`` (c,) inverse variances, ``z`` all poles, the first
-    ``moving`` of them searched for (conjugates included). Returns the weighted residual sum, amplitudes (c, p),
-    gradient (moving,) and Hessian (moving, moving).
-    """
-    c, n = y.shape
-    p = z.shape[0]
-    m0, m1, m2 = _grams_without(z, n, missing)
-    inverse = np.linalg.inv(m0)
-    left = np.ascontiguousarray(m1[:moving, :])
-    right = np.ascontiguousarray(m1[:, :moving])
-    schur = m2[:moving, :moving] - left @ inverse @ right
-    s0 = np.empty(p, np.complex128)
-    s1 = np.empty(p, np.complex128)
-    amplitudes = np.empty((c, p), np.complex128)
-    gradient = np.zeros(moving, np.complex128)
-    hessian = np.zeros((moving, moving), np.complex128)
-    total = 0.0
-    half = moving // 2
-    for ch in range(c):
-        for a in range(p):
-            if half <= a < moving:
-                s0[a], s1[a] = np.conj(s0[a - half]), np.conj(s1[a - half])
-            else:
-                s0[a], s1[a] = _data_sums(y[ch], np.conj(z[a]))
-        amp = inverse @ s0
-        amplitudes[ch] = amp
-        square = 0.0
-        for k in range(n):
-            square += y[ch, k] * y[ch, k]
-        total += weight[ch] * _left_over(square, amp, s0, m0)
-        slope = m1 @ amp
-        for a in range(moving):
-            gradient[a] += weight[ch] * np.conj(amp[a]) * (s1[a] - slope[a])
-            for b in range(moving):
-                hessian[a, b] += weight[ch] * np.conj(amp[a]) * schur[a, b] * amp[b]
-    return total, amplitudes, gradient, hessian
-
-
-@njit(cache=True)
-def _search(
-    y: Real, weight: Real, start: Complex, fixed: Complex, missing: NDArray[np.int64], iterations: int
+def search(
+    y: Real, tail: Tail, weight: Real, start: Complex, fixed: Complex, missing: NDArray[np.int64], iterations: int
 ) -> tuple[bool, float, Complex, Complex, Complex]:
-    """Levenberg-damped Gauss-Newton over the log poles. Returns whether it settled, and where.
+    """Levenberg-damped Gauss-Newton over the log poles of samples (c, h) with a tail after them.
 
-    It has settled when a step moves the poles by a hundredth of their standard errors, or when what is left to gain
-    is smaller than rounding.
+    Returns whether it settled, the weighted residual sum, poles, amplitudes and Hessian. It has settled when a step
+    moves the poles by a hundredth of their standard errors, or when what is left to gain is smaller than rounding;
+    it has not where a pole leaves the tail's reach.
     """
     j = start.shape[0]
-    c, n = y.shape
+    samples = y.shape[0] * (y.shape[1] + tail.samples)
     poles = start.copy()
-    z = _all_poles(poles, fixed)
-    total, amplitudes, gradient, hessian = _project(y, weight, z, 2 * j, missing)
-    square = 0.0
-    for ch in range(c):
-        for k in range(n):
-            square += weight[ch] * y[ch, k] * y[ch, k]
+    each = squares(y) + tail.square
+    square = (weight * each).sum()
+    z = all_poles(poles, fixed)
+    total, amplitudes, gradient, hessian = normal_equations_of(y, tail, each, weight, z, 2 * j, missing)
     damping = 0.0
     for _ in range(iterations):
+        if np.isnan(total):
+            break
         lhs = hessian.copy()
         for a in range(2 * j):
             lhs[a, a] = hessian[a, a] * (1.0 + damping) + 1e-300
@@ -267,8 +100,10 @@ def _search(
             if not np.isfinite(trial[a].real) or np.abs(trial[a]) > LARGEST_GROWTH or trial[a].imag <= 0:
                 good = False
         if good:
-            z = _all_poles(trial, fixed)
-            new, amp, grad, hess = _project(y, weight, z, 2 * j, missing)
+            z = all_poles(trial, fixed)
+            new, amp, grad, hess = normal_equations_of(y, tail, each, weight, z, 2 * j, missing)
+            if np.isnan(new):
+                break
             if new <= total * (1.0 + 1e-14):
                 fall = total - new
                 poles, amplitudes, gradient, hessian = trial, amp, grad, hess
@@ -277,7 +112,7 @@ def _search(
                 damping *= 0.1
                 if damping < 1e-9:
                     damping = 0.0
-                if total <= 0.0 or (not heavy and (fall <= CONVERGED * total or expected <= SETTLED * total / (c * n))):
+                if total <= 0.0 or (not heavy and (fall <= CONVERGED * total or expected <= SETTLED * total / samples)):
                     return True, total, poles, amplitudes, hessian
                 continue
             if damping > 1e-2 and np.abs(expected) < ROUNDING * square:
@@ -286,6 +121,26 @@ def _search(
         if damping > 1e12:
             return True, total, poles, amplitudes, hessian  # no direction lowers the sum any more
     return False, total, poles, amplitudes, hessian
+
+
+@njit(cache=True)
+def _estimated(
+    y: Real, weight: Real, start: Complex, fixed: Complex, missing: NDArray[np.int64], iterations: int
+) -> tuple[bool, float, Complex, Complex, Real]:
+    """Search, and covariance (J, 2, 2) of the log poles in noise whose weighted variance is one."""
+    settled, total, poles, amplitudes, hessian = search(
+        y, no_tail(y.shape[0]), weight, start, fixed, missing, iterations
+    )
+    covariance = np.linalg.inv(hessian)
+    j = poles.shape[0]
+    blocks = np.empty((j, 2, 2))
+    for a in range(j):
+        power, pseudo = covariance[a, a].real, covariance[a, j + a]
+        blocks[a, 0, 0] = 0.5 * (power + pseudo.real)
+        blocks[a, 1, 1] = 0.5 * (power - pseudo.real)
+        blocks[a, 0, 1] = blocks[a, 1, 0] = 0.5 * pseudo.imag
+    settled = bool(settled and np.isfinite(total) and np.isfinite(blocks).all())
+    return settled, total, poles, amplitudes, blocks
 
 
 def fit_exponentials(
@@ -342,25 +197,18 @@ def fit_exponentials(
         raise FitFailure(f"{n} samples are too few for {j} modes")
     variance = np.ones(c) if noise_variance is None else np.asarray(noise_variance, np.float64)
     try:
-        converged, total, poles, amplitudes, hessian = _search(y, 1.0 / variance, start, known, missing, iterations)
-        covariance = np.linalg.inv(hessian)
+        converged, total, poles, amplitudes, blocks = _estimated(y, 1.0 / variance, start, known, missing, iterations)
     except np.linalg.LinAlgError as singular:
         raise FitFailure("two of the exponentials cannot be told apart") from singular
-    if not converged or not np.isfinite(total) or not np.isfinite(covariance).all():
+    if not converged:
         raise FitFailure("the search for the poles did not settle")
     scale = max(total, 0.0) / dof
-    power = (np.diagonal(covariance)[:j]).real * scale
-    pseudo = np.array([covariance[a, j + a] for a in range(j)]) * scale
-    blocks = np.empty((j, 2, 2))
-    blocks[:, 0, 0] = 0.5 * (power + pseudo.real)
-    blocks[:, 1, 1] = 0.5 * (power - pseudo.real)
-    blocks[:, 0, 1] = blocks[:, 1, 0] = 0.5 * pseudo.imag
     return ExponentialFit(
         poles=poles,
         amplitudes=amplitudes[:, :j].copy(),
         fixed_amplitudes=amplitudes[:, 2 * j :].real.copy(),
         noise_variance=variance * scale,
-        log_pole_covariance=blocks,
+        log_pole_covariance=blocks * scale,
         residual_sum=float(total),
         dof=dof,
     )
@@ -432,15 +280,47 @@ def predict(
     True
     """
     known = np.zeros(0, np.complex128) if fixed is None else fixed
-    z = _all_poles(fit.poles, known)
-    amplitude = np.concatenate([fit.amplitudes[0], fit.amplitudes[0].conj()])
-    moving = amplitude.size
-    m0, m1, m2 = _grams_without(z, n, missing)
-    slope = m1[:, :moving] * amplitude[None, :]
-    corner = amplitude.conj()[:, None] * m2[:moving, :moving] * amplitude[None, :]
-    gram = np.block([[m0, slope], [slope.conj().T, corner]])
-    scale = np.sqrt(np.maximum(np.diagonal(gram).real, 1e-300))
-    inverse = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale)
-    powers = z[None, :] ** k[:, None]
-    columns = np.concatenate([powers, k[:, None] * powers[:, :moving] * amplitude[None, :]], axis=1)
-    return exponentials(fit, k, known)[0], (columns @ inverse @ columns.conj().T).real
+    z = all_poles(fit.poles, known)
+    amplitude = np.concatenate([fit.amplitudes[0], fit.amplitudes[0].conj(), fit.fixed_amplitudes[0, : known.size]])
+    values, covariance = forecast(z, amplitude.astype(np.complex128), 2 * fit.poles.size, k, n, missing)
+    return values, covariance
+
+
+@njit(cache=True)
+def forecast(
+    z: Complex, amplitude: Complex, moving: int, k: NDArray[np.int64], n: int, missing: NDArray[np.int64]
+) -> tuple[Real, Real]:
+    """Values (m,) at samples ``k`` of exponentials fitted to ``n`` samples, and their covariance in unit noise."""
+    p = z.shape[0]
+    m0, m1, m2 = grams_without(z, n, missing)
+    size = p + moving
+    gram = np.empty((size, size), np.complex128)
+    columns = np.empty((k.shape[0], size), np.complex128)
+    for a in range(p):
+        for b in range(p):
+            gram[a, b] = m0[a, b]
+        for i in range(k.shape[0]):
+            columns[i, a] = z[a] ** k[i]
+    for b in range(moving):
+        for a in range(p):
+            gram[a, p + b] = m1[a, b] * amplitude[b]
+            gram[p + b, a] = np.conj(gram[a, p + b])
+        for a in range(moving):
+            gram[p + a, p + b] = np.conj(amplitude[a]) * m2[a, b] * amplitude[b]
+        for i in range(k.shape[0]):
+            columns[i, p + b] = k[i] * columns[i, b] * amplitude[b]
+    values = np.zeros(k.shape[0])
+    for i in range(k.shape[0]):
+        for a in range(p):
+            values[i] += (columns[i, a] * amplitude[a]).real
+    scale = np.empty(size)
+    for a in range(size):
+        scale[a] = np.sqrt(max(gram[a, a].real, 1e-300))
+    for a in range(size):
+        for b in range(size):
+            gram[a, b] /= scale[a] * scale[b]
+        gram[a, a] += RIDGE
+        for i in range(k.shape[0]):
+            columns[i, a] /= scale[a]
+    covariance = columns @ np.linalg.inv(gram) @ np.conj(columns).T
+    return values, covariance.real

@@ -19,14 +19,12 @@ from numpy.typing import NDArray
 from analysis.modal.era import HankelSvd, hankel_svd, realise
 from analysis.modal.exponentials import (
     CONVERGED,
-    LARGEST_CANCELLATION,
     LARGEST_GROWTH,
     FitFailure,
-    _all_poles,
-    _grams,
     fit_exponentials,
 )
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
+from analysis.modal.sums import all_poles, grams, normal_equations, squares
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
@@ -303,52 +301,28 @@ def _known_sum(moments: Real, place: int, z: complex, blocks: int) -> complex:
 
 @njit(cache=True)
 def _project(
-    moments: Real, square: float, reference: Complex, poles: Complex, known: Complex, blocks: int, n: int
+    moments: Real, square: Real, reference: Complex, poles: Complex, known: Complex, blocks: int, n: int
 ) -> tuple[float, Complex, Complex, Complex]:
-    """As `exponentials._project`, for one record (c, blocks, K), from its moments."""
+    """Normal equations of one record (c, blocks, K), from its moments."""
     c = moments.shape[0]
     j, f = reference.shape[0], known.shape[0]
-    p, moving = 2 * j + f, 2 * j
-    m0, m1, m2 = _grams(_all_poles(poles, known), n)
-    inverse = np.linalg.inv(m0)
-    left = np.ascontiguousarray(m1[:moving, :])
-    right = np.ascontiguousarray(m1[:, :moving])
-    schur = m2[:moving, :moving] - left @ inverse @ right
-    amplitudes = np.empty((c, p), np.complex128)
-    gradient = np.zeros(moving, np.complex128)
-    hessian = np.zeros((moving, moving), np.complex128)
-    s0 = np.empty(p, np.complex128)
-    s1 = np.empty(p, np.complex128)
-    total = square
-    explained, together = 0.0, 0.0
+    moving = 2 * j
+    s0 = np.empty((c, moving + f), np.complex128)
+    s1 = np.empty((c, moving), np.complex128)
     for ch in range(c):
         for a in range(j):
             delta = np.log(np.conj(poles[a] / reference[a]))
-            s0[a], s1[a] = _sums(moments[ch], 2 * TERMS * a, reference[a], delta, blocks)
-            s0[j + a], s1[j + a] = np.conj(s0[a]), np.conj(s1[a])
+            s0[ch, a], s1[ch, a] = _sums(moments[ch], 2 * TERMS * a, reference[a], delta, blocks)
+            s0[ch, j + a], s1[ch, j + a] = np.conj(s0[ch, a]), np.conj(s1[ch, a])
         for a in range(f):
-            s0[moving + a] = _known_sum(moments[ch], 2 * (TERMS * j + a), known[a], blocks)
-        amp = inverse @ s0
-        amplitudes[ch] = amp
-        for a in range(p):
-            explained += 2.0 * (np.conj(amp[a]) * s0[a]).real
-            together += np.abs(amp[a]) ** 2 * m0[a, a].real
-            for b in range(p):
-                explained -= (np.conj(amp[a]) * m0[a, b] * amp[b]).real
-        slope = m1 @ amp
-        for a in range(moving):
-            gradient[a] += np.conj(amp[a]) * (s1[a] - slope[a])
-            for b in range(moving):
-                hessian[a, b] += np.conj(amp[a]) * schur[a, b] * amp[b]
-    total -= explained
-    if not together < LARGEST_CANCELLATION * square:
-        total = np.inf  # columns nearly cancel: rounding would decide
-    return max(total, 0.0), amplitudes, gradient, hessian
+            s0[ch, moving + a] = _known_sum(moments[ch], 2 * (TERMS * j + a), known[a], blocks)
+    m0, m1, m2 = grams(all_poles(poles, known), n)
+    return normal_equations(m0, m1, m2, s0, s1, square, np.ones(c), moving)
 
 
 @njit(cache=True)
 def _search(
-    moments: Real, square: float, reference: Complex, start: Complex, known: Complex, blocks: int, n: int
+    moments: Real, square: Real, reference: Complex, start: Complex, known: Complex, blocks: int, n: int
 ) -> tuple[bool, float, Complex, Complex, Complex]:
     """Levenberg-damped Gauss-Newton on the moments of one record; gives up where the series does not reach."""
     j = start.shape[0]
@@ -376,7 +350,7 @@ def _search(
         if within:
             new, amp, grad, hess = _project(moments, square, reference, trial, known, blocks, n)
             # what rounding can do to a sum of squares of this size is not a rise
-            if new <= total + 1e-13 * square:
+            if new <= total + 1e-13 * square.sum():
                 fall = total - new
                 # the search ends with a step of a hundredth of a standard error
                 expected = 0.0
@@ -395,16 +369,6 @@ def _search(
             return not fenced, total, poles, amplitudes, hessian
         damping = 1e-3 if damping == 0.0 else 10.0 * damping
     return False, total, poles, amplitudes, hessian
-
-
-@njit(cache=True)
-def _square(y: Real, n: int) -> float:
-    total = 0.0
-    for ch in range(y.shape[0]):
-        row = y[ch]
-        for k in range(min(n, row.shape[0])):
-            total += row[k] * row[k]
-    return total
 
 
 @njit(cache=True)
@@ -431,11 +395,11 @@ def _fit_all(
             for stretch in STRETCHES:
                 if stretch < blocks:
                     length = stretch * BLOCK
-                    square = _square(y[i], length)
+                    square = squares(y[i][:, :length])
                     ok, _, found, _, _ = _search(moments[i], square, reference, begin, known, stretch, length)
                     if ok:
                         begin = found
-        square = _square(y[i], n)
+        square = squares(y[i][:, :n])
         ok, total, found, amp, hessian = _search(moments[i], square, reference, begin, known, blocks, n)
         poles[i], residual[i], good[i] = found, total, ok
         for ch in range(amp.shape[0]):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.modal.exponentials import ExponentialFit, FitFailure, fit_exponentials
+from analysis.modal.exponentials import FitFailure, fit_exponentials
 from analysis.modal.model_order import MOST, Model, Record, fitted, modes_of, without_modes
 from analysis.modal.pulse_end import innovations, samples_before
 
@@ -142,17 +142,12 @@ def _reach(y: Real, onset: int, safe: int, model: Model, clipped: NDArray[np.int
     one = direction @ scaled
     known = np.ones(1, np.complex128)
 
-    def fit_from(series: Real, start: int, poles: Complex) -> ExponentialFit | None:
-        missing = clipped[clipped >= start] - start
-        try:
-            return fit_exponentials(series[start:][None], poles, known, missing=missing)
-        except (FitFailure, np.linalg.LinAlgError):
-            return None
-
-    fit = fit_from(one, safe, model.poles)
-    if fit is None:
+    later = clipped[clipped >= safe]
+    try:
+        fit = fit_exponentials(one[safe:][None], model.poles, known, missing=later - safe)
+    except (FitFailure, np.linalg.LinAlgError):
         return 0
     before = clipped[(clipped < safe) & (clipped >= onset)]
     trigger = int(before.max()) if before.size else onset
-    scores = innovations(one, trigger, safe, fit, known, 1.0, fit_from)
+    scores = innovations(one, trigger, safe, fit, known, 1.0, later)
     return samples_before([scores], safe - trigger)[0]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.modal.era import hankel_svd, realise
-from analysis.modal.exponentials import ExponentialFit, FitFailure, exponentials, fit_exponentials
+from analysis.modal.exponentials import ExponentialFit, FitFailure, fit_exponentials, subtracted
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
@@ -72,7 +72,8 @@ def _candidate(decays: Sequence[Decay], known: Complex) -> complex | None:
     for d in decays:
         if not d.fit.noise_variance[0] > NOISELESS * float(np.mean(d.y[d.start :] ** 2)):
             return None  # nothing but rounding is left
-        left = d.y[d.start : d.start + length] - exponentials(d.fit, np.arange(length), known)[0]
+        stretch = d.y[None, d.start : d.start + length]
+        left = subtracted(stretch, d.fit.amplitudes, d.fit.poles, d.fit.fixed_amplitudes, known)[0]
         rest.append(left / np.sqrt(d.fit.noise_variance[0]))
     decomposed = hankel_svd(np.array(rest)[:, None, :], LAGS)
     edge = np.sqrt(len(rest) * decomposed.columns) + np.sqrt(LAGS)

@@ -38,17 +38,18 @@ class ModeEstimate:
     @property
     def frequency_hz(self) -> Estimate:
         """abs(s) / 2 pi with its standard error, Hz."""
-        gradient = np.array([self.pole.real, self.pole.imag]) / (abs(self.pole) * 2 * np.pi)
-        return Estimate(abs(self.pole) / (2 * np.pi), self._error(gradient))
+        turn = abs(self.pole) * 2 * math.pi
+        return Estimate(abs(self.pole) / (2 * math.pi), self._error(self.pole.real / turn, self.pole.imag / turn))
 
     @property
     def damping_ratio(self) -> Estimate:
         """-Re s / abs(s) with its standard error."""
         size, a, b = abs(self.pole), self.pole.real, self.pole.imag
-        return Estimate(-a / size, self._error(np.array([-b * b, a * b]) / size**3))
+        return Estimate(-a / size, self._error(-b * b / size**3, a * b / size**3))
 
-    def _error(self, gradient: Real) -> float:
-        return math.sqrt(max(float(gradient @ self.pole_covariance @ gradient), 0.0))
+    def _error(self, by_real: float, by_imag: float) -> float:
+        (real, both), (_, imag) = self.pole_covariance.tolist()
+        return math.sqrt(max(by_real**2 * real + 2 * by_real * by_imag * both + by_imag**2 * imag, 0.0))
 
 
 def mode_from_sampled_pole(

@@ -11,17 +11,18 @@ like decay.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from scipy import linalg, stats
+from scipy import special
 
-from analysis.modal.exponentials import ExponentialFit, predict
+from analysis.modal.exponentials import MAX_ITERATIONS, NONE_MISSING, ExponentialFit, forecast, search
+from analysis.modal.sums import all_poles, no_tail, tail_of
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
-Refit = Callable[[Real, int, Complex], ExponentialFit | None]
 
 LONE_BREAK = 5.0  # innovation of one record that no noise makes
 COMMON_BREAK = 1e-6  # chance of the innovations of all records at one sample, below which the pulse is seen there
@@ -29,11 +30,18 @@ SUSPECT = 0.07  # chance of an innovation, beyond which it is rather the tail of
 SHORTEST_TAIL = 4  # samples next to where the pulse is seen that may be its tail, however early it is seen
 GUARD = 1  # samples more: the tail may hide in the noise of all records, too
 APART = 3  # samples by which a record may break later than most and still be one of them
+STEPS = 12  # of a fit to a few samples and a tail
 ROUNDING = 1e-16  # of a record's power: less noise than that is taken for this much
 
 
 def innovations(
-    y: Real, trigger: int, safe: int, fit: ExponentialFit, known: Complex, noise_variance: float, refit: Refit
+    y: Real,
+    trigger: int,
+    safe: int,
+    fit: ExponentialFit,
+    known: Complex,
+    noise_variance: float,
+    missing: NDArray[np.int64] = NONE_MISSING,
 ) -> Real:
     """Return how far each sample before ``safe`` is from the prediction by all later ones, in standard deviations.
 
@@ -49,35 +57,66 @@ def innovations(
         Its known poles.
     noise_variance
         Of the whitened record; the residual's is taken where that is larger, or this one unknown.
-    refit
-        Fits a record from a sample on, from given poles.
+    missing
+        Samples of ``y`` from ``safe`` on that are left out.
 
     Returns
     -------
     (t,) innovations of the samples ``safe - 1``, ``safe - 2``, ...; ends with the first that is not noise.
     """
-    start = safe
-    variance = max(float(fit.noise_variance[0]), ROUNDING * float(np.mean(y[start:] ** 2)))
+    variance = max(float(fit.noise_variance[0]), ROUNDING * float(np.mean(y[safe:] ** 2)))
     if noise_variance > 0:
         variance = max(variance, noise_variance)
-    found: list[float] = []
-    while start > trigger + 2:
+    left_out = missing[missing >= safe]
+    record = np.ascontiguousarray(y, dtype=np.float64)
+    if left_out.size:
+        record = record.copy()
+        record[left_out] = 0.0
+    try:
+        return _innovations(record, trigger, safe, fit.poles, known, variance, left_out)
+    except np.linalg.LinAlgError:
+        return np.zeros(0)  # nothing can be told of what was before
+
+
+@njit(cache=True)
+def _innovations(
+    y: Real, trigger: int, safe: int, poles: Complex, known: Complex, variance: float, missing: NDArray[np.int64]
+) -> Real:
+    """As `innovations`; the record is fitted anew with every block of samples that is taken in.
+
+    What follows ``safe`` counts as power series about the poles found there: most fits look at no more samples than the
+    few before.
+    """
+    found = np.empty(safe)
+    count, start, anchor = 0, safe, safe
+    moving, one = 2 * poles.shape[0], np.ones(1)
+    tail = tail_of(y[None, anchor:], poles, known, variance)
+    settled, _, poles, amplitude, _ = search(y[None, anchor:anchor], tail, one, poles, known, missing - anchor, STEPS)
+    while settled and start > trigger + 2:
         block = min(max(2, (start - trigger) // 6), start - trigger - 1)
         k = -np.arange(1, block + 1)
-        predicted, covariance = predict(fit, k, y.size - start, known)
+        z = all_poles(poles, known)
+        predicted, covariance = forecast(z, amplitude[0], moving, k, y.size - start, missing - start)
         # the rows of the Cholesky factor condition each sample on those after it
-        root = linalg.cholesky(variance * (np.eye(block) + covariance), lower=True)
-        score = linalg.solve_triangular(root, y[start + k] - predicted, lower=True)
-        broken = np.flatnonzero(~(np.abs(score) <= LONE_BREAK))
-        if broken.size:
-            found += score[: broken[0] + 1].tolist()
-            break
-        found += score.tolist()
-        earlier = refit(y, start - block, fit.poles)
-        if earlier is None:
-            break
-        fit, start = earlier, start - block
-    return np.array(found)
+        root = np.linalg.cholesky(variance * (np.eye(block) + covariance))
+        for i in range(block):
+            score = y[start - 1 - i] - predicted[i]
+            for b in range(i):
+                score -= root[i, b] * found[count - i + b]
+            found[count] = score / root[i, i]
+            count += 1
+            if not np.abs(found[count - 1]) <= LONE_BREAK:
+                return found[:count]
+        start -= block
+        settled, _, new, amplitude, _ = search(y[None, start:anchor], tail, one, poles, known, missing - start, STEPS)
+        if not settled:  # beyond the reach of the series, perhaps
+            settled, _, new, amplitude, _ = search(
+                y[None, start:], no_tail(1), one, poles, known, missing - start, MAX_ITERATIONS
+            )
+            anchor = start
+            tail = tail_of(y[None, anchor:], new, known, variance)
+        poles = new
+    return found[:count]
 
 
 def samples_before(scores: Sequence[Real], ahead: int) -> list[int]:
@@ -107,7 +146,7 @@ def _usable(scores: Sequence[Real], ahead: int) -> int:
     m = len(scores)
     # the pulses push the same way: a sum sees what they share, a sum of squares what they do not
     shared, each = z.sum(axis=0) ** 2 / m, (z**2).sum(axis=0)
-    chance = 2 * np.minimum(stats.chi2.sf(shared, 1), stats.chi2.sf(each, m))
+    chance = 2 * np.minimum(special.chdtrc(1, shared), special.chdtrc(m, each))
     broken = np.flatnonzero(~(chance > COMMON_BREAK))
     end = int(broken[0]) if broken.size else length
     # what is not seen of a pulse is no longer than what is
@@ -115,7 +154,7 @@ def _usable(scores: Sequence[Real], ahead: int) -> int:
     # a fit that takes in the first traces of the pulse predicts more of it: the chi-squared of all samples up to where
     # it is seen counts, not that of the last one
     usable = min(
-        first + int(np.argmin(np.append(0.0, np.cumsum(square[first:end] - stats.chi2.isf(SUSPECT, dof)))))
+        first + int(np.argmin(np.append(0.0, np.cumsum(square[first:end] - special.chdtri(dof, SUSPECT)))))
         for square, dof in ((shared, 1), (each, m))
     )
     return max(0, usable - GUARD)

@@ -9,13 +9,12 @@ from hypothesis import strategies as st
 
 from analysis.modal.exponentials import (
     FitFailure,
-    _data_sums,
-    _power_sums,
     exponentials,
     fit_exponentials,
     predict,
 )
 from analysis.modal.modes import mode_from_sampled_pole, sampled_pole
+from analysis.modal.sums import all_poles, data_sums, power_sums, record_sums, tail_of
 
 RATE = 25000.0
 PUBLISHED = [(356, 2234, 0.0016), (356, 1925, 0.005), (356, 1410, 0.028), (281, 955, 0.03), (281, 598, 0.17)]
@@ -29,22 +28,22 @@ def ring_down(f1, f2, zeta2, samples=4000, zeta1=0.002, amplitude=(0.5, 0.5)):
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(1, 3000), st.floats(0.0, 1.0), st.floats(-3.14, 3.14))
-def test_power_sums_are_those_of_the_powers(n, radius, angle):
+def testpower_sums_are_those_of_the_powers(n, radius, angle):
     w = complex(radius * np.exp(1j * angle))
     k = np.arange(n, dtype=float)
     powers = np.array([w**i for i in range(n)]) if n < 50 else w**k
     direct = [powers.sum(), (k * powers).sum(), (k * k * powers).sum()]
     scale = [1.0 + np.abs(powers).sum(), 1.0 + (k * np.abs(powers)).sum(), 1.0 + (k * k * np.abs(powers)).sum()]
-    for found, expected, size in zip(_power_sums(w, n), direct, scale, strict=True):
+    for found, expected, size in zip(power_sums(w, n), direct, scale, strict=True):
         assert abs(found - expected) < 1e-9 * size
 
 
 @pytest.mark.parametrize("n", [1, 3, 4, 5, 997])
-def test_data_sums_are_those_of_the_data(n):
+def testdata_sums_are_those_of_the_data(n):
     y = np.random.default_rng(n).normal(size=n)
     z = 0.995 * np.exp(0.4j)
     k = np.arange(n)
-    s0, s1 = _data_sums(y, z)
+    s0, s1 = data_sums(y, z)
     assert s0 == pytest.approx((y * z**k).sum(), abs=1e-10)
     assert s1 == pytest.approx((k * y * z**k).sum(), abs=1e-8)
 
@@ -110,3 +109,21 @@ def test_foretold_samples_scatter_as_their_covariance_says():
 def test_too_short_a_record_says_so():
     with pytest.raises(FitFailure, match="too few"):
         fit_exponentials(np.ones(10), np.array([0.9 + 0.1j, 0.8 + 0.3j]))
+
+
+def test_a_tail_stands_for_the_samples_that_it_was_made_of():
+    rng = np.random.default_rng(4)
+    z, y = ring_down(281, 733, 0.09)
+    known, moved = np.array([np.exp(-0.0025) + 0j]), z * np.exp([2e-7j, 3e-4 - 2e-4j])
+    record = (y + 0.02 * rng.normal(size=y.size))[None]
+    every = all_poles(moved, known)
+    k = np.arange(y.size)
+    tail = tail_of(record[:, 30:], z, known, 4e-4)
+    reached, s0, s1 = record_sums(record[:, :30], tail, every, 4)
+    assert reached
+    direct = np.array([(record[0] * w.conj() ** k).sum() for w in every])
+    slopes = np.array([(k * record[0] * w.conj() ** k).sum() for w in every[:4]])
+    deviation = 0.02 * np.sqrt(np.array([(np.abs(w) ** (2 * k)).sum() for w in every]))
+    assert np.abs(s0[0] - direct).max() < 1e-3 * deviation.min()
+    assert np.abs(s1[0] - slopes).max() < 1e-3 * 0.02 * np.sqrt((k**2 * np.abs(every[1]) ** (2 * k)).sum())
+    assert not record_sums(record[:, :30], tail, all_poles(z * np.exp([0.0, 0.1]), known), 4)[0]

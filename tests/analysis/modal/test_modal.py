@@ -57,22 +57,36 @@ def test_era_is_exact_on_clean_data(f1, f2, zeta2):
     assert realised.emac == pytest.approx([1.0, 1.0], abs=1e-5)
 
 
+@pytest.mark.parametrize("decibel", [20, 40])
 @pytest.mark.parametrize(("f1", "f2", "zeta2"), PUBLISHED)
-def test_era_covers_at_40_decibels(f1, f2, zeta2):
+def test_era_covers(f1, f2, zeta2, decibel):
     rng = np.random.default_rng(2)
     z = pair(f1, f2, zeta2)
     y = ringing(z, 4000)
-    sigma = 0.01 * np.abs(y).max()
+    sigma = 10 ** (-decibel / 20) * np.abs(y).max()
     scores, frequencies = [], []
     for _ in range(40):
-        realised = realise(hankel_svd(y + sigma * rng.normal(size=y.size)), 4, sigma**2)
+        realised = realise(hankel_svd(y + sigma * rng.normal(size=y.size), 100), 4, sigma**2)
         assert realised.poles.size == 2
         error = np.log(realised.poles) - np.log(z)
         spread = realised.log_pole_covariance
         scores += [error.real / np.sqrt(spread[:, 0, 0]), error.imag / np.sqrt(spread[:, 1, 1])]
         frequencies.append(frequency_and_damping(realised.poles)[0][1])
-    assert 0.85 < np.std(scores) < 1.15
-    assert np.mean(frequencies) == pytest.approx(f2, rel=2e-3)
+    # without the noise taken off, decay is read 3 to 5 standard errors too fast at 20 dB
+    assert np.abs(np.mean(scores)) < 0.35
+    assert 0.8 < np.std(scores) < 1.25
+    assert np.mean(frequencies) == pytest.approx(f2, rel=5e-3)
+
+
+def test_lags_may_be_samples_apart():
+    z = pair(281, 733, 0.08)
+    realised = realise(hankel_svd(ringing(z, 3000), 20, spacing=4), 4)
+    assert np.log(realised.poles) == pytest.approx(np.log(z), abs=1e-8)
+    y = np.random.default_rng(0).normal(size=(2, 60))
+    decomposed = hankel_svd(y, lags=5, spacing=3)
+    h0, h1 = (np.stack([y[a, 3 * i + b : 3 * i + b + 45] for i in range(5) for a in range(2)]) for b in (0, 3))
+    assert decomposed.shifted == pytest.approx(h1 @ h0.T, abs=1e-10)
+    assert decomposed.singular_values == pytest.approx(np.linalg.svd(h0, compute_uv=False), rel=1e-6)
 
 
 def test_era_of_several_channels_finds_shapes():
@@ -178,7 +192,7 @@ def test_innovations_of_a_free_decay_are_unit_white_noise():
         def refit(y, start, poles):
             return fit_exponentials(y[start:], poles)
 
-        scores.append(innovations(y, 0, 30, fit_exponentials(y[30:], z), nothing, 1e-4, refit))
+        scores.append(innovations(y, 0, 30, fit_exponentials(y[30:], z), nothing, 1e-4))
     scores = np.array(scores)
     assert scores.shape == (150, 29)  # the sample of the trigger itself is left
     assert scores.std(axis=0) == pytest.approx(np.ones(29), abs=0.3)

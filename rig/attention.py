@@ -12,7 +12,8 @@ SLOW_WIRE_S = 0.005  # round trip to the stage from which a step lasts longer th
 LOOK_S = 0.03  # which that takes, the wire apart
 LONGEST_LOOK_S = 0.3  # with which load and recorder can be attended to in turn: its memory holds 0.4 s
 
-Hold = Callable[[], None]
+Hold = Callable[[], bool]
+"""Attends while the operator pauses; returns whether there may be a load, which is watched then."""
 
 
 class Attention:
@@ -87,8 +88,9 @@ class Attention:
         if not self.leaving:
             self._heed(None)
 
-    def hold(self) -> None:
+    def hold(self) -> bool:
         """Watch on while the operator pauses; on a rig whose time is virtual it has to be let pass."""
         self._beat()
         self.watch.look()
         self._rig.clock.sleep(HEED_S)
+        return self.watch.needed

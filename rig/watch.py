@@ -59,6 +59,11 @@ class LoadWatch:
         """Whether a look is being made, during which no other is."""
         return self._looking
 
+    @property
+    def needed(self) -> bool:
+        """Whether the surfaces may touch: where they do not, there is no load to watch."""
+        return self._interlock.contact is not None
+
     def restart(self) -> None:
         """Count the periods from now on: with each entry of the journal, so that a resumed session looks alike."""
         self._gauge_seen_at = self._stage_seen_at = self._clock.now()
@@ -75,7 +80,7 @@ class LoadWatch:
         RigError
             The stage does not answer.
         """
-        if self._looking or self._interlock.contact is None:
+        if self._looking or not self.needed:
             return
         self._looking = True  # a part that waits while it is looked at calls this again
         try:

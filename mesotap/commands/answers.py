@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn
 from rich.table import Table
@@ -14,17 +16,25 @@ from mesotap.configuration.config import Config
 from mesotap.operator.terminal import escape
 
 
-def analysed(session: Session, config: Config, console: Console) -> SessionResults:
+def analysed(
+    session: Session, config: Config, console: Console, on_progress: Callable[[str], None] = lambda text: None
+) -> SessionResults:
     """Analyse a session under a progress line."""
     with Progress(SpinnerColumn(), TextColumn("{task.description}"), console=console, transient=True) as shown:
         task = shown.add_task("finding the modes of every impact")
+
+        def show(done: int, total: int) -> None:
+            text = f"analysed {done} of {total} loads"
+            shown.update(task, description=text)
+            on_progress(text)
+
         return analyse_session(
             session,
             config.analysis,
             config.calibration,
             config.rig.masses,
             config.rig.springs,
-            lambda done, total: shown.update(task, description=f"analysed {done} of {total} loads"),
+            show,
             wiring=config.rig.wiring,
         )
 

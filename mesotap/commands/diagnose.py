@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -170,13 +170,16 @@ def own_folders(config: Path | None) -> tuple[str, ...]:
     return load_config(config).analysis.mechanisms
 
 
-def diagnosed(read: Read, known: Known, console: Console) -> Diagnosis:
+def diagnosed(
+    read: Read, known: Known, console: Console, told: Callable[[str], None] = lambda stage: None
+) -> Diagnosis:
     """Diagnose what was read under a progress line."""
     listed = variants(known)
     with console.status("reading") as status:
 
         def on_progress(stage: str) -> None:
             status.update(f"{stage} ...")
+            told(stage)
 
         if not read.sessions:
             return diagnose_recordings(read.recordings, read.rig, listed, on_progress, read.files, read.sweeps)
@@ -218,13 +221,18 @@ def _analysed(session: Session) -> SessionResults | None:
 
 
 def diagnose_finished(
-    folder: Path, session: Session, results: SessionResults, console: Console, folders: Sequence[str] = ()
+    folder: Path,
+    session: Session,
+    results: SessionResults,
+    console: Console,
+    folders: Sequence[str] = (),
+    told: Callable[[str], None] = lambda stage: None,
 ) -> Path:
-    """Diagnose a session at its end; write ``diagnosis.html`` and ``diagnosis.json`` into its folder."""
+    """Diagnose a session at its end, and tell each stage; write ``diagnosis.html`` and ``diagnosis.json``."""
     known = known_mechanisms(folders=folders)
     began = time.monotonic()
     read = Read(tester_rig(), recording_files([Path(session.source)]), (session,))
-    found = diagnosed(read, known, console)
+    found = diagnosed(read, known, console, told)
     content = diagnosis_json(found.answer, time.monotonic() - began)
     print_answer(found.answer, console)
     page = report_of(folder, read, (found, content), known, console, results)

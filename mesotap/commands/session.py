@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import functools
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -26,7 +27,7 @@ from mesotap.commands.recordings import SESSION_FILE
 from mesotap.commands.wire_options import NO_WIRE, WireOptions
 from mesotap.configuration.config import Config, ConfigError, effective_text, load_config
 from mesotap.operator.outlet import unhurried
-from mesotap.operator.people import People, at_terminal
+from mesotap.operator.people import Filing, People, at_terminal
 from mesotap.operator.terminal import escape
 from mesotap.session.bench import build_rig, truth_now
 from mesotap.session.emulated_devices import SeparateRig, refuse_foreign_devices
@@ -129,9 +130,9 @@ def go_on(
             console.print(f"{escape(path)}: this session is finished; its report is written again", highlight=False)
             session = read_session(path / SESSION_FILE)
             session = replace(session, source=SESSION_FILE)
-            results = _report(session, config, path, progress.truths, console)
+            results = _report(session, config, path, progress.truths, people)
             write_json(json_path, results_json(results))
-            _diagnose(session, results, config, path, console)
+            _diagnose(session, results, config, path, people)
             return
         if header.devices:
             refuse_foreign_devices(Path(header.devices), folder.path / HEADER)
@@ -171,6 +172,7 @@ def _carry_out(
             runner.run()
         finally:
             _note_hardware(folder, runner, hardware)
+    people.filing(Filing.FILE, "")
     file = folder.path / SESSION_FILE
     session = assemble(header, config, runner.progress, with_hand_verdicts(folder.impacts(), folder.events()))
     write_session(file, session)
@@ -178,10 +180,10 @@ def _carry_out(
     if isinstance(rig, SeparateRig):
         rig.end_devices()  # not earlier: who is killed before the session is filed resumes with them
     session = replace(session, source=SESSION_FILE)
-    results = _report(session, config, folder.path, runner.progress.truths, console)
+    results = _report(session, config, folder.path, runner.progress.truths, people)
     console.print(f"session file {escape(file)}", highlight=False, soft_wrap=True)
     write_json(json_path, results_json(results))
-    _diagnose(session, results, config, folder.path, console)
+    _diagnose(session, results, config, folder.path, people)
 
 
 def _note_hardware(folder: SessionFolder, runner: SessionRunner, hardware: HardwareLog) -> None:
@@ -193,12 +195,15 @@ def _note_hardware(folder: SessionFolder, runner: SessionRunner, hardware: Hardw
 
 
 def _report(
-    session: Session, config: Config, folder: Path, truths: Sequence[dict[str, Any]], console: Console
+    session: Session, config: Config, folder: Path, truths: Sequence[dict[str, Any]], people: People
 ) -> SessionResults:
     from analysis.contact.theory import theory
     from mesotap.report.report import write_report
 
-    results = analysed(session, config, console)
+    console = people.console
+    people.filing(Filing.REPORT, "")
+    results = analysed(session, config, console, lambda text: people.filing(Filing.REPORT, text))
+    people.filing(Filing.REPORT, "drawing")
     page = write_report(
         folder,
         session,
@@ -212,14 +217,17 @@ def _report(
     return results
 
 
-def _diagnose(session: Session, results: SessionResults, config: Config, folder: Path, console: Console) -> None:
+def _diagnose(session: Session, results: SessionResults, config: Config, folder: Path, people: People) -> None:
     """Diagnose a finished session where its configuration says so; whatever fails, the session stays what it is."""
     if not config.mesotap.diagnose:
         return
     from mesotap.commands.diagnose import diagnose_finished
 
+    console, folders = people.console, config.analysis.mechanisms
+    people.filing(Filing.DIAGNOSIS, "")
     try:
-        diagnose_finished(folder, session, results, console, config.analysis.mechanisms)
+        told = functools.partial(people.filing, Filing.DIAGNOSIS)
+        diagnose_finished(folder, session, results, console, folders, told)
     except Exception as error:
         reason = str(error) if isinstance(error, MesotapError) else f"{type(error).__name__}: {error}"
         console.print(

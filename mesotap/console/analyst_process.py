@@ -1,8 +1,8 @@
 """The process that works out what each tap came to, so that neither the session nor the pages wait for it.
 
 ``python -m mesotap.console.analyst_process DESCRIPTOR``. It is told what the session tells (``begun``,
-``points``, ``tap``, ``judged``), and answers with ``modes`` of each tap, ``results`` of each load and, when it
-is asked, a ``snapshot``: the session so far as a session file. It ends with the connection.
+``points``, ``tap``, ``judged``), and answers with ``modes`` of each tap, ``results`` of each load, whether the gauge
+drifted, and when it is asked, a ``snapshot``: the session so far as a session file. It ends with the connection.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from analysis.results import ImpactResult, LoadResult, SessionResults
 from analysis.session import AnalysisError, analyse_session
 from analysis.statistics import BoxStatistics
 from calibration.estimate import Estimate
-from calibration.line import CalibrationError
+from calibration.line import CalibrationError, compare
 from daq.errors import RecordingError
 from daq.records import CalibrationPoints, Impact, Session
 from daq.session_file import write_session
@@ -67,6 +67,18 @@ class Analyst:
     def calibrated(self, when: str, points: list[list[float]]) -> None:
         """Take in readings of the gauge under weights."""
         self._points[when] += points
+
+    def compared(self) -> Message | None:
+        """Return whether the calibrations before and after the test differ; None while there are not both."""
+        before, after = (np.array(self._points[when], dtype=np.float64) for when in ("before", "after"))
+        if not len(before) or len(after) < len(before):
+            return None
+        pre, post = (CalibrationPoints(points[:, 0], points[:, 1], "") for points in (before, after))
+        try:
+            verdict = compare(pre, post, self._config.calibration.drift_test_level)
+        except NOT_ANALYSED:
+            return None  # the session itself says what is wrong with it
+        return {"kind": "compared", "drifted": bool(verdict.drifted), "statement": verdict.statement}
 
     def tap(self, message: Message, numbers: bytes) -> int:
         """Take in a tap; returns its load set."""
@@ -256,6 +268,8 @@ def answers(analyst: Analyst, message: Message, numbers: bytes) -> Iterator[Mess
         yield analyst.begin(message)
     elif what == "points":
         analyst.calibrated(message["when"], message["points"])
+        if (compared := analyst.compared()) is not None:
+            yield compared
     elif what == "tap":
         load_set = analyst.tap(message, numbers)
         if not message.get("old"):

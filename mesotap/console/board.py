@@ -31,7 +31,7 @@ WHAT_TO_DO = {
     "TAP": "Tap the upper mass once, lightly.",
     "RETRACT": "Keep off the rig: the surfaces are being taken apart.",
     "POST_CALIBRATION": "Hang each weight when it is asked for.",
-    "FILE": "Nothing to do: the session file and the report are being written.",
+    "FILE": "Nothing to do, the surfaces are apart: the session file is being written.",
     "DONE": "The session is complete: look at the report.",
 }
 BY_ITSELF = {
@@ -40,6 +40,15 @@ BY_ITSELF = {
     "POST_CALIBRATION": "Nothing to do: the simulated rig hangs its weights itself.",
 }
 VIEW_IDLE = "Take the surfaces apart, then begin: what the gauge reads then counts as no load."
+FILING = {
+    "FILE": WHAT_TO_DO["FILE"],
+    "REPORT": "Nothing to do, the surfaces are apart: the session is filed, and its report is being worked out.",
+    "DIAGNOSIS": "The report is there, under Loads. The diagnosis takes some minutes; STOP leaves it out.",
+}
+AFTERWARDS = {
+    "stopped": "The session ended; 'Resume' goes on with it.",
+    "failed": "Look at the rig and mend what the alarm says; then 'Resume' goes on with the session.",
+}
 IDLE = "No session runs. Start one, or go on with one that was not finished."
 
 Show = Callable[[str, bytes], None]
@@ -78,12 +87,13 @@ class Board:
         self.folder = None
         self.state = {
             "running": False, "state": "", "words": "no session", "text": "", "next": IDLE, "ask": None,
-            "paused": False, "said": [], "ended": None, "plan_mn": [], "load_set": 0, "wanted": 0, "accepted": 0,
+            "paused": False, "watched": False, "said": [], "ended": None, "plan_mn": [], "load_set": 0, "wanted": 0,
+            "accepted": 0,
             "limit_mn": None, "force_limit": None, "locked_mn": None, "simulated": False, "session": None, "name": "",
             "reported": False, "diagnosed": False, "viewing": False, "viewed": False, "alarm": "",
         }  # fmt: skip
         self.load = {"mn": None, "at": None}
-        self.calibration = {"before": [], "after": []}
+        self.calibration = {"before": [], "after": [], "compared": None}
         self.taps, self.loads, self.records = {}, {"loads": [], "theory": [], "why": ""}, {}
         self._kept.clear()
 
@@ -220,6 +230,10 @@ class Board:
         self.loads = {**self.loads, "theory": message["curves"]}
         self.show("loads")
 
+    def _hear_compared(self, message: Message, numbers: bytes) -> None:
+        self.calibration["compared"] = {"drifted": message["drifted"], "statement": message["statement"]}
+        self.show("calibration")
+
     def _hear_unanalysed(self, message: Message, numbers: bytes) -> None:
         self.loads = {**self.loads, "why": message["why"]}
         self.show("loads")
@@ -253,7 +267,12 @@ class Board:
         self.show("state")
 
     def _hear_paused(self, message: Message, numbers: bytes) -> None:
-        self.state["paused"] = message["on"]
+        self.state.update(paused=message["on"], watched=message.get("watched", False))
+        self.show("state")
+
+    def _hear_filing(self, message: Message, numbers: bytes) -> None:
+        self.state.update(state="FILE", words=message["words"], text=message["text"], next=FILING[message["step"]])
+        self._see_documents()
         self.show("state")
 
     def _hear_ended(self, message: Message, numbers: bytes) -> None:
@@ -264,7 +283,7 @@ class Board:
         elif message["how"] == "filed":
             self.state.update(state="DONE", words="done", text="", next=WHAT_TO_DO["DONE"])
         else:
-            self.state.update(next="The session ended; 'Resume' goes on with it.", words="ended")
+            self.state.update(next=AFTERWARDS[message["how"]], words="ended")
         self.show("state")
 
     def _see_documents(self) -> None:

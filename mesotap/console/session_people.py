@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -16,7 +18,7 @@ from daq.records import Impact
 from mesotap.configuration.config import Config
 from mesotap.console.frames import Message
 from mesotap.operator.console import ABORT_KEY, PAUSE_KEY, Keyboard, KeyControl
-from mesotap.operator.people import People
+from mesotap.operator.people import Filing, People
 from mesotap.operator.terminal import SafeConsole
 from mesotap.session.entries import progress_in
 from mesotap.session.hand_verdicts import HandVerdict, verdicts_in
@@ -24,6 +26,7 @@ from mesotap.session.runner import Observer
 from mesotap.session.states import State
 from mesotap.session.watching import GaugeWatch
 from rig import Operator, RigError
+from rig.attention import Hold
 
 LOAD_PERIOD_S = 0.04
 """Between two loads that are told: 25 a second are as many as an eye follows."""
@@ -77,8 +80,8 @@ class PageControl(KeyControl):
         if not self._ended:
             self._ended = by
 
-    def _pause(self, hold: Callable[[], None]) -> None:
-        self._tell({"kind": "paused", "on": True})
+    def _pause(self, hold: Hold) -> None:
+        self._tell({"kind": "paused", "on": True, "watched": hold()})
         try:
             super()._pause(hold)
         finally:
@@ -234,14 +237,16 @@ class PagePeople:
         self.control = PageControl(console, self.keys, tell)
         self.operator = PageOperator(tell)
         self._verdicts: list[HandVerdict] = []
-        self.people = People(self.operator, self.control, self._watching, console, PageGauge(tell), self._take_verdicts)
+        self.diagnosing = False
+        self.people = People(
+            self.operator, self.control, self._watching, console, PageGauge(tell), self._take_verdicts, self._filing
+        )
 
     def heard(self, message: Message) -> None:
         """Hear one message of the console; called by the thread that reads."""
         what = message.get("do")
         if what == "stop":
-            self.control.end("STOP in the console")
-            self.keys.press(ABORT_KEY)  # wakes whoever waits
+            self._end("STOP in the console")
         elif what == "pause":
             self.keys.press(PAUSE_KEY)
         elif what == "answer":
@@ -253,9 +258,18 @@ class PagePeople:
 
     def lost(self) -> None:
         """Hear that the console has gone."""
-        self.control.end("the console, which has gone")
         self.operator.lost()
-        self.keys.press(ABORT_KEY)
+        self._end("the console, which has gone")
+
+    def _end(self, by: str) -> None:
+        self.control.end(by)
+        self.keys.press(ABORT_KEY)  # wakes whoever waits
+        if self.diagnosing:  # the session is filed, and nobody looks any more
+            os.kill(os.getpid(), signal.SIGINT)
+
+    def _filing(self, step: Filing, text: str) -> None:
+        self.diagnosing = step is Filing.DIAGNOSIS
+        self._tell({"kind": "filing", "step": step.name, "words": step.value, "text": text})
 
     def _take_verdicts(self) -> list[HandVerdict]:
         taken, self._verdicts = self._verdicts, []

@@ -21,7 +21,8 @@ from daq.records import Impact
 from mesotap.operator.terminal import escape
 from mesotap.session.states import State
 from rig import Operator, RigError, SessionAborted
-from rig.interface import HEED_S, nothing
+from rig.attention import Hold
+from rig.interface import HEED_S
 
 POLL_S = HEED_S
 PAUSE_KEY, ABORT_KEY, ENTER = "p", "q", "\n"
@@ -191,6 +192,11 @@ SUSPENDING_SIGNALS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 """Ctrl-Z, or a terminal that is somebody else's: a program that stands still watches no load, so they do nothing."""
 
 
+def apart() -> bool:
+    """Hold where there is nothing to attend to."""
+    return False
+
+
 class KeyControl:
     """Keys that interrupt a session: p pauses and goes on, q ends it safely; so does every signal that would end it.
 
@@ -205,7 +211,7 @@ class KeyControl:
         self._ended = ""
         self._told = False
 
-    def check(self, hold: Callable[[], None] | None = nothing) -> None:
+    def check(self, hold: Hold | None = apart) -> None:
         """Return at once, or stay while paused, or raise `SessionAborted`, once: who leaves is not interrupted.
 
         Without ``hold`` nobody may stay here: a wish to pause is kept until somebody may.
@@ -222,8 +228,9 @@ class KeyControl:
             self._told = True
             raise SessionAborted(f"session ended by {self._ended or 'the operator'}")
 
-    def _pause(self, hold: Callable[[], None]) -> None:
-        self._console.print("Paused, the load is watched. Press p to go on, q to end.", highlight=False)
+    def _pause(self, hold: Hold) -> None:
+        what = "the load is watched" if hold() else "the surfaces are apart"
+        self._console.print(f"Paused, {what}. Press p to go on, q to end.", highlight=False)
         while True:
             hold()
             key = self._keyboard.pressed(PAUSE_KEY + ABORT_KEY, POLL_S)

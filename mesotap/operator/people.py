@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from enum import Enum
 
 from rich.console import Console
 
@@ -15,6 +16,18 @@ from mesotap.session.hand_verdicts import HandVerdict, accepted_in
 from mesotap.session.runner import Observer
 from mesotap.session.watching import GaugeWatch
 from rig import Operator
+
+
+class Filing(Enum):
+    """What is done with a session whose surfaces are apart for good."""
+
+    FILE = "writing the session file"
+    REPORT = "working out the report"
+    DIAGNOSIS = "working out the diagnosis"
+
+
+def _unseen(step: Filing, text: str) -> None:
+    """Show nothing: a terminal has a progress line of its own for each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +48,8 @@ class People:
         Who is shown what the gauge reads.
     verdicts
         Takes what was decided by hand on taps since it was called last.
+    filing
+        Is told how far the session's file, report and diagnosis are.
     """
 
     operator: Operator
@@ -43,6 +58,7 @@ class People:
     console: Console
     gauge: GaugeWatch = field(default_factory=GaugeWatch)
     verdicts: Callable[[], Sequence[HandVerdict]] = tuple
+    filing: Callable[[Filing, str], None] = _unseen
 
 
 def at_terminal(console: Console) -> People:

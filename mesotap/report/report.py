@@ -167,6 +167,7 @@ def write_report(
         explanations_shown=SHOWN,
         taps=_taps(results),
         rejected=[(i, _impact(session, i)) for i in results.impacts if not i.accepted],
+        by_hand=[i for i in session.impacts if i.accepted and i.extra.get("overruled")],
         budgeted=budgeted,
         budgets=[] if budgeted is None else shown_budgets(budgeted),
         recovered=recovered,

@@ -25,7 +25,7 @@ from mesotap.session.progress import NO_TAP, NOTES, SAFE, STARTED, ZERO, Progres
 from mesotap.session.states import Event, State
 from mesotap.session.watching import GaugeWatch
 from rig import GaugeScale, Operator, Rig, RigError
-from rig.attention import Attention
+from rig.attention import Attention, Hold
 from rig.interlock import Interlock, SafeState
 from rig.settling import rest
 from rig.watch import LoadWatch
@@ -40,7 +40,7 @@ GOES_ON = "'mesotap resume' goes on"
 class Control(Protocol):
     """The operator's wish to interrupt, asked for between steps."""
 
-    def check(self, hold: Callable[[], None] | None) -> None:
+    def check(self, hold: Hold | None) -> None:
         """Return at once, or stay while paused (calling ``hold`` now and then), or raise `SessionAborted`.
 
         Where ``hold`` is None, in the midst of a move or a reading, it does not stay.
@@ -50,7 +50,7 @@ class Control(Protocol):
 class Uninterrupted:
     """A control that never interrupts."""
 
-    def check(self, hold: Callable[[], None] | None) -> None:
+    def check(self, hold: Hold | None) -> None:
         """Return at once."""
 
 

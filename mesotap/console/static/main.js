@@ -57,10 +57,8 @@ function setText(id, text) {
   if (element.textContent !== text) element.textContent = text; // what has not changed is not read out again
 }
 
-// Where the surfaces do not touch there is no load to watch.
 function paused(state) {
-  const loaded = ["SET_LOAD", "LOCK", "TAP", "RETRACT"].includes(state.state);
-  return `Paused, ${loaded ? "the load is watched" : "nothing moves"}. Continue, or STOP.`;
+  return `Paused, ${state.watched ? "the load is watched" : "the surfaces are apart"}. Continue, or STOP.`;
 }
 
 function showState() {
@@ -70,7 +68,12 @@ function showState() {
   setText("detail", state.text);
   setText("next", state.ask ? state.ask.text : state.paused ? paused(state) : state.next);
   const ended = state.ended;
-  alertWith(!page.connected ? unconnected() : state.alarm ? state.alarm : ended && ended.how !== "filed" ? ended.text : "");
+  alertWith(!page.connected ? unconnected() : state.alarm ? state.alarm : ended && ended.how !== "filed" ? ended.text : drifted());
+}
+
+function drifted() {
+  const { compared } = page.parts.calibration || {};
+  return compared && compared.drifted ? "The strain gauge drifted between its calibrations: the loads of this session are in doubt. Calibration says by how much." : "";
 }
 
 function unconnected() {
@@ -167,7 +170,7 @@ setTheme(localStorage.getItem("mesotap-theme") || (matchMedia("(prefers-color-sc
 listen((part) => {
   if (part === "audience" || part === "connection") noteControl();
   if (part === "load" || part === "state") showLoad();
-  if (part === "state" || part === "connection" || part === "you") showState();
+  if (["state", "calibration", "connection", "you"].includes(part)) showState();
   if (["audience", "you", "connection"].includes(part)) showControl();
   setText("connection", page.connected ? `connected as page ${page.number}` : "not connected: trying again");
   if (view && view.update) view.update(part);

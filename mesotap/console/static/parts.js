@@ -35,6 +35,17 @@ export function figure(name, value, unit, id) {
   return make("div", {}, make("span", { class: "small" }, name), make("b", id ? { id } : {}, value), make("span", { class: "small" }, unit));
 }
 
+// Put parts into a place only when what they say has changed: a button that is pressed, or has the focus, stays the same
+// one. Those that come anew find the focus again by their data-key.
+export function put(place, said, parts) {
+  const text = JSON.stringify(said);
+  if (place.dataset.said === text) return;
+  place.dataset.said = text;
+  const key = place.contains(document.activeElement) ? document.activeElement.dataset.key : undefined;
+  place.replaceChildren(...parts());
+  if (key !== undefined) [...place.querySelectorAll("[data-key]")].find((element) => element.dataset.key === key)?.focus();
+}
+
 export function alertWith(text) {
   const box = document.getElementById("alert");
   box.textContent = text;

@@ -40,3 +40,18 @@ def test_each_tap_is_told_alone_and_with_its_load(session, tmp_path):
     (written,) = answers(analyst, {"kind": "snapshot", "path": str(tmp_path / "so-far.h5")}, b"")
     kept = read_session(written["path"])
     assert [i.reject_reason for i in kept.impacts] == ["by hand: a draught", "", "", ""]
+
+
+@pytest.mark.parametrize(("stretched", "drifted"), [(1.0, False), (1.05, True)])
+def test_before_and_after_are_compared_once_both_are_there(session, stretched, drifted):
+    whole, _ = session
+    analyst = Analyst()
+    list(answers(analyst, {"kind": "begun", "config": whole.config, "created": whole.created}, b""))
+    points = [list(pair) for pair in zip(whole.pre.load_mn.tolist(), whole.pre.voltage_mv.tolist(), strict=True)]
+    after = [[load, stretched * voltage] for load, voltage in points]
+    assert not list(answers(analyst, {"kind": "points", "when": "before", "points": points}, b""))
+    for point in after[:-1]:
+        assert not list(answers(analyst, {"kind": "points", "when": "after", "points": [point]}, b""))
+    (told,) = answers(analyst, {"kind": "points", "when": "after", "points": after[-1:]}, b"")
+    assert (told["kind"], told["drifted"]) == ("compared", drifted)
+    assert f"({100 * (stretched - 1):+.2f} %)" in told["statement"]

@@ -6,6 +6,7 @@ import pytest
 
 from mesotap.console.board import DIAGNOSIS, REPORT, Board, session_id
 from mesotap.console.frames import taken
+from mesotap.operator.people import Filing
 
 BEGUN = {
     "kind": "begun",
@@ -33,3 +34,17 @@ def test_a_finished_session_says_what_there_is_to_read(tmp_path, there):
     assert (state["reported"], state["diagnosed"]) == (REPORT in there, DIAGNOSIS in there)
     board.clear()
     assert not board.state["diagnosed"]
+
+
+def test_while_it_is_filed_and_diagnosed_the_page_says_so(tmp_path):
+    board = Board(lambda part, frame: None, lambda frame: None)
+    board.hear({**BEGUN, "folder": str(tmp_path)}, b"")
+    board.hear({"kind": "state", "state": "POST_CALIBRATION", "words": "calibrating after the test", "text": ""}, b"")
+    said = []
+    for step in Filing:
+        board.hear({"kind": "filing", "step": step.name, "words": step.value, "text": "1 of 2"}, b"")
+        assert (board.state["state"], board.state["words"], board.state["text"]) == ("FILE", step.value, "1 of 2")
+        said.append(board.state["next"])
+        (tmp_path / REPORT).write_text("<p>read</p>")
+    assert len(set(said)) == len(Filing)
+    assert board.state["reported"], "it can be read while the diagnosis is worked out"

@@ -12,12 +12,16 @@ from tests.mesotap.console.pages import begin, opened, reach
 
 pytestmark = [needs_chromium, pytest.mark.slow]
 
+LONG_DIAGNOSIS = ("--set", "mesotap.diagnose=true", "--set", "mesotap.impacts_per_load=8")
+"""Of 16 taps: ten seconds of an idle machine, in which a page is looked at ten times a second."""
 
-def test_a_whole_session_from_the_page(chromium, tmp_path):
+
+@pytest.mark.parametrize("rig", ["--simulate", "--emulate"])
+def test_a_whole_session_from_the_page(chromium, tmp_path, rig):
     from playwright.sync_api import expect
 
     # a dwell of 3 s by the clock: a state that is over sooner may pass between two looks at the page
-    with console_in(tmp_path, "--speed", "20", "--set", "mesotap.dwell_s=60") as console:
+    with console_in(tmp_path, "--speed", "20", "--set", "mesotap.dwell_s=60", rig=rig) as console:
         page = opened(chromium, console)
         begin(page, specimen="<img src=x onerror=alert(1)>")
         reach(page, "locking")
@@ -38,6 +42,27 @@ def test_a_whole_session_from_the_page(chromium, tmp_path):
         assert session.complete
         assert len(session.impacts) == 4
         assert session.specimen == "<img src=x onerror=alert(1)>"
+
+
+def test_the_page_says_what_is_worked_out_and_stop_leaves_the_diagnosis_out(chromium, tmp_path):
+    from playwright.sync_api import expect
+
+    with console_in(tmp_path, "--speed", "40", *LONG_DIAGNOSIS) as console:
+        page = opened(chromium, console)
+        begin(page)
+        reach(page, "working out the diagnosis")
+        said = page.evaluate("() => ['filing', 'next'].map((id) => document.getElementById(id).textContent)")
+        page.click("#stop")
+        reach(page, "done")
+        assert said[0].startswith("working out the diagnosis")
+        assert said[1].startswith("The report is there")
+        assert page.is_hidden("#alert")
+        page.click("nav a[href='#loads']")
+        report = page.frame_locator("iframe[title='Report of this session']")
+        expect(report.locator("body")).to_contain_text("Contact stiffness and damping", timeout=PATIENCE_MS)
+        assert journal_of(console)[-1]["event"] == "filed"
+        assert not list(console.sessions.glob("*/diagnosis.html"))
+        assert page.faults == []
 
 
 def test_stop_by_the_space_bar_and_resume(chromium, tmp_path):

@@ -4,7 +4,7 @@ import { page } from "../wire.js";
 import { fixed, make, number, sheet } from "../parts.js";
 import { plot, points } from "../plots.js";
 
-let line, rest, words;
+let line, rest, words, verdict;
 
 // Straight line by least squares through [load, voltage] pairs.
 function fitted(pairs) {
@@ -33,6 +33,20 @@ function show() {
   if (fit) told.push(`Before: ${number(fit.slope, 5)} mV/mN, ${fixed(fit.offset, 3)} mV without a weight, ${before.length} readings.`);
   if (later) told.push(`After: ${number(later.slope, 5)} mV/mN (${fixed(100 * (later.slope / fit.slope - 1), 2)} %), ${fixed(later.offset, 3)} mV, ${after.length} readings.`);
   words.textContent = told.join(" ") || "No reading yet.";
+  showVerdict(shown.compared);
+}
+
+function showVerdict(compared) {
+  verdict.hidden = !compared;
+  if (!compared || verdict.dataset.said === compared.statement) return;
+  verdict.dataset.said = compared.statement;
+  verdict.className = compared.drifted ? "warning" : "";
+  verdict.replaceChildren(
+    make("p", { class: `verdict ${compared.drifted ? "bad" : "good"}` }, compared.drifted ? "✗ The strain gauge drifted" : "✓ Before and after agree"),
+    make("p", {}, compared.statement),
+    make("p", {}, compared.drifted
+      ? "What it means: every load of this session is in doubt by about that shift, and with it what depends on the load. Look at the gauge's cables, glue and temperature, let it warm up, and repeat the session; zero_every_loads in the settings finds drift from load to load."
+      : "What it means: nothing speaks against the loads of this session."));
 }
 
 export const calibration = {
@@ -41,8 +55,9 @@ export const calibration = {
     line = plot({ title: "Bridge voltage against weight", x: "weight, mN", y: "bridge voltage, mV", series, height: 320 });
     rest = plot({ title: "Residuals", x: "weight, mN", y: "residual, µV", series, height: 220 });
     words = make("p", { role: "status", id: "calibration-words" });
+    verdict = make("div", { role: "alert", id: "drift", hidden: true });
     const key = make("p", { class: "key" }, make("i", { class: "a" }), "before", make("i", { class: "b" }), "after", make("i", { class: "c" }), "line through those before");
-    root.append(sheet("Calibration of the strain gauge", words, key, line.box), sheet("What is left over: each reading less the line", rest.box));
+    root.append(sheet("Calibration of the strain gauge", verdict, words, key, line.box), sheet("What is left over: each reading less the line", rest.box));
     show();
   },
   update(part) {

@@ -1,7 +1,7 @@
 // What each load came to, against theory; the diagnosis so far; at the end the report and the diagnosis.
 
 import { page, post } from "../wire.js";
-import { alertWith, make, sheet, within } from "../parts.js";
+import { alertWith, make, put, sheet, within } from "../parts.js";
 import { boxes, plot } from "../plots.js";
 import { driving } from "../main.js";
 
@@ -42,15 +42,16 @@ function show() {
   stiffness.set([x, ...(theory.length ? theory.map((c) => c.k_c.map((v) => v * 1e-6)) : [x.map(() => null)])]);
   damping.set([x, x.map(() => null)]);
   told.textContent = loads.why ? `Not analysed: ${loads.why}` : "";
-  table.replaceChildren(...loads.loads.map((load) => make("tr", {}, make("td", {}, String(load.load_set + 1)), make("td", {}, load.load_mn.toFixed(1)), make("td", {}, String(load.used)),
+  put(table, loads.loads, () => loads.loads.map((load) => make("tr", {}, make("td", {}, String(load.load_set + 1)), make("td", {}, load.load_mn.toFixed(1)), make("td", {}, String(load.used)),
     make("td", {}, within(load.f2_hz, 1, 1)), make("td", {}, within(load.zeta2, 100, 3)), make("td", {}, within(load.k_c, 1e-6, 3)), make("td", {}, within(load.c_c, 1, 2)))));
   const diagnosis = state.so_far || {};
-  soFar.replaceChildren(
-    make("button", { type: "button", id: "diagnose", disabled: !driving() || diagnosis.running || !loads.loads.length,
+  const mayNot = !driving() || diagnosis.running || !loads.loads.length;
+  put(soFar, [mayNot, diagnosis], () => [
+    make("button", { type: "button", id: "diagnose", "data-key": "diagnose", disabled: mayNot,
       onclick: async () => { const answer = await post("diagnose", {}); if (!answer.ok) alertWith(answer.error); } },
     diagnosis.running ? `Diagnosing ${diagnosis.taps || ""} taps …` : "Diagnose what there is so far"),
-    make("span", { role: "status", class: "small" }, diagnosis.why ? ` ${diagnosis.why}` : diagnosis.running ? " It takes some minutes, and gives way to the session." : diagnosis.ready ? ` Of ${diagnosis.taps} taps, below.` : ""));
-  const done = state.state === "DONE" && state.session;
+    make("span", { role: "status", class: "small" }, diagnosis.why ? ` ${diagnosis.why}` : diagnosis.running ? " It takes some minutes, and gives way to the session." : diagnosis.ready ? ` Of ${diagnosis.taps} taps, below.` : "")]);
+  const done = (state.reported || state.diagnosed) && state.session;
   const wanted = `${done ? `${state.session} ${state.reported} ${state.diagnosed}` : ""} ${diagnosis.ready ? diagnosis.taps : ""}`;
   if (wanted === opened) return;
   opened = wanted;

@@ -1,7 +1,7 @@
 // Begin, go on, pause; what is asked of the person at the bench.
 
 import { page, post, get } from "../wire.js";
-import { alertWith, fixed, make, sheet } from "../parts.js";
+import { alertWith, fixed, make, put, sheet } from "../parts.js";
 import { driving } from "../main.js";
 
 let root, ask, plan, said, actions, unfinished;
@@ -14,7 +14,7 @@ async function act(what, content = {}) {
 
 async function lookForUnfinished() {
   const found = await (await get("/api/sessions")).json().catch(() => ({ sessions: [] }));
-  unfinished = found.sessions.filter((s) => !s.done);
+  unfinished = found.sessions.filter((s) => !s.done || !s.report);
   showActions();
 }
 
@@ -23,13 +23,17 @@ function showActions() {
   if (!state || !actions) return;
   const may = driving();
   if (state.viewing) {
-    actions.replaceChildren(make("p", {}, "The live view runs (Scope): end it there before a session begins."));
+    put(actions, "viewing", () => [make("p", {}, "The live view runs (Scope): end it there before a session begins.")]);
+    return;
+  }
+  if (state.running && state.state === "FILE") {
+    const doing = `${state.words}${state.text ? `: ${state.text}` : ""} …`;
+    put(actions, doing, () => [make("p", { role: "status", id: "filing" }, doing)]);
     return;
   }
   if (state.running) {
-    actions.replaceChildren(
-      make("button", { type: "button", id: "pause", disabled: !may, onclick: () => act("pause") }, state.paused ? "Continue" : "Pause"),
-    );
+    put(actions, ["pause", may, state.paused], () => [
+      make("button", { type: "button", id: "pause", "data-key": "pause", disabled: !may, onclick: () => act("pause") }, state.paused ? "Continue" : "Pause")]);
     return;
   }
   if (actions.querySelector("form")) {
@@ -44,14 +48,14 @@ function showActions() {
       event.preventDefault();
       act("run", Object.fromEntries(new FormData(form)));
     });
-    actions.replaceChildren(form, make("p", { class: "small" }, "Fields that are left empty are as in the configuration."), make("div", { id: "unfinished" }));
+    put(actions, "begin", () => [form, make("p", { class: "small" }, "Fields that are left empty are as in the configuration."), make("div", { id: "unfinished" })]);
     lookForUnfinished();
   }
   const list = actions.querySelector("#unfinished");
   if (list && unfinished) {
-    list.replaceChildren(...unfinished.slice(0, 5).map((s) => make("p", {},
-      make("button", { type: "button", class: "resume", disabled: !may, onclick: () => act("resume", { id: s.id }) }, `Resume ${s.name}`),
-      ` ${s.state}, ${s.accepted} good taps · ${s.specimen}`)));
+    put(list, [may, unfinished], () => unfinished.slice(0, 5).map((s) => make("p", {},
+      make("button", { type: "button", class: "resume", "data-key": s.id, disabled: !may, onclick: () => act("resume", { id: s.id }) }, `Resume ${s.name}`),
+      ` ${s.done ? "its report was not finished" : s.state}, ${s.accepted} good taps · ${s.specimen}`)));
   }
 }
 
@@ -79,17 +83,17 @@ function showPlan() {
   const state = page.parts.state;
   if (!state || !plan) return;
   const taken = (page.parts.taps || { taps: [] }).taps;
-  plan.replaceChildren(...state.plan_mn.map((target, i) => {
+  const rows = state.plan_mn.map((target, i) => {
     const good = taken.filter((tap) => tap.load_set === i && tap.accepted).length;
-    const now = i === state.load_set && state.running;
-    return make("tr", now ? { "aria-current": "step" } : {}, make("td", {}, `${now ? "▶ " : ""}${i + 1}`), make("td", {}, fixed(target, 1)),
-      make("td", {}, `${good} of ${state.wanted}`));
-  }));
+    return [i === state.load_set && state.running && state.state !== "FILE", i + 1, fixed(target, 1), `${good} of ${state.wanted}`];
+  });
+  put(plan, rows, () => rows.map(([now, step, target, good]) => make("tr", now ? { "aria-current": "step" } : {},
+    make("td", {}, `${now ? "▶ " : ""}${step}`), make("td", {}, target), make("td", {}, good))));
 }
 
 function showSaid() {
   const state = page.parts.state;
-  if (state && said) said.replaceChildren(...state.said.slice().reverse().map((text) => make("li", {}, text)));
+  if (state && said) put(said, state.said, () => state.said.slice().reverse().map((text) => make("li", {}, text)));
 }
 
 addEventListener("keydown", (event) => {

@@ -1,11 +1,11 @@
 // Each tap: its record and spectrum, the verdict with its reason, what it came to, and the row of this load.
 
 import { page, post, recordIn, get } from "../wire.js";
-import { alertWith, figure, fixed, make, sheet, within } from "../parts.js";
+import { alertWith, figure, fixed, make, put, sheet, within } from "../parts.js";
 import { plot } from "../plots.js";
 import { driving } from "../main.js";
 
-let record, spectrum, row, verdict, numbers, hand, chosen = null, shown = null;
+let record, spectrum, row, verdict, numbers, hand, noted, chosen = null, shown = null;
 
 function tapOf(n) {
   return (page.parts.taps || { taps: [] }).taps.find((tap) => tap.number === n) || null;
@@ -34,15 +34,15 @@ function showVerdict() {
   const tap = shown && (tapOf(shown.number) || shown);
   if (!verdict) return;
   if (!tap) {
-    verdict.replaceChildren(make("p", {}, "No tap yet."));
+    put(verdict, "none", () => [make("p", {}, "No tap yet.")]);
     numbers.replaceChildren();
     hand.hidden = true;
     return;
   }
   const sign = tap.accepted ? "✓ accepted" : "✗ not used";
-  verdict.replaceChildren(
+  put(verdict, [tap.number, tap.accepted, tap.reason, tap.by_hand], () => [
     make("p", { class: `verdict ${tap.accepted ? "good" : "bad"}` }, `Tap ${tap.number}: ${sign}${tap.by_hand ? " by hand" : ""}`),
-    make("p", {}, tap.accepted ? (tap.by_hand ? `reason: ${tap.by_hand}` : "") : tap.reason));
+    make("p", {}, tap.accepted ? (tap.by_hand ? `reason: ${tap.by_hand}` : "") : tap.reason)]);
   const j = tap.judged;
   const share = j.force_ratio;
   const limit = page.parts.state.force_limit || 1;
@@ -69,15 +69,17 @@ function showRow() {
   const set = shown ? shown.load_set : state.load_set;
   const here = (page.parts.taps || { taps: [] }).taps.filter((tap) => tap.load_set === set);
   const missing = Math.max(0, state.wanted - here.filter((tap) => tap.accepted).length);
-  row.replaceChildren(
+  const now = shown ? shown.number : null;
+  put(row, [now, missing, here.map((tap) => [tap.number, tap.accepted])], () => [
     ...here.map((tap) => make("li", {}, make("button", {
-      type: "button", class: tap.accepted ? "good" : "bad", "aria-pressed": shown && shown.number === tap.number ? "true" : "false",
+      type: "button", "data-key": tap.number, class: tap.accepted ? "good" : "bad", "aria-pressed": now === tap.number ? "true" : "false",
       "aria-label": `tap ${tap.number}, ${tap.accepted ? "accepted" : "not used"}`, onclick: () => choose(tap.number),
     }, `${tap.accepted ? "✓" : "✗"} ${tap.number}`))),
-    ...Array.from({ length: missing }, () => make("li", { class: "empty", "aria-hidden": "true" })));
+    ...Array.from({ length: missing }, () => make("li", { class: "empty", "aria-hidden": "true" }))]);
 }
 
 async function choose(n) {
+  noted.textContent = "";
   chosen = n;
   try {
     shown = recordIn(await (await get(`/api/taps/${n}`)).arrayBuffer());
@@ -96,7 +98,10 @@ async function judge(event) {
   const reason = hand.querySelector("input").value;
   const answer = await post("judge", { number: tap.number, accepted: !tap.accepted, reason });
   if (!answer.ok) alertWith(answer.error);
-  else hand.querySelector("input").value = "";
+  else {
+    hand.querySelector("input").value = "";
+    noted.textContent = page.parts.state.paused ? "Noted; it counts when the session goes on." : "Noted.";
+  }
 }
 
 export const taps = {
@@ -108,7 +113,8 @@ export const taps = {
     numbers = make("div", { class: "numbers" });
     hand = make("form", { class: "line", hidden: true, onsubmit: judge },
       make("label", {}, "reason, kept with the tap", make("input", { name: "reason", class: "wide", required: true, maxlength: 200, autocomplete: "off" })),
-      make("button", { type: "submit", id: "judge" }, "Reject this tap"));
+      make("button", { type: "submit", id: "judge" }, "Reject this tap"),
+      noted = make("span", { role: "status", class: "small", id: "noted" }));
     const newest = make("button", { type: "button", onclick: () => { chosen = null; shown = page.record; this.update("record"); } }, "Follow the newest");
     root.append(
       sheet("Taps at this load", row, make("p", {}, newest)),

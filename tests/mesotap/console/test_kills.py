@@ -8,20 +8,30 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import time
 from pathlib import Path
 
 import pytest
 
 from daq.journal import SessionFolder
+from mesotap.session.states import State
+from rig import RigError
 from sim_backend.emulators.bench_process import Devices
 from tests.mesotap.console.consoles import Client, ConsoleProcess
 from tests.mesotap.console.plain_page import PlainPage
 from tests.mesotap.session.separate import CONFIG, FILED
 
 ROUNDS = int(os.environ.get("MESOTAP_CONSOLE_KILLS", "0"))
-STATES = ["TAP", "APPROACH", "PRE_CALIBRATION", "SET_LOAD", "LOCK", "RETRACT", "POST_CALIBRATION"]
-TRIED = [(state, 0.3 * (1 + i)) for i in range(ROUNDS) for state in STATES] or [("TAP", 0.3), ("APPROACH", 0.3)]
+STATES = [state.name for state in State if state is not State.DONE]
+LONGEST_WAIT_S = {"CONNECT": 0.1, "SET_LOAD": 0.4, "LOCK": 0.9, "TAP": 0.9, "RETRACT": 0.1, "FILE": 1.0}
+"""Between a state and the kill: about as long as the state lasts."""
+
+USUAL_WAIT_S = 3.0
+LATER = [state for state in STATES if state in ("LOCK", "SET_LOAD", "TAP")]
+"""Those that come again at the second load."""
+
+TRIED = [(state, i) for i in range(ROUNDS) for state in STATES] or [("TAP", 0), ("APPROACH", 0)]
 APART_S = 30.0
 """A machine that is very busy; how long it took is printed."""
 
@@ -38,24 +48,38 @@ def accepted(folder) -> dict[int, bytes]:
             time.sleep(0.05)
 
 
+def seen_apart(folder: Path, devices: Devices, killed: float) -> str:
+    """See that the surfaces are apart, and return how long that took; of a session that was filed they were before."""
+    try:
+        loads, load_mn = devices.call("loads", killed), devices.call("state")["load_mn"]
+    except RigError:
+        assert FILED in (folder / "journal.jsonl").read_text()
+        return "filed"
+    assert load_mn == 0.0, "the load is still on"
+    return f"apart {max((at for at, mn in loads if mn > 0.0), default=killed) - killed:.2f} s after the kill"
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("state", "wait_s"), TRIED)
-def test_killed_and_resumed(tmp_path, state, wait_s):
+@pytest.mark.parametrize(("state", "turn"), TRIED)
+def test_killed_and_resumed(tmp_path, state, turn):
+    wait_s = random.Random(f"{state} {turn}").uniform(0, LONGEST_WAIT_S.get(state, USUAL_WAIT_S))
     console = ConsoleProcess(tmp_path, "--seed", "5", config=CONFIG, rig="--emulate")
     try:
         page = PlainPage(console, Client(console))
         assert page.post("run")[0] == 200
         page.reach(state)
+        if state in LATER and turn % 2:
+            page.until(lambda: page.state["load_set"] == 1 and page.state["state"] == state)
         time.sleep(wait_s)
         (folder,) = [p for p in console.sessions.iterdir() if p.is_dir()]
         devices = Devices(Path(json.loads((folder / "session.json").read_text())["devices"]))
+        before = devices.call("state")["load_mn"]
         killed = time.monotonic()
         console.kill()
         kept = accepted(folder)  # the folder is free: the session's process has ended
-        loads = devices.call("loads", killed)
-        assert devices.call("state")["load_mn"] == 0.0, "the load is still on"
-        last = max((at for at, mn in loads if mn > 0.0), default=killed)
-        print(f"{state}: apart {last - killed:.2f} s after the kill")
+        apart = seen_apart(folder, devices, killed)
+        there = page.state["state"]
+        print(f"killed in {there} ({state} and {wait_s:.2f} s) with {before:.0f} mN, {len(kept)} taps: {apart}")
         devices.close()
     finally:
         console.close()
@@ -66,7 +90,9 @@ def test_killed_and_resumed(tmp_path, state, wait_s):
         if not session["done"]:
             assert page.post("resume", {"id": session["id"]})[0] == 200
             page.until(lambda: FILED in (folder / "journal.jsonl").read_text() or page.state["ended"] is not None)
+            page.until(lambda: not page.state["running"])
         assert FILED in (folder / "journal.jsonl").read_text(), page.state
+        assert (folder / "report.html").is_file()
         page.close()
     finally:
         console.close()

@@ -25,7 +25,7 @@ from mesotap.answers.diagnosis_json import Version, diagnosis_json
 from mesotap.answers.diagnosis_page import write_page
 from mesotap.answers.diagnosis_text import print_answer
 from mesotap.answers.evidence import evidence_of
-from mesotap.answers.recording_files import recording_files
+from mesotap.answers.recording_files import recording_files, sha256_of
 from mesotap.configuration.declared import header_uncertainty, rig_settings
 from mesotap.configuration.rig_files import load_rig, tester_rig
 from mesotap.operator.terminal import escape
@@ -231,7 +231,8 @@ def diagnose_finished(
     """Diagnose a session at its end, and tell each stage; write ``diagnosis.html`` and ``diagnosis.json``."""
     known = known_mechanisms(folders=folders)
     began = time.monotonic()
-    read = Read(tester_rig(), recording_files([Path(session.source)]), (session,))
+    file = RecordingFile(session.source, sha256_of(folder / session.source))
+    read = Read(tester_rig(), (file,), (session,))
     found = diagnosed(read, known, console, told)
     content = diagnosis_json(found.answer, time.monotonic() - began)
     print_answer(found.answer, console)

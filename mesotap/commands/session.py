@@ -230,11 +230,7 @@ def _diagnose(session: Session, results: SessionResults, config: Config, folder:
         diagnose_finished(folder, session, results, console, folders, told)
     except Exception as error:
         reason = str(error) if isinstance(error, MesotapError) else f"{type(error).__name__}: {error}"
-        console.print(
-            f"no diagnosis: {escape(reason)} (the session is complete; 'mesotap diagnose' tries again)",
-            highlight=False,
-            soft_wrap=True,
-        )
+        people.operator.say(f"no diagnosis: {reason} (the session is complete; 'mesotap diagnose' tries again)")
 
 
 def partial(path: Path) -> tuple[Session, Config, list[dict[str, Any]]]:

@@ -276,7 +276,8 @@ class Board:
         self.show("state")
 
     def _hear_ended(self, message: Message, numbers: bytes) -> None:
-        self.state.update(ended={"how": message["how"], "text": message["text"]}, ask=None, paused=False, alarm="")
+        how = {"how": message["how"], "text": message["text"]}
+        self.state.update(ended=how, ask=None, paused=False, alarm="", text="")
         self._see_documents()
         if self.state["viewed"]:
             self.state.update(next=VIEW_IDLE, words="ended" if message["text"] else "no view")

@@ -67,6 +67,13 @@ def test_a_run_leaves_all_it_should(session):
     assert json.loads((session.parent / "run.json").read_text()) == json.loads((session / "results.json").read_text())
 
 
+def test_a_run_is_diagnosed_where_its_configuration_says_so(tmp_path):
+    mesotap("run", "--simulate", "-o", tmp_path / "s", *QUICK, "--set", "mesotap.diagnose=true", cwd=tmp_path)
+    answer = json.loads((tmp_path / "s" / "diagnosis.json").read_text())
+    assert answer["recordings"][0]["file"] == "session.h5"
+    assert (tmp_path / "s" / "diagnosis.html").stat().st_size > 0
+
+
 @pytest.mark.parametrize("method", ["ml", "era"])
 def test_analyze_answers_by_its_contract(session, tmp_path, method):
     out = tmp_path / "out.json"

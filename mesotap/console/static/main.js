@@ -68,7 +68,12 @@ function showState() {
   setText("detail", state.text);
   setText("next", state.ask ? state.ask.text : state.paused ? paused(state) : state.next);
   const ended = state.ended;
-  alertWith(!page.connected ? unconnected() : state.alarm ? state.alarm : ended && ended.how !== "filed" ? ended.text : drifted());
+  alertWith(!page.connected ? unconnected() : state.alarm ? state.alarm : ended && ended.how !== "filed" ? sentence(ended.text) : drifted());
+}
+
+// As the first of a sentence, and with the page's button for the command.
+function sentence(text) {
+  return (text.charAt(0).toUpperCase() + text.slice(1)).replace("; 'mesotap resume' goes on", "");
 }
 
 function drifted() {

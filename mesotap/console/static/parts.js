@@ -32,7 +32,7 @@ export function within(estimate, scale = 1, digits = 1) {
 }
 
 export function figure(name, value, unit, id) {
-  return make("div", {}, make("span", { class: "small" }, name), make("b", id ? { id } : {}, value), make("span", { class: "small" }, unit));
+  return make("div", {}, make("span", { class: "small" }, name), make("b", id ? { id } : {}, value, make("span", { class: "unit" }, ` ${unit}`)));
 }
 
 // Put parts into a place only when what they say has changed: a button that is pressed, or has the focus, stays the same

@@ -22,6 +22,11 @@ function axis(label) {
   };
 }
 
+// A little more than the points need: those at the very edge are drawn too.
+export const beyond = (u, low, high) => (low === null ? [0, 1] : [low - 0.03 * (high - low || 1), high + 0.03 * (high - low || 1)]);
+const decade = (v) => v !== null && Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-9;
+const powerOfTen = (v) => `10${String(Math.round(Math.log10(v))).replace(/./g, (c) => ({ "-": "⁻" })[c] || "⁰¹²³⁴⁵⁶⁷⁸⁹"[c])}`;
+
 // An element with a plot; set(data) draws it anew. Described for those who do not see it.
 export function plot({ title, x, y, series, height = 260, log = false, description, hooks = {}, range = null, logX = false, rangeX = null }) {
   const box = make("div", { class: "plot", role: "img", "aria-label": description || title });
@@ -32,9 +37,10 @@ export function plot({ title, x, y, series, height = 260, log = false, descripti
     const xAxis = axis(x);
     xAxis.size = parseFloat(getComputedStyle(document.documentElement).fontSize) * 1.7;
     const yAxis = axis(y);
-    const decades = (u, ticks) => ticks.map((v) => (v === null ? "" : Math.log10(v) % 1 ? "" : v >= 0.01 && v < 1e5 ? String(+v.toPrecision(1)) : v.toExponential(0)));
-    if (log) yAxis.values = decades;
-    if (logX) xAxis.values = decades;
+    for (const [one, isLog] of [[xAxis, logX], [yAxis, log]]) {
+      one.values = isLog ? (u, ticks) => ticks.map((v) => (decade(v) ? powerOfTen(v) : "")) : (u, ticks) => ticks.map((v) => (v === null ? "" : String(+v.toPrecision(9))));
+      if (isLog) one.grid.filter = one.ticks.filter = (u, ticks) => ticks.map((v) => (decade(v) ? v : null));
+    }
     chart = new uPlot(
       {
         width: Math.max(200, box.clientWidth),

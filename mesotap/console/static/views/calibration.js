@@ -2,7 +2,7 @@
 
 import { page } from "../wire.js";
 import { fixed, make, number, sheet } from "../parts.js";
-import { plot, points } from "../plots.js";
+import { beyond, colour, plot, points } from "../plots.js";
 
 let line, rest, words, verdict;
 
@@ -38,6 +38,7 @@ function show() {
 
 function showVerdict(compared) {
   verdict.hidden = !compared;
+  words.hidden = Boolean(compared);
   if (!compared || verdict.dataset.said === compared.statement) return;
   verdict.dataset.said = compared.statement;
   verdict.className = compared.drifted ? "warning" : "";
@@ -51,13 +52,14 @@ function showVerdict(compared) {
 
 export const calibration = {
   show(root) {
-    const series = [points("a"), points("b"), { colour: "third", width: 1.5 }];
-    line = plot({ title: "Bridge voltage against weight", x: "weight, mN", y: "bridge voltage, mV", series, height: 320 });
-    rest = plot({ title: "Residuals", x: "weight, mN", y: "residual, µV", series, height: 220 });
+    const series = [points("a", { points: { show: true, size: 10, fill: () => colour("a") } }), points("b", { points: { show: true, size: 17, width: 2.5, fill: "transparent" } }), { colour: "third", width: 1.5 }];
+    line = plot({ title: "Bridge voltage against weight", x: "weight, mN", y: "bridge voltage, mV", series, height: 300, rangeX: beyond });
+    rest = plot({ title: "Residuals", x: "weight, mN", y: "residual, µV", series, height: 300, rangeX: beyond });
     words = make("p", { role: "status", id: "calibration-words" });
     verdict = make("div", { role: "alert", id: "drift", hidden: true });
-    const key = make("p", { class: "key" }, make("i", { class: "a" }), "before", make("i", { class: "b" }), "after", make("i", { class: "c" }), "line through those before");
-    root.append(sheet("Calibration of the strain gauge", verdict, words, key, line.box), sheet("What is left over: each reading less the line", rest.box));
+    const key = make("p", { class: "key" }, make("i", { class: "dot a" }), "before", make("i", { class: "ring b" }), "after", make("i", { class: "c" }), "line through those before");
+    root.append(sheet("Calibration of the strain gauge", verdict, words),
+      make("div", { class: "two" }, sheet("Bridge voltage against weight", key, line.box), sheet("What is left over: each reading less the line", key.cloneNode(true), rest.box)));
     show();
   },
   update(part) {

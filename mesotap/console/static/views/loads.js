@@ -6,6 +6,7 @@ import { boxes, plot } from "../plots.js";
 import { driving } from "../main.js";
 
 const DASHES = [[], [10, 5], [3, 4], [14, 4, 3, 4], [6, 3, 2, 3, 2, 3]];
+const SIGNS = ["──", "─ ─", "· · ·", "─ ·", "─ · ·"];
 let stiffness, damping, table, key, told, documents, soFar, opened, curves;
 
 function build(theory) {
@@ -18,8 +19,8 @@ function build(theory) {
     hooks: { draw: [(u) => boxes(u, found().map((l) => ({ x: l.load_mn, box: l.stiffness_box, scale: 1e-6 })), "a")] },
     range: () => span(found().flatMap((l) => ends(l.stiffness_box, 1e-6)), theory.flatMap((c) => c.k_c.map((v) => v * 1e-6))),
   });
-  key.replaceChildren(make("i", { class: "a" }), "measured: quartiles, median, whiskers",
-    ...theory.flatMap((curve, i) => [make("span", { class: "dash" }, "—  – –  · ·  –·–  –··–".split("  ")[i % 5]), ` ${curve.name}`]));
+  key.replaceChildren(make("span", { class: "item" }, make("i", { class: "a" }), "measured: quartiles, median, whiskers"),
+    ...theory.map((curve, i) => make("span", { class: "item" }, make("b", { class: "dash" }, SIGNS[i % SIGNS.length]), ` ${curve.name}`)));
   return stiffness.box;
 }
 

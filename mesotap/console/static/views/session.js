@@ -32,7 +32,12 @@ function showActions() {
     return;
   }
   if (state.running) {
-    put(actions, ["pause", may, state.paused], () => [
+    const good = (page.parts.taps || { taps: [] }).taps.filter((tap) => tap.accepted).length;
+    const wanted = state.wanted * state.plan_mn.length;
+    const step = `step ${Math.min(state.load_set + 1, state.plan_mn.length)} of ${state.plan_mn.length}`;
+    put(actions, ["pause", may, state.paused, state.name, good, wanted, step], () => [
+      make("p", {}, state.name ? `${state.name}: ${step}, ${good} of ${wanted} good taps` : "starting …"),
+      make("p", {}, make("progress", { max: wanted || 1, value: good, "aria-label": "good taps of the whole plan" })),
       make("button", { type: "button", id: "pause", "data-key": "pause", disabled: !may, onclick: () => act("pause") }, state.paused ? "Continue" : "Pause")]);
     return;
   }
@@ -109,7 +114,7 @@ export const session = {
     ask = make("section", { class: "sheet ask", hidden: true, "aria-label": "What is asked of you" });
     actions = make("div");
     plan = make("tbody");
-    said = make("ol", { class: "said", "aria-live": "polite" });
+    said = make("ul", { class: "said", "aria-live": "polite" });
     root.append(ask, sheet("Session", actions),
       make("div", { class: "two" },
         sheet("Load plan", make("div", { class: "scroll" }, make("table", { id: "plan" },
@@ -123,6 +128,7 @@ export const session = {
       showAsk();
       showSaid();
     }
+    if (part === "taps") showActions();
     if (part === "state" || part === "taps") showPlan();
   },
   end() {

@@ -5,7 +5,7 @@ import { alertWith, figure, fixed, make, put, sheet, within } from "../parts.js"
 import { plot } from "../plots.js";
 import { driving } from "../main.js";
 
-let record, spectrum, row, verdict, numbers, hand, noted, chosen = null, shown = null;
+let record, spectrum, row, verdict, numbers, hand, noted, where, chosen = null, shown = null;
 
 function tapOf(n) {
   return (page.parts.taps || { taps: [] }).taps.find((tap) => tap.number === n) || null;
@@ -54,9 +54,9 @@ function showVerdict() {
     figure("ζ2", within(m.zeta2, 100, 3), "%", "tap-zeta2"),
     figure("k_c", within(m.k_c, 1e-6, 3), "MN/m", "tap-kc"),
     figure("peak", fixed(j.peak_acceleration_m_s2, 2), "m/s²"),
-    figure("force that relieves the contact, of the load", share === null || share === undefined ? "–" : `${fixed(100 * share)} %`, `limit ${fixed(100 * limit)} %, at 100 % the surfaces part`),
-    make("div", {}, make("span", { class: "small" }, "against the limit"), make("meter", { min: 0, max: 1.5, low: 0.8, high: 1, optimum: 0, value: Math.min(1.5, lost || 0), "aria-label": "force against the loss-of-contact limit" })),
-    figure("load drift since lock", Number.isFinite(drift) ? `${drift >= 0 ? "+" : ""}${drift.toFixed(1)}` : "–", "mN"));
+    figure("load drift since lock", Number.isFinite(drift) ? `${drift >= 0 ? "+" : ""}${drift.toFixed(1)}` : "–", "mN"),
+    figure("relieves the contact by", share === null || share === undefined ? "–" : fixed(100 * share), "% of the load"),
+    make("div", {}, make("span", { class: "small" }, `limit ${fixed(100 * limit)} %; at 100 % the surfaces part`), make("meter", { min: 0, max: 1.5, low: 0.8, high: 1, optimum: 0, value: Math.min(1.5, lost || 0), "aria-label": "force against the loss-of-contact limit" })));
   if (tap.modes && tap.modes.notes && tap.modes.notes.length) numbers.append(make("p", { class: "small" }, tap.modes.notes.join("; ")));
   hand.hidden = !page.parts.state.running;
   hand.querySelector("button").textContent = tap.accepted ? "Reject this tap" : "Accept this tap";
@@ -70,6 +70,8 @@ function showRow() {
   const here = (page.parts.taps || { taps: [] }).taps.filter((tap) => tap.load_set === set);
   const missing = Math.max(0, state.wanted - here.filter((tap) => tap.accepted).length);
   const now = shown ? shown.number : null;
+  const target = state.plan_mn[set];
+  where.textContent = target === undefined ? "" : `At ${fixed(target)} mN`;
   put(row, [now, missing, here.map((tap) => [tap.number, tap.accepted])], () => [
     ...here.map((tap) => make("li", {}, make("button", {
       type: "button", "data-key": tap.number, class: tap.accepted ? "good" : "bad", "aria-pressed": now === tap.number ? "true" : "false",
@@ -106,8 +108,8 @@ async function judge(event) {
 
 export const taps = {
   show(root) {
-    record = plot({ title: "Record of A and B", x: "time after the trigger, ms", y: "acceleration, m/s²", series: [{ colour: "a" }, { colour: "b", dash: [6, 3] }], height: 280 });
-    spectrum = plot({ title: "Spectrum of the mean of A and B", x: "frequency, Hz", y: "m/s² per Hz", series: [{ colour: "third" }], log: true, height: 240 });
+    record = plot({ title: "Record of A and B", x: "time after the trigger, ms", y: "acceleration, m/s²", series: [{ colour: "a" }, { colour: "b", dash: [6, 3] }], height: 190 });
+    spectrum = plot({ title: "Spectrum of the mean of A and B", x: "frequency, Hz", y: "m/s² per Hz", series: [{ colour: "third" }], log: true, height: 170 });
     row = make("ul", { class: "row-of-taps", id: "row" });
     verdict = make("div", { role: "status", id: "verdict" });
     numbers = make("div", { class: "numbers" });
@@ -116,12 +118,14 @@ export const taps = {
       make("button", { type: "submit", id: "judge" }, "Reject this tap"),
       noted = make("span", { role: "status", class: "small", id: "noted" }));
     const newest = make("button", { type: "button", onclick: () => { chosen = null; shown = page.record; this.update("record"); } }, "Follow the newest");
+    where = make("h2");
+    const key = make("span", { class: "key" }, make("i", { class: "a" }), "A", make("i", { class: "b dashed" }), "B");
     root.append(
-      sheet("Taps at this load", row, make("p", {}, newest)),
-      sheet("Verdict", verdict, numbers, hand),
+      make("section", { class: "sheet line", "aria-label": "Taps at this load" }, where, row, newest),
       make("div", { class: "two" },
-        sheet("Record", make("p", { class: "key" }, make("i", { class: "a" }), "A", make("i", { class: "b" }), "B (dashed)"), record.box),
-        sheet("Spectrum", spectrum.box)));
+        make("section", { class: "sheet", "aria-label": "Verdict" }, verdict, numbers, hand),
+        make("section", { class: "sheet", "aria-label": "Record and spectrum" },
+          make("h2", {}, "Record", key), record.box, make("h2", {}, "Spectrum of the mean of A and B"), spectrum.box)));
     shown = chosen === null ? page.record : shown;
     draw();
     showRow();

@@ -119,11 +119,6 @@ class DevicesProcess:
         with self._rig.lock:
             return getattr(self._rig.recorder, method)(*arguments)
 
-    def do_push(self, depth_um: float) -> None:
-        """Have somebody lean on the upper mass, so that it is so much deeper than the stage holds it."""
-        with self._rig.lock:
-            self._rig.physics.push(depth_um)
-
     def do_truth(self) -> dict[str, float]:
         """Truth at the present load."""
         physics = self._rig.physics

@@ -140,7 +140,7 @@ def at_the_end(album: Album, page: Any) -> None:
         page.frame_locator(f"iframe[title='{title}']").locator("h1").first.wait_for()
         album.take(page, name)
     view(page, "sessions")
-    page.wait_for_selector("#past tbody tr:nth-child(2)")
+    page.wait_for_selector("#past tbody tr >> nth=1")
     for box in page.locator("#past input[type=checkbox]").all():
         box.check()
     page.click("#compare")

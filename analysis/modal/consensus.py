@@ -11,6 +11,7 @@ from scipy import special
 from analysis.modal.era import Realisation, hankel_svd, realise
 from analysis.modal.exponentials import ExponentialFit, FitFailure, fit_exponentials, subtracted
 from analysis.modal.further import Decay
+from analysis.modal.likelihood_interval import FAINT, energies
 from analysis.modal.modes import sampled_pole
 from analysis.modal.noise import NoiseModel
 
@@ -18,6 +19,8 @@ Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
 
 FEIGNED = 1e-3  # chance that noise alone passes for the contact mode of a load
+SMALLEST_CHANCE = 1e-280  # that can be looked up
+STRAY = 0.1  # share of its pole, by which the contact mode of a tap may differ from that of the others
 PARAMETERS = 4  # of a mode in one tap
 SHORT_LAGS = 60  # of the first realisation that is tried
 HEAD = 200  # first samples of a decay
@@ -82,7 +85,10 @@ def consensus(
 
 
 def told_from_noise(late: dict[int, Decay], noise: NoiseModel) -> bool:
-    """Whether the contact mode has more energy in all taps together than the best fit to noise reaches anywhere."""
+    """Whether the contact mode has more energy in all taps together than the best fit to noise reaches anywhere.
+
+    Each tap is fitted by itself, and each could have found the best line of its own noise.
+    """
     if not late:
         return True  # there is nothing to refuse
     worth = 0.0
@@ -90,12 +96,34 @@ def told_from_noise(late: dict[int, Decay], noise: NoiseModel) -> bool:
         variance = float(d.fit.noise_variance[0])
         if noise.variance > 0:
             variance = max(variance, noise.variance)
-        z = complex(d.fit.poles[1])
-        rate = max(-2 * np.log(abs(z)), 1e-12)
-        lasts = -np.expm1(-rate * (d.y.size - d.start)) / rate
-        worth += 2 * abs(d.fit.amplitudes[0, 1]) ** 2 * float(lasts) / max(variance, 1e-300)
-    longest = max(d.y.size for d in late.values())
-    return worth > float(special.chdtri(PARAMETERS * len(late), FEIGNED / longest))
+        worth += float(energies(d.fit, d.y.size - d.start)[1]) * float(d.fit.noise_variance[0]) / max(variance, 1e-300)
+    places = len(late) * np.log(max(d.y.size for d in late.values()))
+    chance = max(float(np.exp(np.log(FEIGNED) - places)), SMALLEST_CHANCE)
+    return worth > float(special.chdtri(PARAMETERS * len(late), chance))
+
+
+def with_the_others(decays: dict[int, Decay], known: Complex) -> dict[int, Decay]:
+    """Fit taps whose contact mode is faint anew, beginning where the others have it, and keep what leaves less.
+
+    What a faint tap has found far from the others is a line of its noise, whatever it leaves.
+    """
+    if len(decays) < 3:
+        return decays
+    logs = np.array([np.log(d.fit.poles[1]) for d in decays.values()])
+    middle = complex(np.median(logs.real), np.median(logs.imag))
+    kept = dict(decays)
+    for i, d in decays.items():
+        if energies(d.fit, d.y.size - d.start)[1] > FAINT:
+            continue
+        stray = abs(np.log(d.fit.poles[1]) - middle) > STRAY * abs(middle)
+        poles = d.fit.poles.copy()
+        poles[1] = np.exp(middle)
+        fit = fit_from(d.y, d.start, poles, known)
+        if fit is None or abs(np.log(fit.poles[1]) - middle) > STRAY * abs(middle):
+            continue
+        if stray or fit.residual_sum < d.fit.residual_sum:
+            kept[i] = Decay(d.y, d.start, fit)
+    return kept
 
 
 def fit_from(y: Real, start: int, poles: Complex, known: Complex) -> ExponentialFit | None:

@@ -13,6 +13,7 @@ from analysis.modal.clipping import clipped_samples
 from analysis.modal.era import Realisation, hankel_svd, realise
 from analysis.modal.exponentials import ExponentialFit
 from analysis.modal.free_start import decay_start, from_the_impact_on
+from analysis.modal.likelihood_interval import widened, widening
 from analysis.modal.model_order import Model, Record, fitted, groups, modes_of, without_modes, without_weak
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
 from analysis.modal.noise import NoiseModel, noise_model
@@ -219,10 +220,11 @@ def _likely(
     fit = model.fit
     record = _record(white.y, first, white.clipped, None)
     spread = _robust_spread(record, fit)
+    wider = widening(record.y, fit, record.known, record.missing)
     overlapping = [g for g in groups(fit.poles, record.y.shape[1]) if len(g) > 1]
     modes: list[ModeEstimate] = []
     for i in np.argsort(np.abs(np.log(fit.poles))):
-        covariance = fit.log_pole_covariance[i] * spread[i]
+        covariance = widened(fit.log_pole_covariance[i], wider[i]) * spread[i]
         z = complex(fit.poles[i])
         growth = np.log(abs(z)) / np.sqrt(max(covariance[0, 0], 1e-300))
         if growth > NO_GROWTH:

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from analysis.modal.checks import disagreements, era_modes, spread_of_scores
 from analysis.modal.clipping import clipped_samples
-from analysis.modal.consensus import LEAST_DAMPING_ERROR, consensus, fit_from, told_from_noise
+from analysis.modal.consensus import LEAST_DAMPING_ERROR, consensus, fit_from, told_from_noise, with_the_others
 from analysis.modal.further import Decay, with_further_modes
+from analysis.modal.likelihood_interval import widened, widening
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
 from analysis.modal.noise import NoiseModel
 from analysis.modal.onset import onset_of
@@ -138,7 +139,7 @@ def identify_impacts(
             carried = list(_from_the_pulse_on(whole, triggers, noise, known).values())
     contact = [abs(np.log(d.fit.poles[1])) for d in carried]
     notes = [_further_note(complex(z), float(np.median(contact)), sample_rate_hz) for z in added]
-    fitted = dict(zip(decays, carried, strict=True))
+    fitted = with_the_others(dict(zip(decays, carried, strict=True)), known)
     return [
         _modes_of(fitted[i], noise, sample_rate_hz, method, [*notes, *onsets[i].notes], known)
         if i in fitted
@@ -224,9 +225,13 @@ def _modes_of(
     grown = spread_of_scores(decay.y[decay.start :], decay.fit, known)
     fit, first = decay.fit, decay.start + noise.order
     ratio = float(fit.noise_variance[0] / noise.variance) if noise.variance > 0 else float("nan")
+    wider = widening(decay.y[None, decay.start :], fit, known)
     likely = [
         mode_from_sampled_pole(
-            complex(fit.poles[i]), fit.log_pole_covariance[i] * grown[i], fit.amplitudes[:, i], sample_rate_hz
+            complex(fit.poles[i]),
+            widened(fit.log_pole_covariance[i], wider[i]) * grown[i],
+            fit.amplitudes[:, i],
+            sample_rate_hz,
         )
         for i in range(2)
     ]
@@ -240,7 +245,10 @@ def _modes_of(
         system, contact = (None, None) if realised is None else (realised[0], realised[1])
     else:
         system, contact = likely[0], likely[1]
-    if contact is not None and not _determined(contact):
+    by_curvature = mode_from_sampled_pole(
+        complex(fit.poles[1]), fit.log_pole_covariance[1], fit.amplitudes[:, 1], sample_rate_hz
+    )
+    if contact is not None and not _determined(contact if method == "era" else by_curvature):
         notes.append("this record does not determine the contact mode: its uncertainty is as large as its damping")
         contact = None
     if contact is not None and not contact.damping_ratio.value > 0:

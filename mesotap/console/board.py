@@ -210,7 +210,8 @@ class Board:
         self._show("picture", frame({"part": "picture", **told}, numbers))
 
     def _hear_alarm(self, message: Message, numbers: bytes) -> None:
-        self.state.update(alarm=f"{message['text']}: the surfaces are being taken apart", words="alarm")
+        said = message["text"].removesuffix("; the surfaces are taken apart")
+        self.state.update(alarm=f"{said}; the surfaces are being taken apart", words="alarm")
         self.state["next"] = "Keep off the rig: the surfaces are being taken apart."
         self.show("state")
 

@@ -154,6 +154,8 @@ class Routes:
         return {"stopped": self._work.tell({"do": "stop"})}
 
     async def _pause(self, content: dict[str, Any]) -> dict[str, Any]:
+        if self._board.state["viewing"]:
+            raise Refused("the live view does not pause; 'Hold' holds its picture")
         return {"told": self._work.tell({"do": "pause"})}
 
     async def _answer(self, content: dict[str, Any]) -> dict[str, Any]:

@@ -102,7 +102,7 @@ def view_live(order: Message, people: PagePeople, wishes: deque[Message], tell: 
     simulated = choice.simulate or choice.emulate
     if simulated:
         config = for_setting_up(config)
-    operator = people.operator
+    operator, people.control.ends = people.operator, "live view"
     rig = build_rig(config, choice.simulate, operator, choice.seed, choice.realtime, choice.emulate, speed=choice.speed)
     try:
         with people.control.listening():

@@ -203,7 +203,14 @@ class KeyControl:
     A signal is noted at once, and heeded where the session looks, a few times a second: nothing is ever left half
     done, and what brings the rig into its safe state is never interrupted. Use as a context manager; keys are only
     read where standard input is a terminal.
+
+    Attributes
+    ----------
+    ends
+        What it ends, in a word or two.
     """
+
+    ends = "session"
 
     def __init__(self, console: Console, keyboard: Keyboard | None = None) -> None:
         self._console = console
@@ -226,7 +233,7 @@ class KeyControl:
     def _heed(self, key: str) -> None:
         if self._ended or key == ABORT_KEY:
             self._told = True
-            raise SessionAborted(f"session ended by {self._ended or 'the operator'}")
+            raise SessionAborted(f"{self.ends} ended by {self._ended or 'the operator'}")
 
     def _pause(self, hold: Hold) -> None:
         what = "the load is watched" if hold() else "the surfaces are apart"

@@ -247,7 +247,7 @@ class LiveView:
             return f"{noisy}: wait until the bench is quiet, check cables and grounding."
         bad = [v for v in self._check.outcome["verdicts"] if v["passed"] is False]
         if bad:
-            return f"Look at what the check found: {bad[0]['says']}."
+            return f"Mend what the check found: {', '.join(v['name'] for v in bad)}. Then check again."
         if self._check.state == DONE:
             return "Wiring and noise are as a session needs them: end the view."
         return f"Quiet enough for a session. {TAP_FIRST}"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.mesotap.console.consoles import PATIENCE_MS, console_in, needs_chromium
-from tests.mesotap.console.pages import begin, opened, reach
+from tests.mesotap.console.pages import begin, opened, reach, shows
 
 AXE = Path(os.environ.get("MESOTAP_AXE", "")) / "node_modules/axe-core/axe.min.js"
 SERIOUS = ("serious", "critical")
@@ -64,5 +64,22 @@ def test_nothing_serious_on_any_page(chromium, tmp_path):
         page.click("#pause")
         reach(page, "done")
         look("done")
+        assert page.faults == []
+        assert found == {}
+
+
+def test_nothing_serious_in_the_live_view(chromium, tmp_path):
+    with console_in(tmp_path, "--scope", "--set", "sim_backend.sensors.b.gain=-1") as console:
+        page = opened(chromium, console)
+        page.add_init_script(path=AXE)
+        page.reload()
+        page.wait_for_function("typeof axe === 'object' && axe.version !== undefined", timeout=PATIENCE_MS)
+        page.click("#begin:enabled")
+        page.click("#check-by-tap:enabled")
+        shows(page, "#check", "1 of 9 to mend")
+        found = {}
+        for _ in range(2):
+            found.update(findings(page, page.get_attribute("html", "data-theme")))
+            page.click("#theme")
         assert page.faults == []
         assert found == {}

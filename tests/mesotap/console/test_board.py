@@ -48,3 +48,20 @@ def test_while_it_is_filed_and_diagnosed_the_page_says_so(tmp_path):
         (tmp_path / REPORT).write_text("<p>read</p>")
     assert len(set(said)) == len(Filing)
     assert board.state["reported"], "it can be read while the diagnosis is worked out"
+
+
+def test_an_alarm_of_the_live_view_stands_until_it_has_ended():
+    shown = {}
+    board = Board(lambda part, frame: shown.update({part: taken(frame)}), lambda frame: None)
+    board.state.update(viewing=True, viewed=True)
+    board.hear({"kind": "picture", "next": "Tap once.", "points": 1}, b"\0" * 16)
+    assert shown["picture"] == ({"part": "picture", "points": 1}, b"\0" * 16)
+    assert (board.state["words"], board.state["next"]) == ("live view", "Tap once.")
+    over = "load: 1200 mN is over the limit of 1100 mN"
+    board.hear({"kind": "alarm", "text": f"{over}; the surfaces are taken apart"}, b"")
+    assert shown["state"][0]["alarm"] == f"{over}; the surfaces are being taken apart"
+    board.hear({"kind": "ended", "how": "failed", "text": f"{over}; the surfaces are apart"}, b"")
+    board.gone()
+    state = shown["state"][0]
+    assert (state["alarm"], state["viewing"], state["ended"]["text"]) == ("", False, f"{over}; the surfaces are apart")
+    assert state["next"].startswith("Take the surfaces apart, then begin")

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from mesotap.configuration.config import parse_config
+from mesotap.console.session_people import PagePeople
 from mesotap.session.bench import emulated_rig, simulated_rig
 from mesotap.session.guardian import Guardian
 from mesotap.session.live_view import LiveView, ViewBench, for_setting_up
@@ -216,3 +217,22 @@ def test_the_end_without_a_load_moves_nothing_and_with_one_is_refused():
         stop_s=3.0,
     )
     assert isinstance(loaded.error, SessionAborted)
+
+
+def test_a_micrometer_turned_by_hand_is_turned_back_by_who_turned_it():
+    hand = "rig.parts.stage=hand"
+    viewed = Viewed(hand, NO_PLAY, things=lambda rig: [(2.0, lambda: rig.push(162.0))], stop_s=10.0)
+    assert "over the limit" in str(viewed.error)
+    assert viewed.error.__notes__ == ["the surfaces are apart"]
+    assert viewed.physics.true_load_mn() == 0.0
+
+
+def test_nobody_is_waited_for_when_the_console_has_gone():
+    told = []
+    people = PagePeople(lambda message, numbers=b"": told.append(message))
+    people.lost()
+    with pytest.raises(RigError, match="the console has gone"):
+        people.operator.turn("Turn the micrometer 100 um away from contact.", -100.0, lambda: ("gauge 3 mV", False))
+    with pytest.raises(RigError, match="the console has gone"):
+        people.operator.wait_ready("Open the micrometer's clamp.")
+    assert [message["kind"] for message in told] == ["ask", "live", "asked", "ask", "asked"]

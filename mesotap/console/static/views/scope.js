@@ -42,19 +42,26 @@ function draw() {
   page.pictures = (page.pictures || 0) + 1;
 }
 
-function levelRow(name, level, p) {
-  const share = 100 * level.share;
-  return make("tr", {},
-    make("th", { scope: "row" }, name), make("td", {}, number(level.rms)), make("td", {}, number(level.peak)),
-    make("td", {}, `${number(share, 2)} %`),
-    make("td", { class: level.overloaded ? "bad text" : "text" }, level.overloaded ? "✗ overloaded" : level.peak === 0 ? "✗ nothing" : "✓ in range"),
-    make("td", { class: level.noise !== null && level.noise > p.largest_noise ? "bad" : "good" }, level.noise === null ? "–" : `${level.noise > p.largest_noise ? "✗" : "✓"} ${number(level.noise)}`));
+// What is shown of each channel, a row each: name, and of a level its text and whether it is as it should be.
+const ROWS = [
+  ["rms, m/s²", (level) => [number(level.rms)]],
+  ["peak, m/s²", (level) => [number(level.peak)]],
+  ["of full scale", (level) => [`${number(100 * level.share, 2)} %`]],
+  ["range", (level) => (level.overloaded ? ["✗ overloaded", false] : level.peak === 0 ? ["✗ nothing", false] : ["✓ in range", true])],
+  ["noise, m/s² rms", (level, p) => (level.noise === null ? ["–"] : level.noise > p.largest_noise ? [`✗ ${number(level.noise)}`, false] : [`✓ ${number(level.noise)}`, true])],
+];
+
+function levelRow(name, of, p) {
+  return make("tr", {}, make("th", { scope: "row" }, name), ...p.levels.map((level) => {
+    const [text, good] = of(level, p);
+    return make("td", { class: good === true ? "good" : good === false ? "bad" : "" }, text);
+  }));
 }
 
 function showLevels() {
   const p = page.parts.picture;
   if (!p || !levels) return;
-  levels.replaceChildren(...p.levels.map((level, i) => levelRow("AB"[i], level, p)));
+  levels.replaceChildren(...ROWS.map(([name, of]) => levelRow(name, of, p)));
   const text = `Full scale ${number(p.full_scale)} m/s². A session takes a tap with at most ${number(p.largest_noise, 2)} m/s² rms of noise; with the noise of now a tap has to reach ${number(p.least_tap, 2)} m/s², and is felt from ${number(p.threshold, 2)} m/s² on.${p.lost ? ` The recorder lost ${p.lost} samples.` : ""}`;
   if (gates.textContent !== text) gates.textContent = text;
   const told = p.levels.flatMap((level, i) => (level.overloaded ? [`${"AB"[i]} is overloaded.`] : [])).join(" ");
@@ -152,15 +159,15 @@ export const scope = {
     verdicts = make("div", { role: "status", id: "check" });
     relation = make("div", { class: "numbers", id: "relation" });
     holding = make("button", { type: "button", id: "hold", "aria-pressed": "false", onclick: hold }, "Hold");
-    const headings = ["", "rms, m/s²", "peak, m/s²", "of full scale", "range", "noise, m/s² rms"];
+    const headings = ["level", "A", "B"];
     const side = make("select", { id: "side", "aria-label": "where the lower mass is tapped" }, make("option", { value: "middle" }, "between the accelerometers"), make("option", { value: "a" }, "beside A"), make("option", { value: "b" }, "beside B"));
     root.append(ask, begin,
       make("div", { class: "two" },
         sheet("Trace", key(), trace.box),
         sheet("Spectrum", make("p", { class: "key" }, make("i", { class: "a" }), "A", make("i", { class: "b" }), "B (dashed) · ", averaged), spectrum.box)),
-      sheet("What is shown", form, make("p", {}, holding, " ", make("button", { type: "button", id: "tap", "data-runs": true, "data-simulated": true, onclick: () => act("view/tap") }, "Tap the simulated rig"), " ", make("button", { type: "button", id: "end", "data-runs": true, onclick: () => act("view/end") }, "End the view"))),
-      make("div", { class: "two" },
-        sheet("Levels", make("div", { class: "scroll" }, make("table", { id: "levels" }, make("thead", {}, make("tr", {}, ...headings.map((h) => make("th", { scope: "col" }, h || make("span", {}, "channel"))))), levels)), said, gates),
+      make("div", { class: "two" }, make("div", { class: "stack" },
+        sheet("Levels", make("div", { class: "scroll" }, make("table", { id: "levels" }, make("thead", {}, make("tr", {}, ...headings.map((h) => make("th", { scope: "col" }, h)))), levels)), said, gates),
+        sheet("What is shown", form, make("p", {}, holding, " ", make("button", { type: "button", id: "tap", "data-runs": true, "data-simulated": true, onclick: () => act("view/tap") }, "Tap the simulated rig"), " ", make("button", { type: "button", id: "end", "data-runs": true, onclick: () => act("view/end") }, "End the view")))),
         sheet("Wiring and polarity", make("p", {}, make("label", {}, "tap the lower mass, from above", side)),
           make("p", {}, make("button", { type: "button", class: "main", id: "check-by-tap", "data-runs": true, onclick: () => act("view/check", { side: side.value }) }, "Check by one tap")), verdicts, relation)));
     this.update("state");

@@ -68,7 +68,7 @@ function showState() {
   setText("detail", state.text);
   setText("next", state.ask ? state.ask.text : state.paused ? paused(state) : state.next);
   const ended = state.ended;
-  alertWith(!page.connected ? unconnected() : state.alarm ? state.alarm : ended && ended.how !== "filed" ? sentence(ended.text) : drifted());
+  alertWith(!page.connected ? unconnected() : state.alarm ? sentence(state.alarm) : ended && ended.how !== "filed" ? sentence(ended.text) : drifted());
 }
 
 // As the first of a sentence, and with the page's button for the command.

@@ -6,7 +6,7 @@ DEMO := demo
 SEED := 1
 
 .PHONY: demo test check unit lint types layers kills recovery gauges bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness package clean
-.PHONY: console-stop console-kills console-axe console-soak
+.PHONY: console-stop console-kills console-axe console-soak console-pictures
 
 demo: $(VENV)/.installed
 	rm -rf $(DEMO)
@@ -48,9 +48,14 @@ console-axe: $(VENV)/.tested
 	npm install --silent --no-save --prefix $(AXE) axe-core@4.14.1
 	MESOTAP_AXE=$(AXE) $(BIN)/python -m pytest -rs -n 0 tests/mesotap/console/test_accessible.py
 
-# the console killed ten times in every state, each session resumed (half an hour)
+# the console killed ten times in every state, each session resumed (an hour)
 console-kills: $(VENV)/.tested
 	MESOTAP_CONSOLE_KILLS=10 $(BIN)/python -m pytest -s -n 0 tests/mesotap/console/test_kills.py
+
+# the pictures of docs/console, of sessions that run (some minutes)
+PICTURES :=
+console-pictures: $(VENV)/.tested
+	$(BIN)/python -m tests.mesotap.console.pictures $(PICTURES)
 
 # an hour of sessions in the console, one page that drives and three that watch: memory, and how late what comes
 console-soak: $(VENV)/.tested

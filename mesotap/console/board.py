@@ -43,11 +43,11 @@ VIEW_IDLE = "Take the surfaces apart, then begin: what the gauge reads then coun
 FILING = {
     "FILE": WHAT_TO_DO["FILE"],
     "REPORT": "Nothing to do, the surfaces are apart: the session is filed, and its report is being worked out.",
-    "DIAGNOSIS": "The report is there, under Loads. The diagnosis takes some minutes; STOP leaves it out.",
+    "DIAGNOSIS": "The report is there, under Loads. STOP leaves the diagnosis out.",
 }
 AFTERWARDS = {
     "stopped": "The session ended; 'Resume' goes on with it.",
-    "failed": "Look at the rig and mend what the alarm says; then 'Resume' goes on with the session.",
+    "failed": "Look at the rig, mend what the alarm says, then 'Resume'.",
 }
 IDLE = "No session runs. Start one, or go on with one that was not finished."
 

@@ -35,6 +35,12 @@ MOST_SAMPLES = 2**18
 """Of a record that is told, each channel: a page draws no more."""
 
 LOOK_S = 0.02
+LEFT_OUT = (Filing.DIAGNOSIS,)
+"""What STOP ends once a session is filed."""
+
+MADE_AGAIN = (Filing.REPORT, Filing.DIAGNOSIS)
+"""What ends with the console; whoever resumes the session has it made."""
+
 CONSOLE_WIDTH = 160
 
 Tell = Callable[..., None]
@@ -237,7 +243,7 @@ class PagePeople:
         self.control = PageControl(console, self.keys, tell)
         self.operator = PageOperator(tell)
         self._verdicts: list[HandVerdict] = []
-        self.diagnosing = False
+        self._step: Filing | None = None
         self.people = People(
             self.operator, self.control, self._watching, console, PageGauge(tell), self._take_verdicts, self._filing
         )
@@ -246,7 +252,7 @@ class PagePeople:
         """Hear one message of the console; called by the thread that reads."""
         what = message.get("do")
         if what == "stop":
-            self._end("STOP in the console")
+            self._end("STOP in the console", LEFT_OUT)
         elif what == "pause":
             self.keys.press(PAUSE_KEY)
         elif what == "answer":
@@ -259,16 +265,21 @@ class PagePeople:
     def lost(self) -> None:
         """Hear that the console has gone."""
         self.operator.lost()
-        self._end("the console, which has gone")
+        self._end("the console, which has gone", MADE_AGAIN)
 
-    def _end(self, by: str) -> None:
+    @property
+    def filed(self) -> bool:
+        """Whether the session is complete, and only what is worked out from it may be missing."""
+        return self._step in MADE_AGAIN
+
+    def _end(self, by: str, interrupted: tuple[Filing, ...]) -> None:
         self.control.end(by)
         self.keys.press(ABORT_KEY)  # wakes whoever waits
-        if self.diagnosing:  # the session is filed, and nobody looks any more
+        if self._step in interrupted:  # nobody looks any more whether it is to end
             os.kill(os.getpid(), signal.SIGINT)
 
     def _filing(self, step: Filing, text: str) -> None:
-        self.diagnosing = step is Filing.DIAGNOSIS
+        self._step = step
         self._tell({"kind": "filing", "step": step.name, "words": step.value, "text": text})
 
     def _take_verdicts(self) -> list[HandVerdict]:

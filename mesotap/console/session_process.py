@@ -57,7 +57,7 @@ def main(descriptor: int) -> None:
             carry_out(order, people)
             link.tell({"kind": "ended", "how": "filed", "text": "the session is complete"})
     except BaseException as error:
-        if people.diagnosing and isinstance(error, KeyboardInterrupt):
+        if people.filed and isinstance(error, KeyboardInterrupt):
             link.tell({"kind": "ended", "how": "filed", "text": "the session is complete; its diagnosis was ended"})
             return
         link.tell({"kind": "ended", **told(error)})

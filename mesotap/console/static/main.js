@@ -73,7 +73,7 @@ function showState() {
 
 // As the first of a sentence, and with the page's button for the command.
 function sentence(text) {
-  return (text.charAt(0).toUpperCase() + text.slice(1)).replace("; 'mesotap resume' goes on", "");
+  return (text.charAt(0).toUpperCase() + text.slice(1)).replace("; 'mesotap resume' goes on", "").replace("the surfaces are taken apart; the surfaces are apart", "the surfaces are apart");
 }
 
 function drifted() {

@@ -92,7 +92,7 @@ def test_a_load_over_the_limit_is_an_alarm(chromium, tmp_path):
         reach(page, "ended")
         devices.call("push", 0.0)
         shows(page, "#alert", r"mN.*the surfaces are apart")
-        shows(page, "#next", "Look at the rig and mend what the alarm says")
+        shows(page, "#next", "Look at the rig, mend what the alarm says")
         assert page.get_attribute("#alert", "role") == "alert"
         assert devices.call("state")["load_mn"] == 0.0
         assert [e["troubles"] for e in journal_of(console) if e["event"] == "safe"] == [[]]

@@ -24,7 +24,16 @@ from tests.mesotap.session.separate import CONFIG, FILED
 
 ROUNDS = int(os.environ.get("MESOTAP_CONSOLE_KILLS", "0"))
 STATES = [state.name for state in State if state is not State.DONE]
-LONGEST_WAIT_S = {"CONNECT": 0.1, "SET_LOAD": 0.4, "LOCK": 0.9, "TAP": 0.9, "RETRACT": 0.1, "FILE": 1.0}
+LONGEST_WAIT_S = {
+    "CONNECT": 0.1,
+    "PRE_CALIBRATION": 0.4,
+    "POST_CALIBRATION": 0.4,
+    "SET_LOAD": 0.4,
+    "LOCK": 0.9,
+    "TAP": 0.9,
+    "RETRACT": 0.1,
+    "FILE": 1.0,
+}
 """Between a state and the kill: about as long as the state lasts."""
 
 USUAL_WAIT_S = 3.0
@@ -32,7 +41,7 @@ LATER = [state for state in STATES if state in ("LOCK", "SET_LOAD", "TAP")]
 """Those that come again at the second load."""
 
 TRIED = [(state, i) for i in range(ROUNDS) for state in STATES] or [("TAP", 0), ("APPROACH", 0)]
-APART_S = 30.0
+APART_S, REPORT_S = 60.0, 300.0
 """A machine that is very busy; how long it took is printed."""
 
 
@@ -87,10 +96,12 @@ def test_killed_and_resumed(tmp_path, state, turn):
     try:
         page = PlainPage(console, Client(console))
         (session,) = json.loads(page.client.request("GET", "/api/sessions")[2])["sessions"]
-        if not session["done"]:
+        if not session["done"] or not session["report"]:
             assert page.post("resume", {"id": session["id"]})[0] == 200
-            page.until(lambda: FILED in (folder / "journal.jsonl").read_text() or page.state["ended"] is not None)
-            page.until(lambda: not page.state["running"])
+            page.until(
+                lambda: FILED in (folder / "journal.jsonl").read_text() or page.state["ended"] is not None, REPORT_S
+            )
+            page.until(lambda: not page.state["running"], REPORT_S)
         assert FILED in (folder / "journal.jsonl").read_text(), page.state
         assert (folder / "report.html").is_file()
         page.close()

@@ -35,6 +35,7 @@ async function compare(into) {
     make("div", { class: "scroll" }, make("table", { id: "compared" }, make("thead", {}, make("tr", {}, make("th", { scope: "col" }, "load of the plan, mN"), ...taken.map((s) => make("th", { scope: "col" }, `k_c, MN/m: ${s.name}`)))), make("tbody", {}, ...targets.map(row))))));
   stiffness.set([x, ...taken.map((s) => column(s, (l) => l.k_c.value * 1e-6))]);
   damping.set([x, ...taken.map((s) => column(s, (l) => l.zeta2.value * 100))]);
+  into.scrollIntoView();
 }
 
 export const sessions = {
@@ -62,8 +63,8 @@ export const sessions = {
       chosen.clear();
       button.disabled = true;
       rows.replaceChildren(...hits.map((s) => make("tr", {},
-        make("td", { class: "text" }, mark(s)), make("td", { class: "text" }, s.name), make("td", { class: "text" }, s.specimen), make("td", { class: "text" }, s.title), make("td", { class: "text" }, s.state), make("td", {}, `${s.accepted} of ${s.taps}`),
-        make("td", { class: "text" }, ...["report", "diagnosis"].filter((what) => s[what]).map((what) => make("button", { type: "button", onclick: () => open(s, what) }, what))))));
+        make("td", { class: "text" }, mark(s)), make("td", { class: "text name" }, s.name), make("td", { class: "text" }, s.specimen), make("td", { class: "text" }, s.title), make("td", { class: "text" }, s.state), make("td", {}, `${s.accepted} of ${s.taps}`),
+        make("td", { class: "text buttons" }, ...["report", "diagnosis"].filter((what) => s[what]).map((what) => make("button", { type: "button", onclick: () => open(s, what) }, what))))));
     };
     search.addEventListener("input", list);
     const headings = ["compare", "name", "specimen", "title", "state", "good taps", "open"];

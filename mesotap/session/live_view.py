@@ -231,7 +231,8 @@ class LiveView:
         if load > NEAR_LIMIT * limits.load_mn:
             return f"The load is about {10 * round(load / 10)} of {limits.load_mn:g} mN: turn no further."
         if load < -BELOW_ZERO * limits.contact_threshold_mn:
-            return f"The gauge shows about {10 * round(load / 10)} mN: it was not free when the view began. Press STOP, then begin again."
+            shown = f"The gauge shows about {10 * round(load / 10)} mN"
+            return f"{shown}: it was not free when the view began. Press STOP, then begin again."
         if over := [name for name, level in names.items() if level.overloaded]:
             return f"{' and '.join(over)} overloaded: tap more gently, or take a larger rig.wiring.input_range_v."
         if dead := [name for name, level in names.items() if level.noise_m_s2 == 0.0]:

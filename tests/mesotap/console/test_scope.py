@@ -212,6 +212,9 @@ def test_the_console_killed(viewing):
 
 def test_the_acquisition_killed(viewing):
     console, page, devices = viewing
+    assert page.post("view/check", {"side": "middle"})[0] == 200  # with the drivers, before there is a load
+    page.until(lambda: page.parts["picture"]["check"]["state"] == "done")
+    assert [v["says"] for v in page.parts["picture"]["check"]["verdicts"] if not v["passed"]] == []
     loaded(page, devices)
     (child,) = [pid for pid in children_of(console.process.pid) if b"session_process" in command_of(pid)]
     os.kill(child, signal.SIGKILL)

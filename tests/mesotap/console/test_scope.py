@@ -95,7 +95,7 @@ def console_link(console, page):
 
 
 @needs_chromium
-def test_an_upside_down_sensor_is_named_and_mended_in_the_settings(chromium, tmp_path):
+def test_an_upside_down_sensor_is_named_with_what_to_change(chromium, tmp_path):
     with console_in(tmp_path, "--scope", "--set", "sim_backend.sensors.b.gain=-1") as console:
         page = opened(chromium, console)
         begun(page)

@@ -161,6 +161,12 @@ addEventListener("keyup", (event) => { // a button or a checkbox acts when the k
   if (event.key === " " && event.target.closest?.("button, a, input[type=checkbox]")) event.preventDefault();
 }, { capture: true });
 
+// A link is good once, for whoever opens it: only the page that drives gives one.
+byId("another").addEventListener("click", async () => {
+  const answer = await post("link", {});
+  byId("link").textContent = answer.ok ? `${location.origin}${answer.path} (opens once)` : answer.error;
+});
+
 // --- dark and light ---------------------------------------------------------
 
 function setTheme(name) {

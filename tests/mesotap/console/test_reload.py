@@ -45,8 +45,9 @@ def test_reload_and_hand_over(chromium, tmp_path):
         assert page.is_enabled("#pause")
         assert journal_of(console) == journal
 
-        second = page.context.new_page()
-        second.goto(page.url)
+        page.click("#another")
+        shows(page, "#link", r"/open\?token=\S+ \(opens once\)")
+        second = opened(chromium, console, page.inner_text("#link").partition(" ")[0])
         shows(second, "#who", r"This page \(2\) watches; page 1 holds control")
         assert second.is_disabled("#pause")
         second.click("#control")
@@ -60,4 +61,4 @@ def test_reload_and_hand_over(chromium, tmp_path):
         page.click("#stop")
         reach(second, "ended")
         shows(second, "#alert", "the surfaces are apart")
-        assert page.faults == []
+        assert page.faults == second.faults == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -9,16 +10,18 @@ from numpy.typing import NDArray
 from scipy import special
 
 from analysis.modal.era import Realisation, hankel_svd, realise
-from analysis.modal.exponentials import ExponentialFit, FitFailure, fit_exponentials, subtracted
+from analysis.modal.exponentials import NONE_MISSING, ExponentialFit, FitFailure, fit_exponentials, subtracted
 from analysis.modal.further import Decay
 from analysis.modal.likelihood_interval import FAINT, energies
 from analysis.modal.modes import sampled_pole
 from analysis.modal.noise import NoiseModel
+from analysis.modal.sums import all_poles, no_tail, normal_equations_of, squares
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
 
 FEIGNED = 1e-3  # chance that noise alone passes for the contact mode of a load
+CLEARLY = 3.0  # times what is enough, from which a look with the other mode as it is will do
 SMALLEST_CHANCE = 1e-280  # that can be looked up
 STRAY = 0.1  # share of its pole, by which the contact mode of a tap may differ from that of the others
 PARAMETERS = 4  # of a mode in one tap
@@ -84,22 +87,51 @@ def consensus(
     return None if best is None else best[1:]
 
 
-def told_from_noise(late: dict[int, Decay], noise: NoiseModel) -> bool:
-    """Whether the contact mode has more energy in all taps together than the best fit to noise reaches anywhere.
+def told_from_noise(late: dict[int, Decay], noise: NoiseModel, known: Complex) -> float:
+    """How much each of both modes explains of all taps together, over what the best fit to noise would: the lesser.
 
-    Each tap is fitted by itself, and each could have found the best line of its own noise.
+    Each tap is fitted by itself, and each could have found the best line of its own noise. What counts is what the
+    other mode alone would leave: of two modes that nearly cancel each may have any energy. Where the system mode
+    explains nothing, a line of noise stands for it, and it for the contact mode.
     """
     if not late:
-        return True  # there is nothing to refuse
-    worth = 0.0
-    for d in late.values():
-        variance = float(d.fit.noise_variance[0])
-        if noise.variance > 0:
-            variance = max(variance, noise.variance)
-        worth += float(energies(d.fit, d.y.size - d.start)[1]) * float(d.fit.noise_variance[0]) / max(variance, 1e-300)
+        return np.inf  # there is nothing to refuse
     places = len(late) * np.log(max(d.y.size for d in late.values()))
     chance = max(float(np.exp(np.log(FEIGNED) - places)), SMALLEST_CHANCE)
-    return worth > float(special.chdtri(PARAMETERS * len(late), chance))
+    enough = float(special.chdtri(PARAMETERS * len(late), chance))
+    evidence = np.inf
+    for mode in range(2):
+        explained = sum(_explained(d, noise, known, mode, refit=False) for d in late.values())
+        if explained < CLEARLY * enough:
+            explained = sum(_explained(d, noise, known, mode, refit=True) for d in late.values())
+        evidence = min(evidence, explained / enough)
+    return evidence
+
+
+def stands_out(decay: Decay, noise: NoiseModel, known: Complex) -> bool:
+    """Whether the contact mode of one tap explains more than the best line of its noise would."""
+    samples = decay.y.size - decay.start
+    if energies(decay.fit, samples)[1] > FAINT:
+        return True
+    return _explained(decay, noise, known, 1, refit=True) > float(special.chdtri(PARAMETERS, FEIGNED / samples))
+
+
+def _explained(decay: Decay, noise: NoiseModel, known: Complex, mode: int, refit: bool) -> float:
+    """What a mode explains of one tap, in variances of the noise."""
+    fit, y = decay.fit, decay.y[None, decay.start :]
+    others = np.delete(fit.poles, mode)
+    variance = float(fit.noise_variance[0])
+    if noise.variance > 0:
+        variance = max(variance, noise.variance)
+    left = float(
+        normal_equations_of(
+            y, no_tail(1), squares(y), np.ones(1), all_poles(others, known), 2 * others.size, NONE_MISSING
+        )[0]
+    )
+    if refit:
+        with contextlib.suppress(FitFailure):
+            left = min(left, fit_exponentials(y, others, known).residual_sum)
+    return (left - fit.residual_sum) / max(variance, 1e-300)
 
 
 def with_the_others(decays: dict[int, Decay], known: Complex) -> dict[int, Decay]:
@@ -149,7 +181,7 @@ def fit_from(y: Real, start: int, poles: Complex, known: Complex) -> Exponential
 
 def _complete(decays: dict[int, Decay], noise: NoiseModel, known: Complex) -> bool:
     """Whether two modes leave nothing but noise where a decay begins, and the contact mode stands out of it."""
-    if not noise.variance > 0 or not told_from_noise(decays, noise):
+    if not noise.variance > 0 or told_from_noise(decays, noise, known) <= 1:
         return False
     return all(
         d.y.size - d.start > HEAD and float(np.mean(_left(d, HEAD, known) ** 2)) < COMPLETE * noise.variance

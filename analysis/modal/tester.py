@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 
 from analysis.modal.checks import disagreements, era_modes, spread_of_scores
 from analysis.modal.clipping import clipped_samples
-from analysis.modal.consensus import LEAST_DAMPING_ERROR, consensus, fit_from, told_from_noise, with_the_others
+from analysis.modal.consensus import (
+    LEAST_DAMPING_ERROR,
+    consensus,
+    fit_from,
+    stands_out,
+    told_from_noise,
+    with_the_others,
+)
 from analysis.modal.further import Decay, with_further_modes
 from analysis.modal.likelihood_interval import widened, widening
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
@@ -33,6 +40,8 @@ SAFE_START_MS = 1.2  # after the trigger: any tap of the paper's impactor is ove
 LATER_STARTS = 3  # that are tried, each twice as late, where the pulse is not over by then
 BACK = 0.15  # share of the way to the trigger by which fits have to be continued backwards
 UNSURE_FREQUENCY, UNSURE_DAMPING = 0.05, 0.5  # relative standard errors beyond which no estimate is given
+ABOVE = 1.1  # times the system mode of the load, by which the contact mode of each tap has to lie above it at least
+SURE = 1.5  # times the evidence of a contact mode that noise may feign, below which each tap has to show it by itself
 OCTAVE = 0.05  # within which a further mode counts as twice the contact resonance
 
 
@@ -126,7 +135,8 @@ def identify_impacts(
         delay = int(SAFE_START_MS * 1e-3 * sample_rate_hz)
         return [ImpactModes(None, None, o.usable + delay, float("nan"), (reason,)) for o in onsets]
     found, safe, late, decays = begun
-    if not told_from_noise(late, noise):
+    evidence = told_from_noise(late, noise, known)
+    if evidence <= 1:
         reason = "the contact mode cannot be told from the noise: all taps together show no more than noise does"
         return [ImpactModes(None, None, s, float("nan"), (reason,)) for s in safe]
     triggers = {i: onsets[i].usable - noise.order for i in late}
@@ -140,8 +150,11 @@ def identify_impacts(
     contact = [abs(np.log(d.fit.poles[1])) for d in carried]
     notes = [_further_note(complex(z), float(np.median(contact)), sample_rate_hz) for z in added]
     fitted = with_the_others(dict(zip(decays, carried, strict=True)), known)
+    lines = {i for i, d in fitted.items() if evidence < SURE and not stands_out(d, noise, known)}
     return [
-        _modes_of(fitted[i], noise, sample_rate_hz, method, [*notes, *onsets[i].notes], known)
+        ImpactModes(None, None, s, float("nan"), ("the contact mode cannot be told from a line of this tap's noise",))
+        if i in lines
+        else _modes_of(fitted[i], noise, sample_rate_hz, method, [*notes, *onsets[i].notes], known)
         if i in fitted
         else ImpactModes(None, None, s, float("nan"), ("this record cannot carry a fit of two modes",))
         for i, s in enumerate(safe)
@@ -183,7 +196,9 @@ def _late_decays(
     decays = {}
     for i, (y, start) in enumerate(zip(white, safe, strict=True)):
         fit = there[i].fit if i in there else fit_from(y, start, poles, known)
-        if fit is not None and abs(np.angle(fit.poles[1])) >= abs(np.angle(fit.poles[0])):
+        # whose second mode is the system mode has found something else below it
+        above = fit is not None and abs(np.log(fit.poles[1])) > ABOVE * abs(np.log(poles[0]))
+        if fit is not None and above and abs(np.angle(fit.poles[1])) >= abs(np.angle(fit.poles[0])):
             decays[i] = Decay(y, start, fit)
     return decays
 

@@ -28,6 +28,7 @@ SAME_DAMPING = 0.3
 SAME_SHAPE = 0.9  # modal assurance criterion
 SMALLEST_SHARE = 0.5  # of the orders from its first sight on, in which a mode has to come back
 SMALLEST_EMAC = 0.5
+NEAR = 1.0  # of a decay, by which that without noise may differ from it
 WEAKEST = 1e-3  # of the strongest mode's energy, for ERA alone
 COLUMNS = 10_000  # samples of the record by which the modes are counted; the likelihood sees them all
 ITERATIONS = 300  # of the fit to a whole long record
@@ -365,23 +366,25 @@ def _as_realised(
     residual = tail - (amplitudes.T @ columns).real
     scale = np.maximum(residual.std(axis=1), 1e-9 * tail.std(axis=1).max() + 1e-300)
     decomposed = hankel_svd(tail[:, :COLUMNS] / scale[:, None], _lags(tail))
-    noisy = {r.order: realise(decomposed, r.order, 1.0) for r in realised[:: max(1, len(realised) // 10)]}
+    noisy = [realise(decomposed, r.order, 1.0) for r in realised[:: max(1, len(realised) // 10)]]
     modes = []
     for i, z in enumerate(chosen):
         own = np.log(z)
-        near = np.array([d for r in realised for d in np.log(r.poles) - own if abs(d) < SAME_FREQUENCY * abs(own)])
-        covariance = np.cov(np.array([near.real, near.imag])) if near.size > 2 else np.zeros((2, 2))
-        stated = [
-            r.log_pole_covariance[m]
-            for r in noisy.values()
+        # with the noise taken off: what it adds to a decay grows with it
+        near = [
+            (complex(r.poles[m]), r.log_pole_covariance[m])
+            for r in noisy
             for m in range(r.poles.size)
-            if abs(np.log(r.poles[m]) - own) < SAME_FREQUENCY * abs(own)
+            if abs(np.log(r.poles[m]) - own) < np.hypot(SAME_FREQUENCY * abs(own), NEAR * own.real)
         ]
-        if stated:
-            middle = stated[int(np.argsort([np.trace(s) for s in stated])[len(stated) // 2])]
-            covariance = covariance + middle
-        if near.size > 2 or stated:
-            modes.append(mode_from_sampled_pole(complex(z), covariance, amplitudes[i], sample_rate_hz))
+        if not near:
+            continue
+        near.sort(key=lambda found: float(np.trace(found[1])))
+        pole, covariance = near[len(near) // 2]
+        if len(near) > 2:
+            logs = np.log([found[0] for found in near])
+            covariance = covariance + np.cov(np.array([logs.real, logs.imag]))
+        modes.append(mode_from_sampled_pole(pole, covariance, amplitudes[i], sample_rate_hz))
     modes.sort(key=lambda mode: abs(mode.pole))
     share = float((residual**2).sum() / max((tail**2).sum(), 1e-300))
     return RingDownModes(tuple(modes), diagram, first, share, tuple(notes), "era")

@@ -117,6 +117,7 @@ proof: $(VENV)/.installed
 # any recording; time and memory of a diagnosis; error and time of the propagator
 bench: .venv-bench/.installed
 	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/modal.py $(BENCH_ARGS)
+	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/session_speed.py --write
 	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/recordings.py --write
 	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/harsh_taps.py --write
 	OPENBLAS_NUM_THREADS=1 .venv-bench/bin/python benchmarks/diagnosis.py

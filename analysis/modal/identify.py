@@ -14,7 +14,7 @@ from analysis.modal.era import Realisation, hankel_svd, realise
 from analysis.modal.exponentials import ExponentialFit
 from analysis.modal.free_start import decay_start, from_the_impact_on
 from analysis.modal.likelihood_interval import widened, widening
-from analysis.modal.model_order import Model, Record, fitted, groups, modes_of, without_modes, without_weak
+from analysis.modal.model_order import Model, Record, fitted, groups, modes_of, unresolved, without_modes, without_weak
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
 from analysis.modal.noise import NoiseModel, noise_model
 
@@ -235,11 +235,23 @@ def _likely(
         if growth > 0:
             z /= abs(z)
         modes.append(mode_from_sampled_pole(z, covariance, white.amplitudes(fit.amplitudes[:, i], z), sample_rate_hz))
+    if modes:
+        notes.append(_unresolved_note(unresolved(record, model), fit.poles, sample_rate_hz))
     for group in overlapping:
         told = ", ".join(f"{abs(np.log(fit.poles[i])) * sample_rate_hz / (2 * np.pi):.5g}" for i in group)
         notes.append(f"the modes at {told} Hz lie within each other's width")
     share = float(model.left.sum() / max((record.y**2).sum(), 1e-300))
     return RingDownModes(tuple(modes), diagram, first, share, tuple(notes)) if modes else None
+
+
+def _unresolved_note(apart: Real, poles: Complex, sample_rate_hz: float) -> str:
+    """Sentence about what this record could not have told apart."""
+    s = np.log(poles)
+    each = [
+        f"{d * sample_rate_hz / (2 * np.pi):.2g} Hz at {abs(own) * sample_rate_hz / (2 * np.pi):.5g} Hz"
+        for own, d in sorted(zip(s, apart, strict=True), key=lambda pair: abs(pair[0]))
+    ]
+    return f"two modes of like strength and shape may count as one where they are closer than {', '.join(each)}"
 
 
 def indicators(diagram: Sequence[StablePole], frequency_hz: float) -> tuple[float, float]:

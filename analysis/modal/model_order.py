@@ -29,6 +29,7 @@ Real = NDArray[np.float64]
 
 CHANCE = 1e-3  # of one mode too many in a record of white noise
 SPLIT_CHANCE = 1e-4  # of taking one mode for two
+SURELY = 1.5  # times the distance at which half of such pairs are taken for two: nearly all are
 UNDECIDED = 1e-2  # chance of a residual around a mode, below which it may be two
 WHITE = 1e-4  # chance of what is left around modes, below which they do not explain it
 LARGEST_GROUP = 3  # overlapping modes beyond which a group is not tried with one more
@@ -242,6 +243,25 @@ def around(record: Record, model: Model, group: list[int]) -> float:
     variance = np.maximum(model.left / record.samples, 1e-300)
     score = float((((model.residual @ q[:, free]) ** 2).sum(axis=1) / variance).sum())
     return float(stats.chi2.sf(score, max(1, record.y.shape[0] * int(free.sum()) - 2 * len(group))))
+
+
+def unresolved(record: Record, model: Model) -> Real:
+    """Distances (J,), radians a sample, below which each mode may be two of like strength and shape.
+
+    Two such modes d apart are one whose amplitude falls by the factor ``1 - d^2 k^2 / 8``. What of this a single mode
+    cannot follow, k^2 without 1 and k under its decay, has to be worth what a second mode costs.
+    """
+    c, n = record.y.shape
+    price = float(stats.chi2.isf(SPLIT_CHANCE, 2 + 2 * c))
+    k = np.arange(n, dtype=np.float64)
+    found = np.empty(model.poles.size)
+    for i, (z, worth) in enumerate(zip(model.poles, worth_of(record, model), strict=True)):
+        envelope = np.minimum(np.abs(z), 1.0) ** k
+        scale = float(np.sqrt((k**2 * envelope**2).sum() / (envelope**2).sum()))
+        columns = envelope[:, None] * (k[:, None] / scale) ** np.arange(3)
+        left = abs(np.linalg.qr(columns)[1][2, 2]) / np.linalg.norm(envelope) * scale**2
+        found[i] = SURELY * np.sqrt(8 / left) * (price / worth) ** 0.25
+    return found
 
 
 def _parted(s: Complex, samples: int) -> list[Complex]:

@@ -8,7 +8,8 @@ import pytest
 from analysis.modal.clipping import clipped_samples
 from analysis.modal.free_start import decay_start
 from analysis.modal.identify import identify_ring_down
-from analysis.modal.model_order import Record, groups, modes_of
+from analysis.modal.model_order import Record, groups, modes_of, unresolved
+from analysis.modal.modes import sampled_pole
 
 RATE = 10_000.0
 
@@ -130,3 +131,24 @@ def test_what_overlaps_is_a_group():
     z = np.exp(np.array([-0.01 + 0.3j, -0.01 + 0.31j, -0.001 + 0.5j]))
     assert sorted(groups(z, 3000)) == [[0, 1], [2]]
     assert modes_of(Record(np.random.default_rng(1).standard_normal((1, 1500)))).poles.size == 0
+
+
+@pytest.mark.parametrize(("zeta", "channels"), [(0.01, 1), (0.0005, 1), (0.02, 3)])
+def test_what_a_record_could_not_tell_apart_is_said_rightly(zeta, channels):
+    rng = np.random.default_rng(5)
+    k = np.arange(3000)
+
+    def modes_found(apart):
+        pair = [sampled_pole(300 + sign * apart / 2, zeta, 1e4) for sign in (-1, 1)]
+        y = 0.5 * sum((z**k).real for z in pair) * np.ones((channels, 1))
+        return modes_of(Record(y + 0.02 * rng.normal(size=(channels, k.size))))
+
+    one = modes_found(0.0)
+    y = (sampled_pole(300, zeta, 1e4) ** k).real * np.ones((channels, 1))
+    record = Record(y + 0.02 * rng.normal(size=(channels, k.size)))
+    apart = unresolved(record, modes_of(record))[0] * 1e4 / (2 * np.pi)
+    assert one.poles.size == 1
+    assert np.mean([modes_found(1.2 * apart).poles.size == 2 for _ in range(8)]) > 0.7
+    assert all(modes_found(0.4 * apart).poles.size == 1 for _ in range(8))
+    found = identify_ring_down(record.y, 1e4, start=0, largest_order=0)
+    assert any("may count as one" in note for note in found.notes)

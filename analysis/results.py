@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.modal.amplitude import AmplitudePoint
-from analysis.modal.identify import StablePole
 from analysis.modal.spectrum import SpectralMode
+from analysis.modal.stabilisation import StablePole
 from analysis.statistics import BoxStatistics
 from calibration.budget import Budget
 from calibration.estimate import Estimate

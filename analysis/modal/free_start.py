@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.modal.exponentials import FitFailure, fit_exponentials
-from analysis.modal.model_order import MOST, Model, Record, fitted, modes_of, without_modes
+from analysis.modal.model_order import MOST, modes_of
 from analysis.modal.pulse_end import innovations, samples_before
+from analysis.modal.ring_down_model import Model, Record, fitted, without_modes
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,40 +13,22 @@ from analysis.modal.era import Realisation, hankel_svd, realise
 from analysis.modal.exponentials import ExponentialFit
 from analysis.modal.free_start import decay_start, from_the_impact_on
 from analysis.modal.likelihood_interval import widened, widening
-from analysis.modal.model_order import Model, Record, fitted, groups, modes_of, unresolved, without_modes, without_weak
+from analysis.modal.model_order import groups, modes_of
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
 from analysis.modal.noise import NoiseModel, noise_model
+from analysis.modal.ring_down_model import Model, Record, fitted, unresolved, without_modes, without_weak
+from analysis.modal.stabilisation import COLUMNS, SAME_FREQUENCY, StablePole, lags_of, realisations, stable_poles
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
 
 LARGEST_ORDER = 60
-LARGEST_DAMPING = 0.7
-SAME_FREQUENCY = 0.01  # relative, between neighbouring orders
-SAME_DAMPING = 0.3
-SAME_SHAPE = 0.9  # modal assurance criterion
-SMALLEST_SHARE = 0.5  # of the orders from its first sight on, in which a mode has to come back
-SMALLEST_EMAC = 0.5
 NEAR = 1.0  # of a decay, by which that without noise may differ from it
-WEAKEST = 1e-3  # of the strongest mode's energy, for ERA alone
-COLUMNS = 10_000  # samples of the record by which the modes are counted; the likelihood sees them all
 ITERATIONS = 300  # of the fit to a whole long record
 REPEATS = 8  # stretches of equal energy over which the scatter of a fit's score is taken
 GUARD = 8  # samples before the onset that may already belong to the impact
 LEAST_QUIET = 200  # samples before the impact from which the colour of the noise is told
 NO_GROWTH = 3.0  # standard errors by which a mode that does not decay may seem to grow
-
-
-@dataclass(frozen=True, slots=True)
-class StablePole:
-    """One pole of the stabilisation diagram, with its extended modal amplitude coherence and phase collinearity."""
-
-    order: int
-    frequency_hz: float
-    damping_ratio: float
-    stable: bool
-    emac: float = float("nan")
-    mpc: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +103,8 @@ def identify_ring_down(
     notes: list[str] = []
     if clipped.size:
         notes.append(f"{clipped.size} samples are clipped; they are left out")
-    realised = _realisations(y[:, first:], largest_order) if largest_order >= 2 else []
-    diagram, chosen = _stable(realised, y.shape[1] - first, sample_rate_hz)
+    realised = realisations(y[:, first:], largest_order) if largest_order >= 2 else []
+    diagram, chosen = stable_poles(realised, y.shape[1] - first, sample_rate_hz)
     if method == "ml":
         quiet = [c[: 0 if impact is None else max(0, impact[0] - GUARD)] for c in y]
         white = _whitened(y, [[q] for q in quiet], clipped)
@@ -254,89 +235,6 @@ def _unresolved_note(apart: Real, poles: Complex, sample_rate_hz: float) -> str:
     return f"two modes of like strength and shape may count as one where they are closer than {', '.join(each)}"
 
 
-def indicators(diagram: Sequence[StablePole], frequency_hz: float) -> tuple[float, float]:
-    """Medians of EMAC and MPC over the stable poles of the mode at a frequency; NaN without any."""
-    own = [p for p in diagram if p.stable and abs(p.frequency_hz / frequency_hz - 1) < SAME_FREQUENCY]
-    if not own:
-        return float("nan"), float("nan")
-    return float(np.median([p.emac for p in own])), float(np.median([p.mpc for p in own]))
-
-
-def _lags(tail: Real) -> int:
-    return int(np.clip(min(tail.shape[1], COLUMNS) // 4, 8, max(8, 600 // tail.shape[0])))
-
-
-def _realisations(tail: Real, largest_order: int) -> list[Realisation]:
-    stretch = tail[:, :COLUMNS]
-    lags = _lags(tail)
-    decomposed = hankel_svd(stretch, lags)
-    top = min(largest_order, lags * tail.shape[0] // 2)
-    return [realise(decomposed, order) for order in range(2, top + 1, 2)]
-
-
-def _stable(realised: list[Realisation], samples: int, sample_rate_hz: float) -> tuple[tuple[StablePole, ...], Complex]:
-    """Stabilisation diagram, and one pole for each mode that comes back from order to order."""
-    diagram: list[StablePole] = []
-    tracks: list[list[tuple[int, complex, float, float]]] = []  # order index, pole, energy, emac
-    for index, now in enumerate(realised):
-        before = realised[index - 1] if index else None
-        for m, z in enumerate(now.poles):
-            s = np.log(z) * sample_rate_hz
-            f, zeta = abs(s) / (2 * np.pi), -s.real / abs(s)
-            if not 0 < zeta < LARGEST_DAMPING or f > 0.48 * sample_rate_hz:
-                continue
-            stable = before is not None and _has_partner(now, m, before)
-            diagram.append(StablePole(now.order, float(f), float(zeta), stable, float(now.emac[m]), float(now.mpc[m])))
-            if stable:
-                # in what was recorded: a mode that hardly decays has no more than that
-                rate = 2 * max(-s.real, 1e-12) / sample_rate_hz
-                energy = float((np.abs(now.shapes[:, m]) ** 2).sum() * -np.expm1(-rate * samples) / rate)
-                _track(tracks, index, complex(z), energy, float(now.emac[m]))
-    last = len(realised) - 1
-    strongest = max((max(t[2] for t in track) for track in tracks), default=0.0)
-    chosen = []
-    for track in tracks:
-        share = len(track) / max(1, last - track[0][0] + 1)
-        energy = float(np.median([t[2] for t in track]))
-        emac = float(np.median([t[3] for t in track]))
-        if len(track) >= 3 and share >= SMALLEST_SHARE and energy > WEAKEST * strongest and emac > SMALLEST_EMAC:
-            half = track[len(track) // 2 :]
-            chosen.append(half[int(np.argmax([t[3] for t in half]))][1])
-    return tuple(diagram), np.array(chosen, np.complex128)
-
-
-def _has_partner(now: Realisation, m: int, before: Realisation) -> bool:
-    if before.poles.size == 0:
-        return False
-    own, others = np.log(now.poles[m]), np.log(before.poles)
-    close = np.abs(np.abs(others) / abs(own) - 1) < SAME_FREQUENCY
-    damping, other_damping = -own.real / abs(own), -others.real / np.abs(others)
-    close &= np.abs(other_damping - damping) < SAME_DAMPING * max(damping, 1e-4)
-    shape = now.shapes[:, m]
-    norms = np.linalg.norm(before.shapes, axis=0) * np.linalg.norm(shape)
-    mac = np.abs(shape.conj() @ before.shapes) ** 2 / np.maximum(norms**2, 1e-300)
-    return bool((close & (mac > SAME_SHAPE)).any())
-
-
-def _track(
-    tracks: list[list[tuple[int, complex, float, float]]], index: int, z: complex, energy: float, emac: float
-) -> None:
-    """Add a stable pole to the track of its mode, or begin one; one pole an order."""
-    own = abs(np.log(z))
-    best, distance = None, SAME_FREQUENCY
-    for track in tracks:
-        gap = abs(abs(np.log(track[-1][1])) / own - 1)
-        if gap < distance:
-            best, distance = track, gap
-    if best is None:
-        tracks.append([(index, z, energy, emac)])
-    elif best[-1][0] == index:
-        if energy > best[-1][2]:
-            best[-1] = (index, z, energy, emac)
-    else:
-        best.append((index, z, energy, emac))
-
-
 def _robust_spread(record: Record, fit: ExponentialFit) -> Real:
     """Factor by which the fit's covariances grow when the residual is not white: from stretches of the record.
 
@@ -377,7 +275,7 @@ def _as_realised(
     amplitudes, *_ = np.linalg.lstsq(columns.T, tail.T.astype(np.complex128), rcond=None)
     residual = tail - (amplitudes.T @ columns).real
     scale = np.maximum(residual.std(axis=1), 1e-9 * tail.std(axis=1).max() + 1e-300)
-    decomposed = hankel_svd(tail[:, :COLUMNS] / scale[:, None], _lags(tail))
+    decomposed = hankel_svd(tail[:, :COLUMNS] / scale[:, None], lags_of(tail))
     noisy = [realise(decomposed, r.order, 1.0) for r in realised[:: max(1, len(realised) // 10)]]
     modes = []
     for i, z in enumerate(chosen):

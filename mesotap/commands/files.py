@@ -13,7 +13,8 @@ from rich.table import Table
 
 from analysis.modal.amplitude import along_the_decay
 from analysis.modal.exponentials import FitFailure
-from analysis.modal.identify import identify_ring_down, indicators
+from analysis.modal.identify import identify_ring_down
+from analysis.modal.stabilisation import indicators
 from analysis.results import Mode, RecordingModes, SessionResults
 from analysis.session import AnalysisError
 from daq.errors import RecordingError

@@ -8,8 +8,9 @@ import pytest
 from analysis.modal.clipping import clipped_samples
 from analysis.modal.free_start import decay_start
 from analysis.modal.identify import identify_ring_down
-from analysis.modal.model_order import Record, groups, modes_of, unresolved
+from analysis.modal.model_order import groups, modes_of
 from analysis.modal.modes import sampled_pole
+from analysis.modal.ring_down_model import Record, unresolved
 
 RATE = 10_000.0
 

@@ -111,7 +111,8 @@ class Keyboard:
 
     def _read(self, wait_s: float) -> None:
         if not self.there:
-            time.sleep(wait_s)
+            if wait_s > 0.0:  # a sleep of nothing gives the processor away
+                time.sleep(wait_s)
             return
         try:
             while select.select([sys.stdin], [], [], wait_s)[0]:

@@ -491,7 +491,7 @@ def prove(
         int | None,
         typer.Option("--sessions", min=1, help="How many; 24, or all of --practice, by default.", show_default=False),
     ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the proof.")] = Path("docs/proof"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the proof.")] = Path("proof"),
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="Diagnoses at a time.")] = 2,
     only: Annotated[
         str | None,

@@ -16,6 +16,7 @@ RECORDED = "Silverbox and the bolted beam"
 RECENT = "blind validation of described rigs with seed 808"
 UNTOUCHED = "102 rigs with nothing hidden, prove --rigs, seed 5150"
 DRAWN = "blind validations of described rigs with seeds 505 and 606"
+FRICTION = "simulated sessions as configured by default, with dry friction of 0.3, 1 and 5 mN"
 
 
 def _chosen(default: Any, meaning: str, unit: str, on: str, record: int) -> Any:
@@ -40,7 +41,8 @@ class SelectionPolicy:
     )
     # candidates
     most_terms: int = _chosen(3, "mechanisms at work together", "mechanisms", "memory of the propagator", 10)
-    finalists: int = _chosen(5, "candidates of a step that are fitted to impacts", "candidates", PRACTICE, 10)
+    finalists: int = _chosen(5, "mechanisms of a step that are fitted to impacts", "mechanisms", PRACTICE, 10)
+    most_finalists: int = _chosen(10, "the same where none of them explains", "mechanisms", FRICTION, 110)
     finalists_by_blocks: int = _chosen(16, "candidates that are fitted to a recording", "candidates", RECORDED, 50)
     promising_by_blocks: float = _chosen(
         0.02, "share of the best score's gain that earns a fit where the linear rig misses little", "1", DRAWN, 86
@@ -126,7 +128,7 @@ class SelectionPolicy:
     )
     predictable: float = _chosen(10.0, "error over its innovation rms, likewise", "1", RECORDED, 50)
     # compute budget
-    budget: float = _chosen(700.0, "work of a selection", "substeps a sample", PRACTICE, 58)
+    budget: float = _chosen(1000.0, "work of a selection", "substeps a sample", FRICTION, 110)
     usual_samples: int = _chosen(120_000, "samples whose budget a smaller session is given", "samples", PRACTICE, 58)
     # a competing fit ends early
     little: float = _chosen(5.0, "gain of a step below which a competing fit ends", "chi-squared", PRACTICE, 54)

@@ -38,27 +38,37 @@ def variants(scores: Sequence[Score], hopeful: float) -> list[Score]:
 
 
 def fitted_candidate(
-    current: RingDownFit, score: Score, starts: Sequence[Begin], explained: bool, to_beat: float
+    current: RingDownFit, score: Score, starts: Sequence[Begin], to_beat: float
 ) -> Candidate[RingDownFit]:
     """Return the best of the full fits of a mechanism that begin at these values and rigs.
 
     Parameters
     ----------
-    explained
-        Whether another candidate has already explained most: a strong law is then not looked for by continuation.
     to_beat
         Objective from which on a fit is given up.
     """
-    policy = current.problem.policy
     fitted = _best(current.problem, current.terms, starts, score.delays, to_beat)
     if fitted is None or not rings(fitted):
         return Candidate(score, None, 0.0)
-    if fitted.only_laws and not explained and fitted.reduced_chi_squared > policy.strong:
-        fitted = continued(current.problem, fitted.terms, current) or fitted
     found = _judged(current, fitted, score, score.own_numbers)
-    if score.term.phase_locked and current.objective - fitted.objective > policy.phase_locked_most:
+    if score.term.phase_locked and current.objective - fitted.objective > current.problem.policy.phase_locked_most:
         found = max(found, *_freed(current, fitted, score), key=lambda c: c.evidence)
     return found
+
+
+def explains(candidate: Candidate[RingDownFit]) -> bool:
+    """Whether a candidate was fitted and leaves so little that the fit cannot be lost."""
+    fitted = candidate.fit
+    return fitted is not None and fitted.reduced_chi_squared < fitted.problem.policy.strong
+
+
+def continued_candidate(current: RingDownFit, candidate: Candidate[RingDownFit]) -> Candidate[RingDownFit]:
+    """Look for a law by continuation: its fit may be lost because it is strong."""
+    fitted = candidate.fit
+    if fitted is None or not fitted.only_laws:
+        return candidate
+    again = continued(current.problem, fitted.terms, current)
+    return candidate if again is None else _judged(current, again, candidate.score, candidate.own)
 
 
 def _judged(current: RingDownFit, fitted: RingDownFit, score: Score, own: int) -> Candidate[RingDownFit]:

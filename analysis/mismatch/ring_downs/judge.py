@@ -13,8 +13,10 @@ from analysis.mismatch.chi_squared import evidence
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.ring_downs.candidates import (
     competing,
+    continued_candidate,
     converged,
     elsewhere,
+    explains,
     fitted_candidate,
     looked_for_again,
     screened_evidence,
@@ -71,33 +73,50 @@ class ImpactJudge(Judge[RingDownFit]):
         """Fit the best screened mechanisms in full, each with those already accepted."""
         current, policy = state.current, self.problem.policy
         by_id = _by_mechanism(state)
-        ranked = [scores[0] for scores in by_id.values()]
+        ranked = _each_mechanism_first([scores[0] for scores in by_id.values()])
         found: list[Candidate[RingDownFit]] = []
-        explained, best, tried = False, 0.0, set()
-        for place, score in enumerate(ranked):
+        explained, best = False, 0.0
+        tried: set[tuple[str, tuple[int, ...]]] = set()
+        for score in ranked:
             close = screened_evidence(score) > policy.close * screened_evidence(ranked[0])
             certain = score.p_value < policy.level / max(len(ranked), 1)
             promising = certain and (close or screened_evidence(score) > best)  # more than has been gained so far
-            if place >= policy.finalists or (place and (not promising or self.exhausted())):
+            fitted = {mechanism for mechanism, _ in tried} | {score.term.mechanism.id}
+            enough = len(fitted) > (policy.finalists if explained else policy.most_finalists)
+            if tried and (enough or not promising or self.exhausted()):
                 found.append(Candidate(score, None, screened_evidence(score)))
                 continue
             self.on_progress(f"fitting {name_of(score.term.mechanism)}")
             tried.add(_key(score))
             starts = [(started(s), current) for s in variants(by_id[_key(score)], policy.hopeful)]
-            one = fitted_candidate(current, score, starts, explained, current.objective - policy.serious * best)
+            one = fitted_candidate(current, score, starts, current.objective - policy.serious * best)
             best = max(best, one.evidence)
-            explained = explained or (one.fit is not None and one.fit.reduced_chi_squared < policy.strong)
+            explained = explained or explains(one)
             found.append(one)
-        found = self._from_elsewhere(current, found, {k: v for k, v in by_id.items() if k in tried}, explained)
+        if not explained:
+            found = self._by_continuation(current, found)
+        found = self._from_elsewhere(current, found, {k: v for k, v in by_id.items() if k in tried})
         found.sort(key=lambda c: (c.fit is None, -_with_stiffness(c)))
         return tuple(found)
+
+    def _by_continuation(
+        self, current: RingDownFit, candidates: list[Candidate[RingDownFit]]
+    ) -> list[Candidate[RingDownFit]]:
+        """Look for force laws by continuation, the best first, until one explains."""
+        out: list[Candidate[RingDownFit]] = []
+        for c in sorted(candidates, key=lambda c: (c.fit is None, -c.evidence)):
+            law = c.fit is not None and c.fit.only_laws
+            if law and not any(explains(o) for o in out) and not (out and self.exhausted()):
+                self.on_progress(f"fitting {name_of(c.mechanism)} by continuation")
+                c = continued_candidate(current, c)
+            out.append(c)
+        return out
 
     def _from_elsewhere(
         self,
         current: RingDownFit,
         candidates: list[Candidate[RingDownFit]],
         by_id: Mapping[tuple[str, tuple[int, ...]], list[Score]],
-        explained: bool,
     ) -> list[Candidate[RingDownFit]]:
         """Fit added bodies from further starts, where that could matter."""
         policy = self.problem.policy
@@ -109,7 +128,7 @@ class ImpactJudge(Judge[RingDownFit]):
             if body and hopeful and _key(c.score) in by_id and not self.exhausted():
                 self.on_progress(f"fitting {name_of(c.mechanism)} from elsewhere")
                 starts = elsewhere(current, by_id[_key(c.score)])
-                again = fitted_candidate(current, c.score, starts, explained, current.objective - c.evidence)
+                again = fitted_candidate(current, c.score, starts, current.objective - c.evidence)
                 c = max(c, again, key=lambda one: one.evidence)
             out.append(c)
         return out
@@ -234,6 +253,18 @@ def _by_mechanism(state: State[RingDownFit]) -> dict[tuple[str, tuple[int, ...]]
         if _key(score) not in present and screened_evidence(score) > 0:
             found.setdefault(_key(score), []).append(score)
     return found
+
+
+def _each_mechanism_first(scores: Sequence[Score]) -> list[Score]:
+    """Return the scores with the best place of every mechanism before its other places, which look much alike."""
+    seen: set[str] = set()
+    first: list[Score] = []
+    others: list[Score] = []
+    for score in scores:
+        mechanism = score.term.mechanism.id
+        (others if mechanism in seen else first).append(score)
+        seen.add(mechanism)
+    return first + others
 
 
 def _without_idle_ones(fitted: RingDownFit, steps: Steps) -> tuple[RingDownFit, Steps]:

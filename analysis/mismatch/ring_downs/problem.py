@@ -99,12 +99,12 @@ class RingDowns(Problem["RingDownFit"]):
         return tuple(tuple(groups) for groups in own.values())
 
     def per_impact_constants(self) -> RingDowns:
-        """Return the same problem with constants of its own for every impact in the place of every load."""
+        """Return the same problem with constants of its own for every impact, and a compute budget of its own."""
         segments = tuple(replace(s, group=i) for i, s in enumerate(self.experiment.segments))
         loads = tuple(s.preload_n for s in segments)
         start = self.start[[s.group for s in self.experiment.segments]]
         experiment = replace(self.experiment, segments=segments, loads_n=loads)
-        return replace(self, experiment=experiment, start=start, scattered=True)
+        return replace(self, experiment=experiment, start=start, scattered=True, budget=ComputeBudget())
 
     def with_segments(self, segments: Sequence[Segment]) -> RingDowns:
         """Return the same problem with other segments."""

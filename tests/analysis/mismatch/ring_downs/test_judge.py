@@ -8,12 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import ComputeBudget
+from analysis.mismatch.ring_downs import judge as judging
 from analysis.mismatch.ring_downs.fit import SUBSTEPS, RingDownFit, Stop, fit
 from analysis.mismatch.ring_downs.held_out import split
 from analysis.mismatch.ring_downs.judge import ImpactJudge, _without_idle_ones
+from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate, Selection, State, select
 from daq.records import Session
+from sim_backend.adopted import ANY_RIG
+from sim_backend.mechanisms.catalogue import catalogue
 from tests.analysis.mismatch.ring_downs.selections import (
     Scripted,
     accepted,
@@ -25,7 +30,7 @@ from tests.analysis.mismatch.ring_downs.selections import (
     with_objective,
 )
 from tests.analysis.ring_downs import problem_of, session_of, with_law
-from tests.analysis.terms import at_work
+from tests.analysis.terms import at_work, listed
 
 
 def flawed(session: Session, gain: float = 0.0, delay: float = 0.0) -> Session:
@@ -119,6 +124,42 @@ def test_where_the_best_screened_gains_little_the_next_that_promises_more_is_fit
     judge = ImpactJudge(problem, problem, (), ())
     found = judge.candidates(State(baseline, replace(screening(), scores=scores)))
     assert sorted(c.id for c in found if c.fit is not None) == fitted
+
+
+@pytest.mark.parametrize(("explained", "fitted"), [(False, 10), (True, 5)])
+def test_every_mechanism_is_fitted_once_before_any_is_in_a_second_place(
+    explained: bool, fitted: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = small().policy
+    names = [n for n in catalogue() if listed(n).places(ANY_RIG)][: kept.most_finalists + 2]
+    added = at_work("attached_mass").mechanism
+    elsewhere = replace(scored("attached_mass", 1e6 - 1), term=Term(added, {}, added.places(ANY_RIG)[1]))
+    names = ["attached_mass", *(n for n in names if n != "attached_mass")]
+    scores = (*(scored(n, 1e6 - 2 * i) for i, n in enumerate(names)), elsewhere)
+    asked: list[tuple[str, object]] = []
+
+    def noted(current: RingDownFit, score: Score, *more: object) -> Candidate[RingDownFit]:
+        asked.append((score.term.mechanism.id, score.term.place))
+        left = with_objective(2.0 if explained else 1e9)
+        return Candidate(score, left, 1.0)
+
+    monkeypatch.setattr(judging, "fitted_candidate", noted)
+    monkeypatch.setattr(judging, "started", lambda score: score.term)
+    monkeypatch.setattr(judging, "explains", lambda candidate: explained)
+    monkeypatch.setattr(judging, "continued_candidate", lambda current, candidate: candidate)
+    monkeypatch.setattr(judging, "elsewhere", lambda current, scores: [])
+    judge = ImpactJudge(small(), small(), (), ())
+    judge.candidates(State(linear(), replace(screening(), scores=scores)))
+    first = asked[: len({name for name, _ in asked})]
+    assert [name for name, _ in first] == names[:fitted]
+    assert asked[len(first)][0] == "attached_mass"
+    assert asked[len(first)][1] != asked[0][1]
+
+
+def test_constants_of_every_impact_are_sought_within_a_budget_of_their_own() -> None:
+    spent = replace(small(), budget=ComputeBudget(1e30))
+    assert spent.exhausted()
+    assert not spent.per_impact_constants().exhausted()
 
 
 @pytest.mark.parametrize(("free", "explained"), [(800.0, True), (815.0, False)])

@@ -1,0 +1,58 @@
+"""The README's commands, each as it stands and in order."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+STARTED_BY = "mesotap config init"
+
+
+def commands() -> list[str]:
+    """Return the lines of the blocks from the first session on, without remarks and without what only sets up."""
+    text = (ROOT / "README.md").read_text()
+    part = text[text.index("## A first session") : text.index("## Where to go next")]
+    lines = [line[4:].strip() for line in part.splitlines() if line.startswith("    ")]
+    return [line for line in lines if not line.startswith(". ")]
+
+
+def test_the_blocks_are_found():
+    assert commands()[0].startswith(STARTED_BY)
+    known = {"mesotap", "python"}
+    assert {shlex.split(line, comments=True)[0] for line in commands()} == known
+
+
+@pytest.mark.slow
+def test_every_line_runs_as_it_stands(tmp_path):
+    shutil.copytree(ROOT / "docs" / "examples", tmp_path / "docs" / "examples")
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = {**os.environ, "PATH": path, "OPENBLAS_NUM_THREADS": "1", "BROWSER": "true"}
+    for line in commands():
+        running = subprocess.Popen(
+            ["bash", "-c", line],
+            cwd=tmp_path,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        assert running.stdout is not None
+        said = ""
+        if line.startswith("mesotap console"):  # serves until it is told to end
+            said = running.stdout.readline()
+            assert "http://127.0.0.1" in said, line
+            os.killpg(running.pid, signal.SIGINT)
+        said += running.communicate()[0]
+        ended = (0, 130) if line.startswith("mesotap console") else (0,)
+        assert running.returncode in ended, f"{line}\n{said[-2000:]}"
+    assert "guide_friction" in (tmp_path / "adopted.yaml").read_text()

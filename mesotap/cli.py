@@ -477,11 +477,12 @@ def adopt(
     diagnosis: Annotated[Path, typer.Argument(help="JSON of a diagnosis.", show_default=False)],
     config: ConfigPath = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Configuration to write.")] = Path("adopted.yaml"),
+    json: JsonPath = None,
 ) -> None:
     """Give the simulated rig the mechanisms that a diagnosis found, so that it becomes a twin of the real one."""
     from mesotap.commands.diagnose import adopt as take_up
 
-    take_up(diagnosis, config, output, _console(None))
+    take_up(diagnosis, config, output, json, _console(json))
 
 
 @app.command()
@@ -508,6 +509,7 @@ def prove(
     ] = None,
     rigs: Annotated[bool, typer.Option("--rigs", help="Recordings of described rigs instead of sessions.")] = False,
     config: ConfigPath = None,
+    json: JsonPath = None,
 ) -> None:
     """Validate the diagnosis blindly on sealed sessions that conceal an effect, and score its answers.
 
@@ -518,10 +520,10 @@ def prove(
     from mesotap.commands.prove import prove as try_out
 
     if practice is not None:
-        prove_practice(practice, sessions, output, jobs, own_folders(config), _console(None))
+        prove_practice(practice, sessions, output, jobs, own_folders(config), _console(json), json)
     else:
         subject = RIGS if rigs else TESTER
-        try_out(seed, sessions or 24, only, output, jobs, own_folders(config), _console(None), subject)
+        try_out(seed, sessions or 24, only, output, jobs, own_folders(config), _console(json), subject, json)
 
 
 @app.command()
@@ -531,13 +533,14 @@ def mechanisms(
         Path | None,
         typer.Option("--check", metavar="FILE", help="Check a mechanism of your own instead.", show_default=False),
     ] = None,
+    json: JsonPath = None,
 ) -> None:
     """List the mechanisms that a diagnosis can name."""
     from mesotap.commands.diagnose import check_mechanism, list_mechanisms
 
     if check is None:
-        list_mechanisms(config, _console(None))
-    elif not check_mechanism(check, _console(None)):
+        list_mechanisms(config, json, _console(json))
+    elif not check_mechanism(check, json, _console(json)):
         raise typer.Exit(2)
 
 

@@ -26,6 +26,7 @@ from mesotap.answers.diagnosis_page import write_page
 from mesotap.answers.diagnosis_text import print_answer
 from mesotap.answers.evidence import evidence_of
 from mesotap.answers.recording_files import recording_files, sha256_of
+from mesotap.commands.outputs import write_json
 from mesotap.configuration.declared import header_uncertainty, rig_settings
 from mesotap.configuration.rig_files import load_rig, tester_rig
 from mesotap.operator.terminal import escape
@@ -74,7 +75,7 @@ class Read:
 
 def diagnose(files: Sequence[Path], asked: Asked, console: Console) -> None:
     """Diagnose session files of one rig, or recordings of a described one."""
-    from mesotap.commands.outputs import make_ready, write_json
+    from mesotap.commands.outputs import make_ready
 
     known = known_mechanisms(asked.without, own_folders(asked.config))
     read = read_files([file_of(file) for file in files], asked.rig, console)
@@ -241,7 +242,7 @@ def diagnose_finished(
     return page
 
 
-def adopt(diagnosis: Path, config_path: Path | None, output: Path, console: Console) -> None:
+def adopt(diagnosis: Path, config_path: Path | None, output: Path, json_path: Path | None, console: Console) -> None:
     """Write a configuration whose simulated rig is the one that was diagnosed."""
     from mesotap.answers.adoption import read_diagnosis, with_model, write_adopted
     from mesotap.configuration.config import load_config
@@ -254,9 +255,12 @@ def adopt(diagnosis: Path, config_path: Path | None, output: Path, console: Cons
         highlight=False,
         soft_wrap=True,
     )
+    write_json(
+        json_path, {"configuration": str(output), "mechanisms": list(model.mechanisms), "loads": len(model.loads)}
+    )
 
 
-def list_mechanisms(config: Path | None, console: Console) -> None:
+def list_mechanisms(config: Path | None, json_path: Path | None, console: Console) -> None:
     """Print what can be named."""
     table = Table(title="Mechanisms")
     for heading in ("id", "component", "acts in", "what it is", "parameters"):
@@ -270,6 +274,20 @@ def list_mechanisms(config: Path | None, console: Console) -> None:
         console.print("Not sought in free decays, which do not show them by themselves; all can be simulated:")
     for m in hidden:
         console.print(f"{m.id}: {m.hidden}", highlight=False)
+    write_json(json_path, {"mechanisms": [_described(m) for m in known]})
+
+
+def _described(mechanism: Mechanism) -> dict[str, Any]:
+    quantities = [{"name": q.name, "unit": q.unit, "meaning": q.meaning} for q in mechanism.parameters]
+    return {
+        "id": mechanism.id,
+        "component": mechanism.component,
+        "acts_in": _acts_in(mechanism),
+        "summary": mechanism.summary,
+        "source": mechanism.source,
+        "parameters": quantities,
+        "hidden_in_free_decays": mechanism.hidden,
+    }
 
 
 def _acts_in(mechanism: Mechanism) -> str:
@@ -280,7 +298,7 @@ def _acts_in(mechanism: Mechanism) -> str:
     return mechanism.of if isinstance(mechanism, ChannelDistortion) else words[type(mechanism)]
 
 
-def check_mechanism(file: Path, console: Console) -> bool:
+def check_mechanism(file: Path, json_path: Path | None, console: Console) -> bool:
     """Print what is checked of a mechanism's file, a line each; return whether all of it holds."""
     from sim_backend.mechanisms.conformance import conformance
 
@@ -290,4 +308,5 @@ def check_mechanism(file: Path, console: Console) -> bool:
         console.print(
             f"{'holds' if check.holds else 'FAILS'}  {check.name}{escape(said)}", highlight=False, soft_wrap=True
         )
+    write_json(json_path, {"checks": [{"name": c.name, "holds": c.holds, "said": c.said} for c in checks]})
     return all(check.holds for check in checks)

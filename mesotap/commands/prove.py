@@ -10,6 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from mesotap.commands.outputs import write_json
 from mesotap.operator.terminal import escape
 from mesotap.proof import page, sealed
 from mesotap.proof.entries import Entry, entry_of
@@ -50,6 +51,7 @@ def prove(
     folders: Sequence[str],
     console: Console,
     subject: Subject = TESTER,
+    json_path: Path | None = None,
 ) -> None:
     """Make what is to be tried, have it diagnosed, open the truths and score the answers."""
     if only is not None and only not in KINDS:
@@ -74,11 +76,17 @@ def prove(
         "([hashes.txt](hashes.txt)); every diagnosis ran in a process of its own that was given its files only. The "
         f"{subject.generator} that shares no code with the mechanisms, the integrator or the fits of the diagnosis."
     )
-    _write(Proof(subject.heading, origin, tuple(entries), failures), output, console)
+    _write(Proof(subject.heading, origin, tuple(entries), failures), output, json_path, console)
 
 
 def prove_practice(
-    folder: Path, sessions: int | None, output: Path, jobs: int, folders: Sequence[str], console: Console
+    folder: Path,
+    sessions: int | None,
+    output: Path,
+    jobs: int,
+    folders: Sequence[str],
+    console: Console,
+    json_path: Path | None = None,
 ) -> None:
     """Have the sessions of another program diagnosed and score the answers by the truths beside them."""
     files, truths = sealed.practice_sessions(folder)
@@ -90,9 +98,8 @@ def prove_practice(
         )
     entries, failures = _entries({n: truths[n] for n in chosen}, answers)
     origin = f"{len(chosen)} of {len(files)} sessions that another program made, with its truths beside them."
-    _write(
-        Proof("The diagnosis, tried on another program's sessions", origin, tuple(entries), failures), output, console
-    )
+    proof = Proof("The diagnosis, tried on another program's sessions", origin, tuple(entries), failures)
+    _write(proof, output, json_path, console)
 
 
 def _entries(truths: dict[str, dict[str, Any]], answers: Path) -> tuple[list[Entry], dict[str, str]]:
@@ -107,10 +114,11 @@ def _entries(truths: dict[str, dict[str, Any]], answers: Path) -> tuple[list[Ent
     return entries, failures
 
 
-def _write(proof: Proof, output: Path, console: Console) -> None:
+def _write(proof: Proof, output: Path, json_path: Path | None, console: Console) -> None:
     written = page.write(proof, output)
     console.print(written.read_text(encoding="utf-8"), highlight=False, markup=False)
     console.print(f"written: {escape(written)}", highlight=False)
+    write_json(json_path, page.scored(proof))
 
 
 def _progress(console: Console) -> Progress:

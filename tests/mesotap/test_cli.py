@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import subprocess
@@ -272,6 +273,23 @@ def test_one_bad_file_does_not_cost_the_others_their_answers(session, tmp_path):
 
 def test_json_on_standard_output_is_nothing_but_json():
     assert json.loads(mesotap("published", "--json", "-").stdout)["version"] == 1
+
+
+def test_every_command_with_an_answer_gives_it_to_programs():
+    """What only serves, writes a file of its own kind or prints one has none."""
+    from mesotap.cli import app, certificate_app, rig_app
+
+    without = {"console", "init", "write"}
+    for some in (app, rig_app, certificate_app):
+        for command in some.registered_commands:
+            name = command.name or command.callback.__name__
+            assert ("json" in inspect.signature(command.callback).parameters) == (name not in without), name
+
+
+def test_mechanisms_for_programs():
+    answer = json.loads(mesotap("mechanisms", "--json", "-").stdout)
+    friction = next(m for m in answer["mechanisms"] if m["id"] == "guide_friction")
+    assert friction["parameters"] == [{"name": "friction_force_n", "unit": "N", "meaning": "friction force"}]
 
 
 def test_a_recording_is_not_overwritten(session, tmp_path):

@@ -147,6 +147,10 @@ class SimulatedRig(Rig):
         self._push_um = depth_um
         self._note_load()
 
+    def tap_lower_mass(self, side: int = 0) -> None:
+        """Have the person tap the lower mass by hand, whatever taps the upper one; see `SimulatedImpactor`."""
+        self.impactor.tap_lower_mass(side)
+
     def true_load_mn(self) -> float:
         """Return the load that the contact carries now, mN."""
         return self._true_load_n() * 1e3

@@ -71,6 +71,10 @@ class SeparateRig(AssembledRig):
             RemoteWeights(self.devices),
         )
 
+    def tap_lower_mass(self, side: int = 0) -> None:
+        """Have the person tap the lower mass by hand, whatever taps the upper one; see `SimulatedImpactor`."""
+        self.devices.call("tap_lower_mass", side)
+
     def end_devices(self) -> None:
         """Have the other process end, which nobody will call any more."""
         with contextlib.suppress(RigError):  # it has ended already

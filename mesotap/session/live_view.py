@@ -174,7 +174,7 @@ class LiveView:
 
     def _tap(self, side: int) -> None:
         """Have the simulated person tap the lower mass; a real one needs no telling."""
-        tap = getattr(self._rig.impactor, "tap_lower_mass", None)
+        tap = getattr(self._rig, "tap_lower_mass", None)
         if self._bench.simulated and tap is not None:
             tap(side)
 

@@ -250,10 +250,6 @@ class RemoteTaps(Impactor):
         """Ask for one tap."""
         self._devices.call("tap", load_mn, hint)
 
-    def tap_lower_mass(self, side: int = 0) -> None:
-        """Ask for one tap of the lower mass; see `SimulatedImpactor.tap_lower_mass`."""
-        self._devices.call("tap_lower_mass", side)
-
 
 class RemoteWeights(DeadWeights):
     """The person in the other process who hangs weights."""

@@ -128,6 +128,10 @@ class EmulatedRig(AssembledRig):
         for port in self.ports:
             port.unplug()
 
+    def tap_lower_mass(self, side: int = 0) -> None:
+        """Have the person tap the lower mass by hand, whatever taps the upper one; see `SimulatedImpactor`."""
+        self.physics.impactor.tap_lower_mass(side)
+
     def checkpoint(self) -> dict[str, Any]:
         """Return physics and devices as JSON types."""
         devices = {"amplifier": self.amplifier.checkpoint(), "controller": self.controller.checkpoint()}

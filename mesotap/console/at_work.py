@@ -91,6 +91,7 @@ class AtWork:
         self._child: Child | None = None
         self._analyst: Child | None = None
         self._starting = asyncio.Lock()
+        self._stopped = False
         if bench.scope:
             board.state.update(next=VIEW_IDLE, words="no view")
 
@@ -156,6 +157,15 @@ class AtWork:
         self._child.tell(message)
         return True
 
+    def stop(self) -> bool:
+        """Have what runs, or is only being started, end with the surfaces apart; whether there is anything."""
+        if not self.running and not self._starting.locked():
+            return False
+        self._stopped = True
+        self.board.stopping()
+        self.tell({"do": "stop"})
+        return True
+
     async def ready(self) -> None:
         """Have the analysis ready before there is anything to analyse."""
         if self._analyst is None or not self._analyst.running:
@@ -206,12 +216,15 @@ class AtWork:
             if self.running:
                 what = "the live view" if self.board.state["viewing"] else "a session"
                 raise Refused(f"{what} runs already; end it, or press STOP, before anything else is begun")
+            self._stopped = False
             self.board.clear()
             self.board.state.update({"running": True, "words": "starting", "next": STARTING, **begun})
             self.board.show(*self.board.parts())
             self.so_far.forget()
             await self.ready()
-            child = Child(SESSION, self._hear, lambda code: self.board.gone())
+            child = Child(SESSION, self._hear, lambda code: self.board.gone(), beats=True)
             await child.start()
             self._child = child
             child.tell(order)
+            if self._stopped:
+                child.tell({"do": "stop"})

@@ -91,6 +91,7 @@ class Board:
             "accepted": 0,
             "limit_mn": None, "force_limit": None, "locked_mn": None, "simulated": False, "session": None, "name": "",
             "reported": False, "diagnosed": False, "viewing": False, "viewed": False, "alarm": "",
+            "stopping": False,
         }  # fmt: skip
         self.load = {"mn": None, "at": None}
         self.calibration = {"before": [], "after": [], "compared": None}
@@ -278,7 +279,7 @@ class Board:
 
     def _hear_ended(self, message: Message, numbers: bytes) -> None:
         how = {"how": message["how"], "text": message["text"]}
-        self.state.update(ended=how, ask=None, paused=False, alarm="", text="")
+        self.state.update(ended=how, ask=None, paused=False, alarm="", text="", stopping=False)
         self._see_documents()
         if self.state["viewed"]:
             self.state.update(next=VIEW_IDLE, words="ended" if message["text"] else "no view")
@@ -294,9 +295,15 @@ class Board:
             self.state["reported"] = (self.folder / REPORT).is_file()
             self.state["diagnosed"] = (self.folder / DIAGNOSIS).is_file()
 
+    def stopping(self) -> None:
+        """See STOP passed on."""
+        if self.state["ended"] is None:
+            self.state["stopping"] = True
+            self.show("state")
+
     def gone(self) -> None:
         """See the session's process gone."""
-        self.state.update(running=False, viewing=False)
+        self.state.update(running=False, viewing=False, stopping=False)
         if self.state["ended"] is None and self.state["viewed"]:
             text = "the view's process was killed; the guardian takes the surfaces apart"
             self.state.update(ended={"how": "failed", "text": text}, ask=None, words="ended")

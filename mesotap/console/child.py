@@ -14,6 +14,9 @@ from mesotap.console.frames import HEAD, FrameError, Message, frame, lengths, me
 ENDING_S = 30.0
 """For which a session that is told to end is waited for: it takes the surfaces apart and looks whether they are."""
 
+BEAT_S = 1.0
+"""Between two words to a process that ends where it hears none; see `session_link.SILENT_S`."""
+
 Heard = Callable[[Message, bytes], None]
 
 
@@ -30,13 +33,18 @@ class Child:
         Called when it has ended, with its exit code.
     niceness
         By how much it gives way to others.
+    beats
+        Whether it is told every second that the console is there.
     """
 
-    def __init__(self, module: str, heard: Heard, gone: Callable[[int], None], niceness: int = 0) -> None:
-        self._module, self._heard, self._gone, self._niceness = module, heard, gone, niceness
+    def __init__(
+        self, module: str, heard: Heard, gone: Callable[[int], None], niceness: int = 0, beats: bool = False
+    ) -> None:
+        self._module, self._heard, self._gone, self._niceness, self._beats = module, heard, gone, niceness, beats
         self._process: asyncio.subprocess.Process | None = None
         self._writer: asyncio.StreamWriter | None = None
         self._listening: asyncio.Task[None] | None = None
+        self._beating: asyncio.Task[None] | None = None
 
     @property
     def running(self) -> bool:
@@ -63,6 +71,8 @@ class Child:
             theirs.close()
         reader, self._writer = await asyncio.open_connection(sock=ours)
         self._listening = asyncio.create_task(self._listen(reader))
+        if self._beats:
+            self._beating = asyncio.create_task(self._beat())
 
     def tell(self, message: Message, numbers: bytes = b"") -> None:
         """Send a frame; one that has ended is told nothing."""
@@ -76,6 +86,11 @@ class Child:
         if self._listening is not None:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(asyncio.shield(self._listening), ENDING_S)
+
+    async def _beat(self) -> None:
+        while self.running:
+            self.tell({"do": "beat"})
+            await asyncio.sleep(BEAT_S)
 
     async def _listen(self, reader: asyncio.StreamReader) -> None:
         process = self._process

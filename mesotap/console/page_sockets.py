@@ -153,7 +153,7 @@ class PageSockets:
             raise WebSocketDisconnect(message.get("code", 1000))
         text = message.get("text")
         if text == "stop":
-            self._work.tell({"do": "stop"})
+            self._work.stop()
         elif text != "here":
             await socket.close(1008)
             raise WebSocketDisconnect(1008)

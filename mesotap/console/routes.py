@@ -151,7 +151,7 @@ class Routes:
         return endpoint
 
     async def _stop(self, content: dict[str, Any]) -> dict[str, Any]:
-        return {"stopped": self._work.tell({"do": "stop"})}
+        return {"stopped": self._work.stop()}
 
     async def _pause(self, content: dict[str, Any]) -> dict[str, Any]:
         if self._board.state["viewing"]:

@@ -18,6 +18,8 @@ MOST_WAITING = 2000
 """Frames that nobody has read yet; a tap is 0.1 MB, a load 50 bytes."""
 
 LAST_WAIT_S = 5.0
+SILENT_S = 5.0
+"""In which the console says something: it does every second (`child.BEAT_S`). One that hangs passes on no STOP."""
 
 
 class SessionLink:
@@ -30,11 +32,12 @@ class SessionLink:
     heard
         Called by the reading thread with each message; returns at once.
     lost
-        Called by it once, when the other end has gone.
+        Called by it once, when the other end has gone, or says nothing any more.
     """
 
     def __init__(self, connection: socket.socket, heard: Callable[[Message], None], lost: Callable[[], None]) -> None:
         self._socket = connection
+        self._socket.settimeout(SILENT_S)
         self._heard, self._lost = heard, lost
         self._waiting: deque[bytes] = deque(maxlen=MOST_WAITING)
         self._news = threading.Condition()

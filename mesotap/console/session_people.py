@@ -263,9 +263,9 @@ class PagePeople:
             )
 
     def lost(self) -> None:
-        """Hear that the console has gone."""
+        """Hear that the console has gone, or hangs."""
         self.operator.lost()
-        self._end("the console, which has gone", MADE_AGAIN)
+        self._end("the console, which has gone or hangs", MADE_AGAIN)
 
     @property
     def filed(self) -> bool:

@@ -64,11 +64,30 @@ function paused(state) {
 function showState() {
   const state = page.parts.state;
   if (!state) return;
-  setText("words", state.paused ? "paused" : state.words);
-  setText("detail", state.text);
-  setText("next", state.ask ? state.ask.text : state.paused ? paused(state) : state.next);
+  document.body.classList.toggle("unconnected", !page.connected);
+  if (!page.connected) {
+    setText("words", "no connection");
+    setText("detail", "what is shown is old");
+    setText("next", BY_HAND);
+  } else {
+    setText("words", state.stopping ? "stopping" : state.paused ? "paused" : state.words);
+    setText("detail", state.text);
+    setText("next", state.stopping ? stopping(state) : state.ask ? state.ask.text : state.paused ? paused(state) : state.next);
+  }
+  if (state.stopping || !state.running) unconfirmed = false;
   const ended = state.ended;
-  alertWith(!page.connected ? unconnected() : state.alarm ? sentence(state.alarm) : ended && ended.how !== "filed" ? sentence(ended.text) : drifted());
+  alertWith(unconfirmed ? UNCONFIRMED : !page.connected ? unconnected() : state.alarm ? sentence(state.alarm) : ended && ended.how !== "filed" ? sentence(ended.text) : drifted());
+}
+
+const BY_HAND = "If there is a load: back the micrometer off by hand, or reach STOP from another page.";
+const UNCONFIRMED = "STOP is not confirmed: the console does not answer. Back the micrometer off by hand.";
+const CONFIRMED_MS = 1000; // STOP is on the wire within 0.1 s of the press
+let unconfirmed = false;
+
+function stopping(state) {
+  if (state.state === "FILE") return "STOP was received: the surfaces are apart, the session file is written to its end.";
+  if (state.words === "starting") return "STOP was received: nothing moves towards contact; the session ends as soon as it has started.";
+  return "STOP was received: the surfaces are being taken apart.";
 }
 
 // As the first of a sentence, and with the page's button for the command.
@@ -83,10 +102,12 @@ function drifted() {
 
 function unconnected() {
   if (page.full) return "Too many pages of this console are open: close one of them.";
-  const kept = drove ? "; control is kept for this page for ten seconds" : "";
-  return `The connection to the console is lost and is tried again; the session goes on, or has taken the surfaces apart${kept}.`;
+  const kept = drove && Date.now() - lostAt < KEPT_MS ? "; control is kept for this page for ten seconds" : "";
+  return `The connection to the console is lost and is tried again. A console that has gone or hangs ends its session with the surfaces apart; otherwise it goes on${kept}.`;
 }
 
+const KEPT_MS = 10000;
+let lostAt = 0;
 let drove = false; // when it was last connected
 let back = ""; // what became of control while the connection was lost
 
@@ -141,7 +162,15 @@ function showControl() {
 // --- STOP -------------------------------------------------------------------
 
 function pressStop() {
-  stop().catch(() => alertWith("STOP could not be sent: the console does not answer. Look at the rig."));
+  const state = page.parts.state;
+  const runs = state && state.running;
+  const doubted = () => {
+    const now = page.parts.state;
+    unconfirmed = Boolean(!page.connected || (now && now.running && !now.stopping && !now.ended));
+    showState();
+  };
+  if (runs || !page.connected) setTimeout(doubted, CONFIRMED_MS);
+  stop().catch(doubted);
 }
 
 byId("stop").addEventListener("pointerdown", (event) => {
@@ -179,6 +208,7 @@ byId("theme").addEventListener("click", () => setTheme(document.documentElement.
 setTheme(localStorage.getItem("mesotap-theme") || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
 
 listen((part) => {
+  if (part === "connection" && !page.connected && document.body.classList.contains("unconnected") === false) lostAt = Date.now();
   if (part === "audience" || part === "connection") noteControl();
   if (part === "load" || part === "state") showLoad();
   if (["state", "calibration", "connection", "you"].includes(part)) showState();
@@ -186,7 +216,10 @@ listen((part) => {
   setText("connection", page.connected ? `connected as page ${page.number}` : "not connected: trying again");
   if (view && view.update) view.update(part);
 });
-setInterval(showLoad, 500);
+setInterval(() => {
+  showLoad();
+  if (!page.connected) showState(); // what is said of control changes with time
+}, 500);
 addEventListener("hashchange", route);
 route();
 connect();

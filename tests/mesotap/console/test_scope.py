@@ -210,6 +210,17 @@ def test_the_console_killed(viewing):
     apart(devices)
 
 
+def test_the_console_hung(viewing):
+    """STOP does not pass through it, so what runs ends by itself."""
+    console, page, devices = viewing
+    loaded(page, devices)
+    console.process.send_signal(signal.SIGSTOP)
+    try:
+        apart(devices)
+    finally:
+        console.process.send_signal(signal.SIGCONT)
+
+
 def test_the_acquisition_killed(viewing):
     console, page, devices = viewing
     assert page.post("view/check", {"side": "middle"})[0] == 200  # with the drivers, before there is a load

@@ -56,8 +56,8 @@ def after_stop(commands: list[tuple[float, str]], pressed: float) -> tuple[float
 def test_stop_is_on_the_wire(chromium, tmp_path):
     rng = random.Random(21)
     after: list[tuple[str, float, float]] = []
-    # so many taps that the session does not come to its end between two of many STOPs
-    more = ("--set", f"mesotap.impacts_per_load={max(2, STOPS)}")
+    # so many taps that the session does not end before the last STOP, and a lock that lasts until it is seen
+    more = ("--set", f"mesotap.impacts_per_load={max(2, STOPS)}", "--set", "mesotap.dwell_s=3")
     with console_in(tmp_path, "--log-wire", "--seed", "3", *more, config=CONFIG, rig="--emulate") as console:
         page = opened(chromium, console)
         begin(page)

@@ -19,6 +19,7 @@ from mesotap.answers.adoption import AdoptedModel
 from mesotap.answers.correction import Correction, correct, with_correction
 from mesotap.commands import session as commands
 from mesotap.configuration.config import Config, ConfigError
+from mesotap.operator.people import at_terminal
 from rig.settings import Masses, Springs
 from tests.analysis.ring_downs import session_of, two_mass, with_law
 from tests.analysis.terms import listed
@@ -67,7 +68,8 @@ def ended(session: Session, folder: Path, config: Config) -> str:
         session, AnalysisSettings(), CalibrationSettings(), Masses(), Springs(system_resonance_hz=356.0)
     )
     said = io.StringIO()
-    commands._diagnose(session, results, config, folder, Console(file=said, width=200))
+    people = at_terminal(Console(file=said, width=200))
+    commands._diagnose(session, results, config, folder, people)
     return said.getvalue()
 
 

@@ -32,7 +32,7 @@ def test_the_blocks_are_found():
 
 @pytest.mark.slow
 def test_every_line_runs_as_it_stands(tmp_path):
-    shutil.copytree(ROOT / "docs" / "examples", tmp_path / "docs" / "examples")
+    shutil.copytree(ROOT / "docs" / "sample-files", tmp_path / "docs" / "sample-files")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "OPENBLAS_NUM_THREADS": "1", "BROWSER": "true"}
     for line in commands():

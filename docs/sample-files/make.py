@@ -1,6 +1,6 @@
 """Files like those of other programs, to try the README's commands with; written into the folder it is run in.
 
-    python docs/examples/files.py
+    python docs/sample-files/make.py
 
 ``r.csv``
     A body of 0.8 kg on a spring of 3 kN/m that hardens with the cube of its deflection, shaken by a measured force:

@@ -124,8 +124,8 @@ def check_points(points: CalibrationPoints, settings: CalibrationSettings, decla
     if fit.nonlinearity_percent > settings.largest_nonlinearity_percent:
         complaints.append(
             f"the calibration departs from a line by {fit.nonlinearity_percent:.2f} % of its range (at most "
-            f"{settings.largest_nonlinearity_percent:g} % are allowed): check that the weights hang freely and that "
-            "the surfaces are apart"
+            f"{settings.largest_nonlinearity_percent:g} % are allowed): check that each weight is "
+            "the one that was asked for, and that it hangs freely"
         )
     span = sensitivity * float(np.ptp(load))
     copies = fit.dof > 0 and (fit.residual_std_mv <= _NO_SCATTER * span or _repeats_are_copies(load, voltage))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from daq.errors import RecordingError
+from daq.quality import WIRING_CHECK
 from daq.settings import Trigger
 from rig.errors import RigError
 from rig.interface import Accelerometers, Clock, Impactor, nothing
@@ -248,7 +249,8 @@ def _await_tap(
                 raise _lost(stream)
             raise NoTap(
                 f"No tap within {trigger.timeout_s:g} s: nothing passed {threshold.level:.3g} m/s2; tap harder, "
-                "or check that the accelerometers are plugged in."
+                "or check that the accelerometers are plugged in, and neither upside down (with B against A their mean, "
+                f"which is looked at, vanishes): {WIRING_CHECK}."
             )
 
 

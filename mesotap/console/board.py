@@ -49,6 +49,7 @@ AFTERWARDS = {
     "stopped": "The session ended; 'Resume' goes on with it.",
     "failed": "Look at the rig, mend what the alarm says, then 'Resume'.",
 }
+FOLDER_GONE = "The session's folder is gone, so there is nothing to resume: put it back, or start a new session."
 IDLE = "No session runs. Start one, or go on with one that was not finished."
 
 Show = Callable[[str, bytes], None]
@@ -286,7 +287,8 @@ class Board:
         elif message["how"] == "filed":
             self.state.update(state="DONE", words="done", text="", next=WHAT_TO_DO["DONE"])
         else:
-            self.state.update(next=AFTERWARDS[message["how"]], words="ended")
+            gone = self.folder is not None and not self.folder.is_dir()
+            self.state.update(next=FOLDER_GONE if gone else AFTERWARDS[message["how"]], words="ended")
         self.show("state")
 
     def _see_documents(self) -> None:

@@ -13,7 +13,7 @@ from daq.regular import read_regular
 from mesotap.commands.recordings import SESSION_FILE
 from mesotap.console.board import DIAGNOSIS, REPORT, session_id
 from mesotap.session.hand_verdicts import IMPACT, accepted_in
-from mesotap.session.progress import progress_of
+from mesotap.session.progress import Progress, progress_of
 from mesotap.session.states import State
 
 LARGEST_HEADER, LARGEST_JOURNAL = 2**20, 64 * 2**20
@@ -66,23 +66,55 @@ def results_of(session: PastSession) -> list[dict[str, Any]]:
     RecordingError
         The results cannot be read.
     """
-    path = session.path / RESULTS
-    if not path.is_file():
+    results = _read_results(session.path)
+    if results is None:
         return []
     try:
-        loads = json.loads(read_regular(path, LARGEST_RESULTS, "results"))["loads"]
         return [
             {
                 "target_mn": load["target_load_mn"],
                 "load_mn": load["load_mn"]["value"],
+                "load_half_mn": (load["load_mn"]["high"] - load["load_mn"]["low"]) / 2,
                 "k_c": load["contact_stiffness_n_per_m"],
                 "zeta2": load["zeta2"],
             }
-            for load in loads
+            for load in results["loads"]
             if load["load_mn"] and load["contact_stiffness_n_per_m"] and load["zeta2"]
         ]
     except (ValueError, KeyError, TypeError) as error:
-        raise RecordingError(f"{path.name}: is not the results of a session") from error
+        raise RecordingError(f"{RESULTS}: is not the results of a session") from error
+
+
+def _read_results(path: Path) -> dict[str, Any] | None:
+    """Results of the session in a folder; None where there are none yet."""
+    file = path / RESULTS
+    if not file.is_file():
+        return None
+    try:
+        results = json.loads(read_regular(file, LARGEST_RESULTS, "results"))
+    except ValueError as error:
+        raise RecordingError(f"{RESULTS}: is not the results of a session") from error
+    if not isinstance(results, dict):
+        raise RecordingError(f"{RESULTS}: is not the results of a session")
+    return results
+
+
+def _has_drifted(path: Path) -> bool:
+    """Whether the gauge is known to have drifted, so that every load of the session is in doubt."""
+    try:
+        calibration = (_read_results(path) or {}).get("calibration")
+    except RecordingError:
+        return False  # whoever opens or compares it is told
+    return isinstance(calibration, dict) and calibration.get("drifted") is True
+
+
+def goes_on(progress: Progress) -> str:
+    """Return in words where a session that has ended goes on when it is resumed."""
+    if progress.state is State.DONE:
+        return ""
+    if progress.state in (State.APPROACH, State.SET_LOAD, State.LOCK, State.TAP):
+        return f"goes on at step {progress.load_set + 1} of the load plan ({progress.state.value})"
+    return f"goes on with {progress.state.value}"
 
 
 def _summary(path: Path) -> dict[str, Any]:
@@ -101,6 +133,8 @@ def _summary(path: Path) -> dict[str, Any]:
         **names,
         "state": progress.state.value,
         "done": progress.state is State.DONE,
+        "goes_on": goes_on(progress),
+        "drifted": _has_drifted(path),
         "taps": sum(e["event"] == IMPACT for e in events),
         "accepted": len(accepted_in(events)),
         "report": (path / REPORT).is_file(),

@@ -120,7 +120,8 @@ class Routes:
             loads = await asyncio.to_thread(results_of, session)
         except MesotapError as error:
             return JSONResponse({"error": str(error)}, 400)
-        return JSONResponse({"name": session.summary["name"], "loads": loads}, headers={"Cache-Control": "no-store"})
+        told = {"name": session.summary["name"], "drifted": session.summary["drifted"], "loads": loads}
+        return JSONResponse(told, headers={"Cache-Control": "no-store"})
 
     async def _tap(self, request: Request) -> Response:
         record = self._board.records.get(request.path_params["number"])
@@ -170,9 +171,14 @@ class Routes:
             raise Refused("there is no such tap in this session")
         if not reason or len(reason) > LONGEST_REASON or not reason.isprintable():
             raise Refused(f"give a reason of 1 to {LONGEST_REASON} characters on one line; it is kept with the tap")
+        if self._board.state["state"] == "FILE":
+            raise Refused("the session is being filed: the verdicts on its taps stay as they are")
+        if self._work.running and self._board.taps[number]["accepted"] is accepted:  # a second press: nothing is new
+            return {"told": False}
         told = self._work.tell({"do": "judge", "number": number, "accepted": accepted, "reason": reason})
         if not told:
             raise Refused("no session runs: the verdicts of a finished session stay as they are")
+        self._board.hear({"kind": "judged", "number": number, "accepted": accepted, "reason": reason}, b"")
         return {"told": told}
 
     async def _run(self, content: dict[str, Any]) -> dict[str, Any]:

@@ -161,6 +161,7 @@ class SessionRunner:
             self._bench.control.check(self._attention.hold)
             self._take_verdicts()
             self._handlers[self.progress.state]()
+        self._take_verdicts()
 
     def _let_go(self, error: BaseException | None) -> None:
         """Let go of guardian and rig; what fails hides nothing that was said before."""
@@ -300,7 +301,7 @@ class SessionRunner:
         if tries >= self._config.mesotap.tries_per_load:
             raise RigError(
                 f"load {self._target():.0f} mN: {tries} taps gave {accepted} good ones of {wanted}; "
-                f"the last was not used: {impacts[-1]['reject_reason'] or 'accepted'}; change the tap, then resume"
+                f"the last was not used: {impacts[-1]['reject_reason'] or 'accepted'}; see to that, then resume"
             )
         before = self._interlock.read_load()
         if abs(before[0] - self._target()) > 2 * self._largest_change(self._target()):
@@ -482,6 +483,7 @@ class SessionRunner:
         if not safe.troubles:
             self._bench.guardian.arm(False)
         try:
+            self._take_verdicts()
             self._note(SAFE, reason=str(error) or type(error).__name__, troubles=list(safe.troubles))
         except UnwrittenError as unwritten:
             alike = isinstance(error, UnwrittenError) and error.cause == unwritten.cause

@@ -130,6 +130,27 @@ def test_a_rotation_is_rejected(clean: tuple[np.ndarray, np.ndarray]) -> None:
     assert "the mass rotated" in verdict(a).reason
 
 
+@pytest.mark.parametrize(("dead", "said"), [(0, "A shows hardly anything of what B shows"), (1, "B shows hardly")])
+def test_a_silent_channel_is_no_fault_of_who_taps(
+    clean: tuple[np.ndarray, np.ndarray], dead: int, said: str
+) -> None:
+    a = pair(clean[0])
+    a[dead] = 0.002 * np.random.default_rng(1).normal(size=a.shape[1])
+    told = verdict(a)
+    assert not told.accepted
+    assert said in told.reason
+    assert "check its cable" in told.reason
+    assert "'mesotap console --scope'" in told.reason
+    assert "rotated" not in told.reason
+
+
+def test_a_weak_channel_is_told_from_a_silent_one(clean: tuple[np.ndarray, np.ndarray]) -> None:
+    for share, silent in ((0.05, True), (0.2, False)):
+        reason = verdict(pair(clean[0]) * np.array([[1.0], [share]])).reason
+        assert ("hardly anything" in reason) is silent, share
+        assert ("rotated" in reason) is not silent
+
+
 def test_rotation_is_the_ratio_of_difference_to_sum(clean: tuple[np.ndarray, np.ndarray]) -> None:
     a = np.stack([1.1 * clean[0], 0.9 * clean[0]])
     assert verdict(a).numbers["rotation"] == pytest.approx(0.1, rel=1e-6)

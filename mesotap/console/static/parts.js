@@ -25,10 +25,16 @@ export function fixed(value, digits = 0) {
   return value === null || value === undefined || !Number.isFinite(value) ? "–" : value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");
 }
 
-// A value with the half width of its 95 % interval.
-export function within(estimate, scale = 1, digits = 1) {
-  if (!estimate) return "–";
-  return `${(estimate.value * scale).toFixed(digits)} ± ${(estimate.half * scale).toFixed(digits)}`;
+const MOST_DECIMALS = 12;
+
+// A value with the half width of its 95 % interval: that with two significant digits, the value with as many decimals.
+export function within(estimate, scale = 1) {
+  if (!estimate || !Number.isFinite(estimate.value * scale)) return "–";
+  const value = estimate.value * scale;
+  const half = Number((estimate.half * scale).toPrecision(2)); // 0.0996 is 0.10: rounded before its decimals are counted
+  if (!Number.isFinite(half) || half <= 0) return `${value.toPrecision(4)} ± ${half === 0 ? "0" : "–"}`;
+  const decimals = Math.min(MOST_DECIMALS, Math.max(0, 1 - Math.floor(Math.log10(half))));
+  return `${value.toFixed(decimals)} ± ${half.toFixed(decimals)}`;
 }
 
 export function figure(name, value, unit, id) {

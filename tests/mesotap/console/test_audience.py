@@ -132,7 +132,8 @@ def test_a_tap_rejected_in_the_page_is_made_up_for(tmp_path):
         page.until(lambda: page.parts["taps"]["taps"])
         assert page.post("judge", {"number": 0, "accepted": False, "reason": " "})[0] == 400
         assert page.post("judge", {"number": 7, "accepted": False, "reason": "no such"})[0] == 400
-        assert page.post("judge", {"number": 0, "accepted": False, "reason": "a door was slammed"})[0] == 200
+        for reason in ("a door was slammed", "pressed twice"):
+            assert page.post("judge", {"number": 0, "accepted": False, "reason": reason})[0] == 200
         page.until(lambda: page.state["state"] == "DONE")
         page.until(lambda: not page.state["running"])
         taps = page.parts["taps"]["taps"]

@@ -50,6 +50,17 @@ def test_while_it_is_filed_and_diagnosed_the_page_says_so(tmp_path):
     assert board.state["reported"], "it can be read while the diagnosis is worked out"
 
 
+def test_nothing_is_to_be_resumed_where_the_folder_is_gone(tmp_path):
+    board = Board(lambda part, frame: None, lambda frame: None)
+    said = []
+    for folder in (tmp_path, tmp_path / "gone"):
+        board.hear({**BEGUN, "folder": str(folder)}, b"")
+        board.hear({"kind": "ended", "how": "failed", "text": "the disk says no"}, b"")
+        said.append(board.state["next"])
+    assert said[0].endswith("then 'Resume'.")
+    assert "nothing to resume" in said[1]
+
+
 def test_an_alarm_of_the_live_view_stands_until_it_has_ended():
     shown = {}
     board = Board(lambda part, frame: shown.update({part: taken(frame)}), lambda frame: None)

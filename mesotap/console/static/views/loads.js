@@ -44,7 +44,7 @@ function show() {
   damping.set([x, x.map(() => null)]);
   told.textContent = loads.why ? `Not analysed: ${loads.why}` : "";
   put(table, loads.loads, () => loads.loads.map((load) => make("tr", {}, make("td", {}, String(load.load_set + 1)), make("td", {}, load.load_mn.toFixed(1)), make("td", {}, String(load.used)),
-    make("td", {}, within(load.f2_hz, 1, 1)), make("td", {}, within(load.zeta2, 100, 3)), make("td", {}, within(load.k_c, 1e-6, 3)), make("td", {}, within(load.c_c, 1, 2)))));
+    make("td", {}, within(load.f2_hz, 1)), make("td", {}, within(load.zeta2, 100)), make("td", {}, within(load.k_c, 1e-6)), make("td", {}, within(load.c_c, 1)))));
   const diagnosis = state.so_far || {};
   const mayNot = !driving() || diagnosis.running || !loads.loads.length;
   put(soFar, [mayNot, diagnosis], () => [

@@ -60,7 +60,7 @@ function showActions() {
   if (list && unfinished) {
     put(list, [may, unfinished], () => unfinished.slice(0, 5).map((s) => make("p", {},
       make("button", { type: "button", class: "resume", "data-key": s.id, disabled: !may, onclick: () => act("resume", { id: s.id }) }, `Resume ${s.name}`),
-      ` ${s.done ? "its report was not finished" : s.state}, ${s.accepted} good taps${s.specimen ? ` · ${s.specimen}` : ""}`)));
+      ` ${s.done ? "its report was not finished" : s.goes_on}, ${s.accepted} good taps${s.specimen ? ` · ${s.specimen}` : ""}`)));
   }
 }
 

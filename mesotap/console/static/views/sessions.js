@@ -1,6 +1,6 @@
 // Sessions in the console's folder: list, search, open, compare.
 
-import { get } from "../wire.js";
+import { get, page } from "../wire.js";
 import { alertWith, make, sheet, within } from "../parts.js";
 import { plot, points } from "../plots.js";
 
@@ -13,6 +13,8 @@ function endCharts() {
   for (const chart of charts || []) chart.end();
   charts = [];
 }
+
+const marked = (s) => (s.drifted ? `${s.name} ⚠ gauge drifted` : s.name);
 
 async function compare(into) {
   endCharts();
@@ -28,11 +30,13 @@ async function compare(into) {
   const stiffness = plot({ title: "Contact stiffness of the sessions", x: "load, mN", y: "k_c, MN/m", series, height: 320 });
   const damping = plot({ title: "Damping of the sessions", x: "load, mN", y: "ζ2, %", series, height: 320 });
   charts = [stiffness, damping];
-  const key = make("p", { class: "key" }, ...taken.map((s, i) => make("span", {}, make("i", { class: ["a", "b", "c", "d"][i] }), s.name)));
+  const key = make("p", { class: "key" }, ...taken.map((s, i) => make("span", {}, make("i", { class: ["a", "b", "c", "d"][i] }), marked(s))));
+  const doubtful = taken.filter((s) => s.drifted);
+  const doubt = doubtful.length ? make("p", { class: "warning", role: "alert" }, `⚠ The strain gauge drifted in ${doubtful.map((s) => s.name).join(", ")}: every load there is in doubt, and with it where its points stand. Its report says by how much.`) : null;
   const targets = [...new Set(taken.flatMap((s) => s.loads.map((l) => l.target_mn)))].sort((p, q) => p - q);
-  const row = (target) => make("tr", {}, make("td", {}, target.toFixed(1)), ...taken.map((s) => { const l = s.loads.find((entry) => entry.target_mn === target); return make("td", {}, l ? within({ value: l.k_c.value, half: (l.k_c.high - l.k_c.low) / 2 }, 1e-6, 3) : "–"); }));
-  into.replaceChildren(sheet("Compared", key, make("div", { class: "two" }, stiffness.box, damping.box),
-    make("div", { class: "scroll" }, make("table", { id: "compared" }, make("thead", {}, make("tr", {}, make("th", { scope: "col" }, "load of the plan, mN"), ...taken.map((s) => make("th", { scope: "col" }, `k_c, MN/m: ${s.name}`)))), make("tbody", {}, ...targets.map(row))))));
+  const row = (target) => make("tr", {}, make("td", {}, target.toFixed(1)), ...taken.map((s) => { const l = s.loads.find((entry) => entry.target_mn === target); return make("td", {}, l ? `${within({ value: l.k_c.value, half: (l.k_c.high - l.k_c.low) / 2 }, 1e-6)} at ${within({ value: l.load_mn, half: l.load_half_mn })} mN` : "–"); }));
+  into.replaceChildren(sheet("Compared", key, ...(doubt ? [doubt] : []), make("div", { class: "two" }, stiffness.box, damping.box),
+    make("div", { class: "scroll" }, make("table", { id: "compared" }, make("thead", {}, make("tr", {}, make("th", { scope: "col" }, "planned load, mN"), ...taken.map((s) => make("th", { scope: "col" }, `k_c, MN/m, at the measured load: ${marked(s)}`)))), make("tbody", {}, ...targets.map(row))))));
   stiffness.set([x, ...taken.map((s) => column(s, (l) => l.k_c.value * 1e-6))]);
   damping.set([x, ...taken.map((s) => column(s, (l) => l.zeta2.value * 100))]);
   into.scrollIntoView();
@@ -57,13 +61,16 @@ export const sessions = {
       opened.replaceChildren(sheet(`${what} of ${s.name}`, make("iframe", { class: "report", src: `/sessions/${s.id}/${what}`, sandbox: "", title: `${what} of ${s.name}` })));
       opened.scrollIntoView();
     };
+    const runs = (s) => page.parts.state && page.parts.state.running && page.parts.state.session === s.id;
+    const stateOf = (s) => `${runs(s) ? `runs: ${page.parts.state.words}` : s.goes_on || s.state}${s.drifted ? " ⚠ gauge drifted" : ""}`;
+    const cut = (text) => make("td", { class: "text" }, make("span", { class: "cut", title: text }, text));
     const list = () => {
       const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
-      const hits = found.filter((s) => words.every((w) => `${s.name} ${s.specimen} ${s.title} ${s.operator} ${s.state}`.toLowerCase().includes(w)));
+      const hits = found.filter((s) => words.every((w) => `${s.name} ${s.specimen} ${s.title} ${s.operator} ${stateOf(s)}`.toLowerCase().includes(w)));
       chosen.clear();
       button.disabled = true;
       rows.replaceChildren(...hits.map((s) => make("tr", {},
-        make("td", { class: "text" }, mark(s)), make("td", { class: "text name" }, s.name), make("td", { class: "text" }, s.specimen), make("td", { class: "text" }, s.title), make("td", { class: "text" }, s.state), make("td", {}, `${s.accepted} of ${s.taps}`),
+        make("td", { class: "text" }, mark(s)), make("td", { class: "text name" }, s.name), cut(s.specimen), cut(s.title), make("td", { class: `text state${s.drifted ? " bad" : ""}` }, stateOf(s)), make("td", {}, `${s.accepted} of ${s.taps}`),
         make("td", { class: "text buttons" }, ...["report", "diagnosis"].filter((what) => s[what]).map((what) => make("button", { type: "button", onclick: () => open(s, what) }, what))))));
     };
     search.addEventListener("input", list);

@@ -5,7 +5,7 @@ import { alertWith, figure, fixed, make, put, sheet, within } from "../parts.js"
 import { plot } from "../plots.js";
 import { driving } from "../main.js";
 
-let record, spectrum, row, verdict, numbers, hand, noted, where, chosen = null, shown = null;
+let record, spectrum, row, verdict, numbers, hand, noted, where, chosen = null, shown = null, judging = false;
 
 function tapOf(n) {
   return (page.parts.taps || { taps: [] }).taps.find((tap) => tap.number === n) || null;
@@ -50,15 +50,15 @@ function showVerdict() {
   const drift = page.parts.state.locked_mn === null || tap.load_set !== page.parts.state.load_set ? tap.after_mn - tap.before_mn : tap.after_mn - page.parts.state.locked_mn;
   const m = tap.modes || {};
   numbers.replaceChildren(
-    figure("f2", within(m.f2_hz, 1, 1), "Hz", "tap-f2"),
-    figure("ζ2", within(m.zeta2, 100, 3), "%", "tap-zeta2"),
-    figure("k_c", within(m.k_c, 1e-6, 3), "MN/m", "tap-kc"),
+    figure("f2", within(m.f2_hz, 1), "Hz", "tap-f2"),
+    figure("ζ2", within(m.zeta2, 100), "%", "tap-zeta2"),
+    figure("k_c", within(m.k_c, 1e-6), "MN/m", "tap-kc"),
     figure("peak", fixed(j.peak_acceleration_m_s2, 2), "m/s²"),
     figure("load drift since lock", Number.isFinite(drift) ? `${drift >= 0 ? "+" : ""}${drift.toFixed(1)}` : "–", "mN"),
     figure("relieves the contact by", share === null || share === undefined ? "–" : fixed(100 * share), "% of the load"),
     make("div", {}, make("span", { class: "small" }, `limit ${fixed(100 * limit)} %; at 100 % the surfaces part`), make("meter", { min: 0, max: 1.5, low: 0.8, high: 1, optimum: 0, value: Math.min(1.5, lost || 0), "aria-label": "force against the loss-of-contact limit" })));
   if (tap.modes && tap.modes.notes && tap.modes.notes.length) numbers.append(make("p", { class: "small" }, tap.modes.notes.join("; ")));
-  hand.hidden = !page.parts.state.running;
+  hand.hidden = !page.parts.state.running || page.parts.state.state === "FILE";
   hand.querySelector("button").textContent = tap.accepted ? "Reject this tap" : "Accept this tap";
   hand.querySelector("button").disabled = !driving();
 }
@@ -96,12 +96,22 @@ async function choose(n) {
 
 async function judge(event) {
   event.preventDefault();
+  if (judging) return; // pressed twice: the first is under way
   const tap = tapOf(shown.number);
-  const reason = hand.querySelector("input").value;
-  const answer = await post("judge", { number: tap.number, accepted: !tap.accepted, reason });
+  const field = hand.querySelector("input");
+  const reason = field.value.trim();
+  if (!reason) {
+    noted.textContent = "Give a reason first: it is kept with the tap.";
+    field.focus();
+    return;
+  }
+  judging = true;
+  noted.textContent = "";
+  const answer = await post("judge", { number: tap.number, accepted: !tap.accepted, reason }).finally(() => { judging = false; });
+  if (!hand) return; // another page was opened meanwhile
   if (!answer.ok) alertWith(answer.error);
   else {
-    hand.querySelector("input").value = "";
+    field.value = "";
     noted.textContent = page.parts.state.paused ? "Noted; it counts when the session goes on." : "Noted.";
   }
 }
@@ -113,7 +123,7 @@ export const taps = {
     row = make("ul", { class: "row-of-taps", id: "row" });
     verdict = make("div", { role: "status", id: "verdict" });
     numbers = make("div", { class: "numbers" });
-    hand = make("form", { class: "line", hidden: true, onsubmit: judge },
+    hand = make("form", { class: "line", hidden: true, novalidate: true, onsubmit: judge },
       make("label", {}, "reason, kept with the tap", make("input", { name: "reason", class: "wide", required: true, maxlength: 200, autocomplete: "off" })),
       make("button", { type: "submit", id: "judge" }, "Reject this tap"),
       noted = make("span", { role: "status", class: "small", id: "noted" }));

@@ -437,7 +437,8 @@ def _impact(
     contact = None if found is None else found.contact
     notes = list(found.notes) if found is not None else ["rejected when it was recorded: not analysed"]
     if impact.accepted and impact.extra.get("overruled"):
-        notes.insert(0, f"accepted by hand: {impact.extra.get('hand_reason')} (against it: {impact.extra['overruled']})")
+        why, against = impact.extra.get("hand_reason"), impact.extra["overruled"]
+        notes.insert(0, f"accepted by hand: {why} (against it: {against})")
     stiffness = damping = None
     if contact is not None:
         try:

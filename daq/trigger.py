@@ -249,8 +249,8 @@ def _await_tap(
                 raise _lost(stream)
             raise NoTap(
                 f"No tap within {trigger.timeout_s:g} s: nothing passed {threshold.level:.3g} m/s2; tap harder, "
-                "or check that the accelerometers are plugged in, and neither upside down (with B against A their mean, "
-                f"which is looked at, vanishes): {WIRING_CHECK}."
+                "or check that the accelerometers are plugged in, and neither upside down (with B against A their "
+                f"mean, which is looked at, vanishes): {WIRING_CHECK}."
             )
 
 

@@ -131,9 +131,7 @@ def test_a_rotation_is_rejected(clean: tuple[np.ndarray, np.ndarray]) -> None:
 
 
 @pytest.mark.parametrize(("dead", "said"), [(0, "A shows hardly anything of what B shows"), (1, "B shows hardly")])
-def test_a_silent_channel_is_no_fault_of_who_taps(
-    clean: tuple[np.ndarray, np.ndarray], dead: int, said: str
-) -> None:
+def test_a_silent_channel_is_no_fault_of_who_taps(clean: tuple[np.ndarray, np.ndarray], dead: int, said: str) -> None:
     a = pair(clean[0])
     a[dead] = 0.002 * np.random.default_rng(1).normal(size=a.shape[1])
     told = verdict(a)

@@ -13,6 +13,7 @@ from modal_data import (
     SAMPLES,
     Case,
     Real,
+    declared_rig,
     free_decay_bounds,
     free_decays,
     taps,
@@ -25,8 +26,6 @@ from analysis.modal.free_decay import identify_free_decays
 from analysis.modal.modes import ModeEstimate
 from analysis.modal.noise import NoiseModel
 from analysis.modal.tester import identify_impacts
-from daq.records import RigDescription
-from rig.settings import Filter
 
 LOST = 6.0  # bounds by which an estimate may be off before its mode counts as lost
 NORMAL_95 = float(stats.norm.ppf(0.975))
@@ -80,22 +79,10 @@ def of_free_decays(case: Case, draws: int, seed: Sequence[int]) -> dict[str, Any
 def of_taps(case: Case, draws: int, seed: Sequence[int]) -> dict[str, Any]:
     """`identify_impacts` on draws of eight whole taps: pre-trigger, pulse, band-pass."""
     rng = np.random.default_rng(seed)
-    declared = Filter()
     rows = []
     for _ in range(draws):
         records, true, least, sigma, tester = taps(case, rng)
-        rig = RigDescription(
-            m1_kg=tester.m1,
-            m2_kg=tester.m2,
-            k1_n_per_m=tester.k1,
-            k2_n_per_m=tester.k2,
-            sample_rate_hz=RATE_HZ,
-            highpass_hz=declared.highpass_hz,
-            highpass_order=declared.highpass_order,
-            lowpass_hz=declared.lowpass_hz,
-            lowpass_order=declared.lowpass_order,
-            filter_family=declared.family,
-        )
+        rig = declared_rig(tester)
         noise = NoiseModel(np.ones(1), sigma**2)
         for impact, floor in zip(
             identify_impacts(records, [PRETRIGGER] * IMPACTS, RATE_HZ, rig, noise), least, strict=True

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from analysis.modal.modes import sampled_pole
 from analysis.stiffness import contact_from_pole, pole
+from daq.records import RigDescription
 from rig.settings import Filter
 from sim_backend.pulses import half_sine
 from sim_backend.recorder import analog_filter
@@ -130,3 +131,20 @@ def taps(case: Case, rng: np.random.Generator) -> tuple[list[Real], Real, Real, 
         least.append(bound(poles, parts[:2] + 1j * parts[2:], SAMPLES - end, sigma))
         records.append(seen + sigma * rng.standard_normal(SAMPLES))
     return records, truth(poles), np.array(least), sigma, tester
+
+
+def declared_rig(tester: TwoMass) -> RigDescription:
+    """Return what a session's header says of this tester and its recorder."""
+    declared = Filter()
+    return RigDescription(
+        m1_kg=tester.m1,
+        m2_kg=tester.m2,
+        k1_n_per_m=tester.k1,
+        k2_n_per_m=tester.k2,
+        sample_rate_hz=RATE_HZ,
+        highpass_hz=declared.highpass_hz,
+        highpass_order=declared.highpass_order,
+        lowpass_hz=declared.lowpass_hz,
+        lowpass_order=declared.lowpass_order,
+        filter_family=declared.family,
+    )

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from modal_accuracy import values
-from modal_data import IMPACTS, PRETRIGGER, PULSE_S, RATE_HZ, Case, Complex, Real, taps, truth
+from modal_data import IMPACTS, PRETRIGGER, PULSE_S, RATE_HZ, Case, Complex, Real, declared_rig, taps, truth
 from modal_peers import PEERS, Identify, quiet
 from modal_speed import CASES, nearest
 from threadpoolctl import threadpool_limits
@@ -24,7 +24,6 @@ from threadpoolctl import threadpool_limits
 from analysis.modal.noise import NoiseModel
 from analysis.modal.tester import identify_impacts
 from daq.records import RigDescription
-from rig.settings import Filter
 
 ROOT = Path(__file__).parents[1]
 REPEATS = 20  # of a load, warm
@@ -34,20 +33,7 @@ Load = tuple[list[Real], Real, Real, RigDescription, NoiseModel]
 def load(case: Case, rng: np.random.Generator) -> Load:
     """Records of a load, truth, bounds, and what a session knows of rig and noise."""
     records, true, least, sigma, tester = taps(case, rng)
-    declared = Filter()
-    rig = RigDescription(
-        m1_kg=tester.m1,
-        m2_kg=tester.m2,
-        k1_n_per_m=tester.k1,
-        k2_n_per_m=tester.k2,
-        sample_rate_hz=RATE_HZ,
-        highpass_hz=declared.highpass_hz,
-        highpass_order=declared.highpass_order,
-        lowpass_hz=declared.lowpass_hz,
-        lowpass_order=declared.lowpass_order,
-        filter_family=declared.family,
-    )
-    return records, true, least, rig, NoiseModel(np.ones(1), sigma**2)
+    return records, true, least, declared_rig(tester), NoiseModel(np.ones(1), sigma**2)
 
 
 def own(loads: list[Load]) -> tuple[float, float, list[float]]:

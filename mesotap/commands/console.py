@@ -8,7 +8,7 @@ from rich.console import Console
 
 from mesotap.configuration.config import ConfigError, load_config
 from mesotap.console.at_work import Bench
-from mesotap.console.server import Address, ConsoleServer
+from mesotap.console.server import Address, ConsoleError, ConsoleServer
 from mesotap.operator.terminal import escape
 from mesotap.session.order import RigChoice
 
@@ -33,6 +33,8 @@ def console(
         raise ConfigError(
             "--log-wire: the live view has no session.log; 'mesotap devices --record-wire' records the wire"
         )
+    if root.exists() and not root.is_dir():
+        raise ConsoleError(f"{root}: is not a folder, and sessions are written into one; name another --output")
     load_config(config_path, changes)  # a mistake is told here, not to whoever opens the page
     server = ConsoleServer(Bench(config_path, changes, choice, root, log_wire, scope), address, said)
     if not address.loopback:

@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from mesotap.commands.outputs import write_json
+from mesotap.commands.outputs import make_ready, write_json
 from mesotap.operator.terminal import escape
 from mesotap.proof import page, sealed
 from mesotap.proof.entries import Entry, entry_of
@@ -56,6 +56,7 @@ def prove(
     """Make what is to be tried, have it diagnosed, open the truths and score the answers."""
     if only is not None and only not in KINDS:
         raise ProofError(f"--only {only}: expected one of {', '.join(KINDS)}")
+    make_ready(json_path, None)
     with _progress(console) as shown:
         hashes = sealed.seal(output, seed, sessions, only, jobs, _on_progress(shown, "sealing"), subject.maker)
     console.print(hashes, highlight=False, soft_wrap=True, end="")
@@ -89,6 +90,7 @@ def prove_practice(
     json_path: Path | None = None,
 ) -> None:
     """Have the sessions of another program diagnosed and score the answers by the truths beside them."""
+    make_ready(json_path, None)
     files, truths = sealed.practice_sessions(folder)
     chosen = list(sealed.chosen(sorted(files), sessions))
     answers = output / sealed.ANSWERS

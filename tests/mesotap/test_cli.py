@@ -275,6 +275,13 @@ def test_json_on_standard_output_is_nothing_but_json():
     assert json.loads(mesotap("published", "--json", "-").stdout)["version"] == 1
 
 
+def test_what_is_refused_is_refused_before_anything_is_computed_or_served(tmp_path):
+    (tmp_path / "file").write_text("kept")
+    assert "is not a folder" in refused("console", "--simulate", "--no-browser", "-o", "file", cwd=tmp_path)
+    refused("prove", "--sessions", "1", "--json", "nowhere/x.json", cwd=tmp_path)
+    assert [f.name for f in tmp_path.iterdir()] == ["file"]
+
+
 def test_every_command_with_an_answer_gives_it_to_programs():
     """What only serves, writes a file of its own kind or prints one has none."""
     from mesotap.cli import app, certificate_app, rig_app
@@ -318,6 +325,7 @@ def test_nothing_is_left_of_a_run_that_could_not_begin(tmp_path):
         (["simulate", "x.h5", "--load", "5000"], "rig.limits.load_mn"),
         (["simulate", "no/such/folder/x.h5"], "no/such/folder"),
         (["published", "--json", "no/such/folder/x.json"], "no/such/folder"),
+        (["prove", "--sessions", "1", "--json", "no/such/folder/x.json"], "no/such/folder"),
     ],
 )
 def test_one_sentence_for_what_a_person_can_cause(arguments, expected, tmp_path):

@@ -51,3 +51,14 @@ def clicked_at(page: Any, click: Callable[[], Any]) -> float:
     page.evaluate(NOTE_PRESSES)
     click()
     return float(page.evaluate("() => window.pressed"))
+
+
+def pause_after_a_tap(page: Any) -> None:
+    """Start a session, pause it after its first tap, and look at the taps."""
+    begin(page)
+    page.click("nav a[href='#taps']")
+    page.wait_for_selector("#row [data-key='0']")
+    page.click("nav a[href='#session']")
+    page.click("#pause")
+    reach(page, "paused")
+    page.click("nav a[href='#taps']")

@@ -10,7 +10,7 @@ import pytest
 from daq.session_file import read_session
 from sim_backend.emulators.bench_process import Devices
 from tests.mesotap.console.consoles import PATIENCE_MS, console_in, journal_of, needs_chromium
-from tests.mesotap.console.pages import begin, opened, reach, shows
+from tests.mesotap.console.pages import begin, opened, pause_after_a_tap, reach, shows
 from tests.mesotap.session.separate import CONFIG
 
 pytestmark = [needs_chromium, pytest.mark.slow]
@@ -33,13 +33,7 @@ def test_a_double_impact_is_told_and_may_be_accepted_by_hand(chromium, tmp_path)
 
     with console_in(tmp_path, "--speed", "6", *ONE_LOAD, *ALL_DOUBLE) as console:
         page = opened(chromium, console)
-        begin(page)
-        page.click("nav a[href='#taps']")
-        page.wait_for_selector("#row [data-key='0']")
-        page.click("nav a[href='#session']")
-        page.click("#pause")
-        reach(page, "paused")
-        page.click("nav a[href='#taps']")
+        pause_after_a_tap(page)
         page.click("#row [data-key='0']")
         shows(page, "#verdict", "Tap 0: ✗ not used.*second impact")
         page.fill("[name=reason]", REASON)

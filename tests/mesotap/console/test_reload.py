@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.mesotap.console.consoles import console_in, journal_of, needs_chromium
-from tests.mesotap.console.pages import begin, opened, reach, shows
+from tests.mesotap.console.pages import opened, pause_after_a_tap, reach, shows
 
 pytestmark = [needs_chromium, pytest.mark.slow]
 
@@ -20,14 +20,8 @@ def shown(page):
 def test_reload_and_hand_over(chromium, tmp_path):
     with console_in(tmp_path, "--speed", "10", "--set", "mesotap.impacts_per_load=30") as console:
         page = opened(chromium, console)
-        begin(page)
-        page.click("nav a[href='#taps']")
-        page.wait_for_selector("#row [data-key='0']")
-        page.click("nav a[href='#session']")
-        page.click("#pause")
-        reach(page, "paused")
+        pause_after_a_tap(page)
         shows(page, "#next", "Paused, the load is watched")
-        page.click("nav a[href='#taps']")
         shows(page, "#tap-kc", r"\d ±")
         page.wait_for_timeout(500)  # what each load came to follows its last tap
         before, journal = shown(page), journal_of(console)

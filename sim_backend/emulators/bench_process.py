@@ -6,10 +6,12 @@ who taps and hangs weights, what tests want to know and to break) by calls over 
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from multiprocessing.connection import Client, Connection, Listener
 from pathlib import Path
 from typing import Any
@@ -28,7 +30,22 @@ LOOK_S = 0.002  # between two looks at the true load
 HISTORY = 100_000
 FORGOTTEN_S, LOOK_AGAIN_S = 3600.0, 1.0
 FAMILY = "AF_UNIX"
+LONGEST_ADDRESS = 107  # bytes of a socket's path that Linux takes (sun_path of unix(7), less its closing zero)
 DIGITAL_READ = 0x01  # request of the recorder
+
+
+@contextmanager
+def control_address(folder: Path) -> Iterator[str]:
+    """Give the path of the socket in a folder, by way of the open folder where the path itself is too long for one."""
+    path = folder / CONTROL
+    if len(os.fsencode(path)) <= LONGEST_ADDRESS:
+        yield str(path)
+        return
+    opened = os.open(folder, os.O_PATH | os.O_DIRECTORY)
+    try:
+        yield f"/proc/self/fd/{opened}/{CONTROL}"
+    finally:
+        os.close(opened)
 
 
 class DevicesProcess:
@@ -44,7 +61,7 @@ class DevicesProcess:
 
     def __init__(self, rig: EmulatedRig, folder: Path) -> None:
         self._rig = rig
-        self._listener = Listener(str(folder / CONTROL), FAMILY)
+        self._folder = folder
         self._loads: deque[tuple[float, float]] = deque(maxlen=HISTORY)
         self._ended = threading.Event()
         self._called_s = time.monotonic()
@@ -53,16 +70,20 @@ class DevicesProcess:
         """Serve until told to end, or until nobody has called for long."""
         for port in self._rig.ports:
             port.plug()
-        for work in (self._note_loads, self._accept):
-            threading.Thread(target=work, daemon=True).start()
-        while not self._ended.wait(LOOK_AGAIN_S) and time.monotonic() < self._called_s + FORGOTTEN_S:
-            pass
+        threading.Thread(target=self._note_loads, daemon=True).start()
+        with control_address(self._folder) as address, Listener(address, FAMILY) as listener:
+            threading.Thread(target=self._accept, args=(listener,), daemon=True).start()
+            while not self._ended.wait(LOOK_AGAIN_S) and time.monotonic() < self._called_s + FORGOTTEN_S:
+                pass
         for port in self._rig.ports:
             port.unplug()
 
-    def _accept(self) -> None:
+    def _accept(self, listener: Listener) -> None:
         while True:
-            connection = self._listener.accept()
+            try:
+                connection = listener.accept()
+            except OSError:  # closed: the process ends
+                return
             threading.Thread(target=self._talk, args=(connection,), daemon=True).start()
 
     def _talk(self, connection: Connection) -> None:
@@ -156,7 +177,8 @@ class Devices:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._connection = Client(str(folder / CONTROL), FAMILY)
+        with control_address(folder) as address:
+            self._connection = Client(address, FAMILY)
         self._lock = threading.Lock()
 
     def call(self, name: str, *arguments: Any) -> Any:

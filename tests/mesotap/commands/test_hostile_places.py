@@ -27,14 +27,14 @@ from mesotap.answers.results_files import _cell
 from mesotap.commands import outputs, recordings, recover
 from mesotap.commands import session as commands
 from mesotap.commands.outputs import make_ready, write_json
-from mesotap.configuration.config import Config, ConfigError
+from mesotap.configuration.config import Config, ConfigError, effective_text
 from mesotap.report.report import figure_folder, write_report
 from mesotap.session import emulated_devices
 from mesotap.session.bench import simulated_rig
 from mesotap.session.emulated_devices import refuse_foreign_devices
 from mesotap.session.recovery import recover as recovered
 from rig import RigError
-from sim_backend.emulators.bench_process import CONTROL
+from sim_backend.emulators.bench_process import CONTROL, Devices
 from tests.mesotap.benches import small_config
 
 
@@ -253,7 +253,7 @@ def test_no_session_is_begun_with_a_seed_that_none_can_be_resumed_with(tmp_path:
 
 @pytest.fixture
 def place() -> Any:
-    with tempfile.TemporaryDirectory() as made:  # a socket's path is short
+    with tempfile.TemporaryDirectory() as made:
         yield Path(made)
 
 
@@ -304,6 +304,26 @@ def test_devices_that_end_at_once_are_told_at_once(place: Path, monkeypatch: pyt
     process, options = started[0]
     assert process.returncode == 3
     assert options["stdout"] == options["stderr"] == subprocess.DEVNULL
+
+
+def test_devices_in_a_folder_whose_name_is_longer_than_a_socket_takes(tmp_path: Path) -> None:
+    folder = tmp_path / ("long" * 30)
+    folder.mkdir()
+    (folder / "config.yaml").write_text(effective_text(small_config()), encoding="utf-8")
+    process = subprocess.Popen([sys.executable, "-m", "mesotap.session.emulated_devices", str(folder), "1"])
+    try:
+        while not (folder / CONTROL).exists():
+            assert process.poll() is None
+            time.sleep(0.02)
+        devices = Devices(folder)
+        assert devices.call("state")["load_mn"] == 0.0
+        devices.call("end")
+        devices.close()
+        assert process.wait(60) == 0
+        assert not (folder / CONTROL).exists()
+    finally:
+        process.kill()
+        process.wait()
 
 
 def test_a_run_that_is_refused_leaves_no_devices_behind(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

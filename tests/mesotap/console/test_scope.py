@@ -65,7 +65,7 @@ def test_the_page_from_its_beginning_to_stop(chromium, tmp_path):
         # the check
         page.click("#check-by-tap")
         shows(page, "#check", "wiring and polarity are right")
-        shows(page, "#relation", "equal.*correlation.*1.0000.*gain of B over A.*1.000")
+        shows(page, "#relation", r"equal.*correlation.*(0\.999|1\.000)\d.*gain of B over A.*(0\.99|1\.00)\d\d ± 0")
         # reloaded, it shows the same
         page.reload()
         shows(page, "#check", "wiring and polarity are right")

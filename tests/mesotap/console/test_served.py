@@ -97,11 +97,12 @@ def test_over_tls_the_cookie_is_for_tls_alone_and_an_origin_without_it_is_foreig
 @needs_chromium
 def test_a_session_is_run_over_tls_from_an_address_of_the_network(tmp_path, certified, chromium):
     files = ("--certfile", str(certified / "certificate.pem"), "--keyfile", str(certified / "key.pem"))
-    with console_in(tmp_path, "--host", "0.0.0.0", "--speed", "100", *files) as console:
+    slow = ("--speed", "20", "--set", "mesotap.dwell_s=100")
+    with console_in(tmp_path, "--host", "0.0.0.0", *slow, *files) as console:
         link = console.link.replace(f"//{console.host}:", f"//{own_address()}:")
         page = opened(chromium, console, link, ignore_https_errors=True)
         begin(page)
-        reach(page, "[Cc]alibrat")
+        reach(page, "locking")
         page.keyboard.press("Space")
         page.wait_for_selector("#run:enabled")
         assert page.faults == []

@@ -222,7 +222,12 @@ class AtWork:
             self.board.show(*self.board.parts())
             self.so_far.forget()
             await self.ready()
-            child = Child(SESSION, self._hear, lambda code: self.board.gone(), beats=True)
+
+            def said(line: str) -> None:
+                if self._child is child:  # not of the guardian of an earlier session
+                    self.board.said(line)
+
+            child = Child(SESSION, self._hear, lambda code: self.board.gone(), beats=True, said=said)
             await child.start()
             self._child = child
             child.tell(order)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesotap.console.frames import Message, frame
+from mesotap.session.guardian import GOES_ON, SAYS
 
 REPORT, DIAGNOSIS = "report.html", "diagnosis.html"
 RECORDS_KEPT = 64
@@ -304,17 +305,27 @@ class Board:
             self.show("state")
 
     def gone(self) -> None:
-        """See the session's process gone."""
+        """See the process of the session, or of the view, gone; one that was killed leaves the rest to the guardian."""
         self.state.update(running=False, viewing=False, stopping=False)
-        if self.state["ended"] is None and self.state["viewed"]:
-            text = "the view's process was killed; the guardian takes the surfaces apart"
-            self.state.update(ended={"how": "failed", "text": text}, ask=None, words="ended")
-            self.state["next"] = "Look whether the surfaces are apart."
-        elif self.state["ended"] is None:
-            text = "the session's process was killed; the guardian takes the surfaces apart; 'Resume' goes on"
-            self.state.update(ended={"how": "failed", "text": text}, ask=None, paused=False, words="ended")
-            self.state["next"] = "Look whether the surfaces are apart, then resume the session."
+        if self.state["ended"] is None:
+            self._killed("the guardian takes the surfaces apart", "Look whether the surfaces are apart")
         self.show("state")
+
+    def said(self, line: str) -> None:
+        """Hear a line of the process, or of the guardian after it: what came of the load."""
+        if not line.startswith(SAYS):
+            return
+        told = line.removeprefix(SAYS).removesuffix(f"; {GOES_ON}")
+        self._killed(f"the guardian: {told}", "Look at the rig")
+        self.show("state")
+
+    def _killed(self, guardian: str, look: str) -> None:
+        """Show that the process was killed, and what of the guardian is known."""
+        viewed = self.state["viewed"]
+        text = f"the {'view' if viewed else 'session'}'s process was killed; {guardian}"
+        if not viewed:
+            text, look = f"{text}; 'Resume' goes on", f"{look}, then resume the session"
+        self.state.update(ended={"how": "failed", "text": text}, ask=None, paused=False, words="ended", next=f"{look}.")
 
 
 def record_frame(message: Message, numbers: bytes) -> bytes:

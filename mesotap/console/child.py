@@ -17,6 +17,9 @@ ENDING_S = 30.0
 BEAT_S = 1.0
 """Between two words to a process that ends where it hears none; see `session_link.SILENT_S`."""
 
+LONGEST_LINE = 1 << 16
+"""Bytes of a line on standard error; of a longer one only that it was long is passed on."""
+
 Heard = Callable[[Message, bytes], None]
 
 
@@ -35,16 +38,27 @@ class Child:
         By how much it gives way to others.
     beats
         Whether it is told every second that the console is there.
+    said
+        Called with each line that it, or what outlives it, writes to standard error, where the line goes as well;
+        None leaves standard error alone.
     """
 
     def __init__(
-        self, module: str, heard: Heard, gone: Callable[[int], None], niceness: int = 0, beats: bool = False
+        self,
+        module: str,
+        heard: Heard,
+        gone: Callable[[int], None],
+        niceness: int = 0,
+        beats: bool = False,
+        said: Callable[[str], None] | None = None,
     ) -> None:
         self._module, self._heard, self._gone, self._niceness, self._beats = module, heard, gone, niceness, beats
         self._process: asyncio.subprocess.Process | None = None
         self._writer: asyncio.StreamWriter | None = None
         self._listening: asyncio.Task[None] | None = None
         self._beating: asyncio.Task[None] | None = None
+        self._said = said
+        self._relaying: asyncio.Task[None] | None = None
 
     @property
     def running(self) -> bool:
@@ -54,6 +68,7 @@ class Child:
     async def start(self) -> None:
         """Start it."""
         ours, theirs = socket.socketpair()
+        errors = await self._errors()
         nowhere = asyncio.subprocess.DEVNULL
         command = [sys.executable, "-m", self._module, str(theirs.fileno())]
         if self._niceness:
@@ -63,12 +78,15 @@ class Child:
                 *command,
                 stdin=nowhere,
                 stdout=nowhere,
+                stderr=errors,
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,
                 env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
             )
         finally:
             theirs.close()
+            if errors is not None:
+                os.close(errors)
         reader, self._writer = await asyncio.open_connection(sock=ours)
         self._listening = asyncio.create_task(self._listen(reader))
         if self._beats:
@@ -86,6 +104,29 @@ class Child:
         if self._listening is not None:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(asyncio.shield(self._listening), ENDING_S)
+
+    async def _errors(self) -> int | None:
+        """Return what it is given as standard error, whose lines are passed on for as long as anybody holds it."""
+        if self._said is None:
+            return None
+        ours, theirs = os.pipe()
+        reader = asyncio.StreamReader(LONGEST_LINE)
+        pipe = os.fdopen(ours, "rb", 0)
+        await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), pipe)
+        self._relaying = asyncio.create_task(self._relay(reader, self._said))
+        return theirs
+
+    async def _relay(self, reader: asyncio.StreamReader, said: Callable[[str], None]) -> None:
+        while True:
+            try:
+                line = await reader.readline()
+            except ValueError:
+                line = b"a line that is too long to be passed on\n"
+            if not line:
+                return
+            with contextlib.suppress(OSError):
+                os.write(sys.stderr.fileno(), line)
+            said(line.decode(errors="replace").strip())
 
     async def _beat(self) -> None:
         while self.running:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from rig import GaugeScale
 
 ARMED, APART, DISMISSED, BEAT = "armed", "apart", "dismissed", "beat"
+SAYS, GOES_ON = "mesotap guardian: ", "'mesotap resume' goes on"  # how what it says begins, and may end
 LARGEST_SETUP = 1 << 20  # bytes
 
 

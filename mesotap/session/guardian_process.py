@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.journal_file import append_after_death
-from mesotap.session.guardian import APART, ARMED, BEAT, DISMISSED, LARGEST_SETUP
+from mesotap.session.guardian import APART, ARMED, BEAT, DISMISSED, GOES_ON, LARGEST_SETUP, SAYS
 from rig import Accelerometers, Block, DeadWeights, GaugeScale, Impactor, LoadCell, LoadReading, RigError
 from rig.assembled import AssembledRig
 from rig.drivers.amplifier import DEVICE as AMPLIFIER
@@ -43,7 +43,6 @@ was seen to make is 1.5 s (a disk that is slow to sync); a machine that hangs fo
 
 TELLING_S = 2.0  # for a terminal that takes what is said
 TRIES, TRY_AGAIN_S = 10, 0.5  # to reach a stage by its port where the inherited one is gone
-GOES_ON = "'mesotap resume' goes on"
 NOT_HEEDED = (
     "SIGINT",
     "SIGTERM",
@@ -144,8 +143,8 @@ class Successor:
         for descriptor in self._descriptors.values():  # the folder's lock too: whoever resumes need not wait for us
             with contextlib.suppress(OSError):
                 os.close(descriptor)
-        goes_on = f"; {GOES_ON}" if noted or self._folder is None else ""
-        said = f"\nmesotap guardian: {self._why}; {safe.sentence()}{goes_on}\n"
+        goes_on = f"; {GOES_ON}" if noted else ""
+        said = f"\n{SAYS}{self._why}; {safe.sentence()}{goes_on}\n"
         telling = threading.Thread(target=_tell, args=(said,), daemon=True)  # a terminal may be halted
         telling.start()
         telling.join(TELLING_S)

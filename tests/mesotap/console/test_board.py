@@ -76,3 +76,17 @@ def test_an_alarm_of_the_live_view_stands_until_it_has_ended():
     state = shown["state"][0]
     assert (state["alarm"], state["viewing"], state["ended"]["text"]) == ("", False, f"{over}; the surfaces are apart")
     assert state["next"].startswith("Take the surfaces apart, then begin")
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_what_the_guardian_says_is_shown_whether_it_speaks_before_or_after_the_end_is_seen(tmp_path, late):
+    board = Board(lambda part, frame: None, lambda frame: None)
+    board.hear({**BEGUN, "folder": str(tmp_path)}, b"")
+    line = "mesotap guardian: the program died; the surfaces are apart; 'mesotap resume' goes on"
+    steps = [board.gone, lambda: board.said(line)]
+    for step in steps if late else reversed(steps):
+        step()
+    board.said("something else on standard error")
+    state = board.state
+    text = "the session's process was killed; the guardian: the program died; the surfaces are apart; 'Resume' goes on"
+    assert (state["ended"]["text"], state["next"]) == (text, "Look at the rig, then resume the session.")

@@ -231,7 +231,8 @@ def test_the_acquisition_killed(viewing):
     os.kill(child, signal.SIGKILL)
     apart(devices)  # the guardian
     page.until(lambda: page.state["ended"] is not None)
-    assert "the guardian takes the surfaces apart" in page.state["ended"]["text"]
+    page.until(lambda: "the guardian: the program died" in page.state["ended"]["text"])
+    assert page.state["ended"]["text"].endswith("the surfaces are apart")
 
 
 def children_of(pid: int) -> list[int]:

@@ -38,7 +38,7 @@ kills: $(VENV)/.tested
 	MESOTAP_KILLS=66 $(BIN)/python -m pytest tests/mesotap/session/test_killed.py
 	MESOTAP_GUARDED_KILLS=134 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -s tests/mesotap/session/test_guardian.py
 
-# STOP in the page of the console, 50 times, until the stage is told to go back (ten minutes)
+# STOP in the page of the console, 50 times, until the stage is told to go back (half an hour)
 console-stop: $(VENV)/.tested
 	MESOTAP_STOPS=50 $(BIN)/python -m pytest -s -n 0 tests/mesotap/console/test_stop.py
 

@@ -58,7 +58,7 @@ class Child:
         self._listening: asyncio.Task[None] | None = None
         self._beating: asyncio.Task[None] | None = None
         self._said = said
-        self._relaying: asyncio.Task[None] | None = None
+        self._relaying: tuple[asyncio.ReadTransport, asyncio.Task[None]] | None = None
 
     @property
     def running(self) -> bool:
@@ -104,6 +104,8 @@ class Child:
         if self._listening is not None:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(asyncio.shield(self._listening), ENDING_S)
+        if self._relaying is not None:
+            self._relaying[0].close()
 
     async def _errors(self) -> int | None:
         """Return what it is given as standard error, whose lines are passed on for as long as anybody holds it."""
@@ -112,8 +114,9 @@ class Child:
         ours, theirs = os.pipe()
         reader = asyncio.StreamReader(LONGEST_LINE)
         pipe = os.fdopen(ours, "rb", 0)
-        await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), pipe)
-        self._relaying = asyncio.create_task(self._relay(reader, self._said))
+        loop = asyncio.get_running_loop()
+        transport, _ = await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), pipe)
+        self._relaying = transport, asyncio.create_task(self._relay(reader, self._said))
         return theirs
 
     async def _relay(self, reader: asyncio.StreamReader, said: Callable[[str], None]) -> None:

@@ -31,6 +31,7 @@ def test_lines_of_it_and_of_what_outlives_it(tmp_path, monkeypatch, capfd):
         await child.start()
         await asyncio.wait_for(gone.wait(), 60)
         await asyncio.wait_for(last.wait(), 60)
+        await child.end()
         return told
 
     told = asyncio.run(lines())

@@ -29,7 +29,7 @@ LONGEST_WAIT_S = {
     "PRE_CALIBRATION": 0.4,
     "POST_CALIBRATION": 0.4,
     "SET_LOAD": 0.4,
-    "LOCK": 0.9,
+    "LOCK": 0.4,
     "TAP": 0.9,
     "RETRACT": 0.1,
     "FILE": 1.0,

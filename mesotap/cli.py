@@ -550,12 +550,12 @@ def config_check(
     changes: Changes = None,
 ) -> None:
     """Check a configuration against the allowed values."""
-    from mesotap.configuration.config import load_config, settable_loads
+    from mesotap.configuration.config import load_config, remarks
     from mesotap.operator.terminal import say
 
     config = load_config(file, changes or ())
     say(f"{file or 'config.yaml'}: valid")
-    for line in settable_loads(config):
+    for line in remarks(config):
         say(line)
 
 

@@ -26,6 +26,7 @@ from mesotap.commands.outputs import write_json
 from mesotap.commands.recordings import SESSION_FILE
 from mesotap.commands.wire_options import NO_WIRE, WireOptions
 from mesotap.configuration.config import Config, ConfigError, effective_text, load_config
+from mesotap.configuration.usual import unusual
 from mesotap.operator.outlet import unhurried
 from mesotap.operator.people import Filing, People, at_terminal
 from mesotap.operator.terminal import escape
@@ -71,6 +72,8 @@ def begin(
     wire: WireOptions = NO_WIRE,
 ) -> None:
     """Begin a session in the new folder ``path`` and carry it to its report."""
+    for remark in unusual(config.model_dump(mode="json")):
+        people.console.print(escape(remark), highlight=False, soft_wrap=True)
     now = datetime.datetime.now(datetime.UTC)
     header: dict[str, Any] = {
         "format": FOLDER_FORMAT,

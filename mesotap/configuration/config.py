@@ -16,6 +16,7 @@ from daq.errors import RecordingError, one_line
 from daq.regular import read_regular
 from daq.settings import DaqSettings
 from mesotap.configuration.settings import SessionSettings
+from mesotap.configuration.usual import unusual
 from mesotap.configuration.yaml_text import (
     LARGEST_TEXT,
     NOT_YAML,
@@ -114,8 +115,13 @@ def validated(content: dict[str, Any]) -> Config:
     return Config.model_validate(content, context={FOLDERS: known})
 
 
-def settable_loads(config: Config) -> list[str]:
-    """Return in sentences to what the loads of the plan can be set; none for a stage that is turned by hand."""
+def remarks(config: Config) -> list[str]:
+    """Return in sentences what is unusual about a valid configuration, and to what its loads can be set."""
+    return [*unusual(config.model_dump(mode="json")), *_settable_loads(config)]
+
+
+def _settable_loads(config: Config) -> list[str]:
+    """Return to what the loads of the plan can be set; nothing for a stage that is turned by hand."""
     part = config.rig.parts.stage
     if part == "hand":
         return []
@@ -182,7 +188,7 @@ def parse_config(text: str, name: str = "config.yaml", changes: Sequence[str] = 
     try:
         return validated(content)
     except ValidationError as error:
-        lines = []
+        lines = [f"{name}: {remark}" for remark in unusual(content)]  # first: the faults may follow from them
         for fault in error.errors():
             line = line_of(node, fault["loc"])
             where = f"{name}, line {line}" if line else name

@@ -12,7 +12,7 @@ import yaml
 from pydantic import BaseModel
 
 from daq.durable import write_whole
-from mesotap.configuration.config import Config, ConfigError, default_text, parse_config, settable_loads, text_of
+from mesotap.configuration.config import Config, ConfigError, default_text, parse_config, remarks, text_of
 from mesotap.configuration.edited import edited, stands
 from mesotap.configuration.yaml_text import parsed
 
@@ -59,7 +59,7 @@ class SettingsFile:
         faults: list[str] = []
         said: list[str] = []
         try:
-            said = settable_loads(parse_config(after, self._path.name))
+            said = remarks(parse_config(after, self._path.name))
         except ConfigError as error:
             faults = str(error).split("\n")
         lines = difflib.unified_diff(

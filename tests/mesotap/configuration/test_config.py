@@ -73,7 +73,7 @@ def test_what_is_in_force_reads_back_as_itself():
         ("mesotap: {impacts_per_load: eight}", ["mesotap.impacts_per_load", "'eight'", "integer"]),
         ("mesotap: {load_plan_mn: []}", ["mesotap.load_plan_mn", "at least one load"]),
         ("mesotap: {load_plan_mn: [2000]}", ["2006 mN", "rig.limits.load_mn (1100)"]),
-        ("rig: {springs: {k1_n_per_m: 3}}", ["rig.springs", "system_resonance_hz", "k2_n_per_m"]),
+        ("rig: {springs: {k1_n_per_m: 5.0e+5}}", ["rig.springs", "system_resonance_hz", "k2_n_per_m"]),
         ("rig: {limits: {search_beyond_um: 100}}", ["search_beyond_um", "26893 mN", "limits.load_mn (1100)"]),
         ("rig: {wiring: {strain_gauge_input: 0}}", ["rig.wiring", "share one input"]),
         ("calibration: {weights_mn: [0, 100]}", ["calibration.weights_mn", "three different weights"]),

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from rich.console import Console
+from mesotap.cli_options import Changes, ConfigPath, JsonPath
+from mesotap.cli_options import console as _console
+from mesotap.cli_plugins import commands as plugin_commands
 
 app = typer.Typer(
     name="mesotap",
@@ -26,19 +27,6 @@ certificate_app = typer.Typer(
     help="Write or check a digital calibration certificate of the strain gauge.", no_args_is_help=True
 )
 app.add_typer(certificate_app, name="certificate")
-
-ConfigPath = Annotated[
-    Path | None,
-    typer.Option("--config", "-c", help="Configuration; config.yaml of this folder by default.", show_default=False),
-]
-Changes = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Override one key, such as mesotap.dwell_s=0.", show_default=False),
-]
-JsonPath = Annotated[
-    Path | None,
-    typer.Option("--json", metavar="OUT.json", help="Also write the answer for programs.", show_default=False),
-]
 
 
 def _one_rig(context: typer.Context, option: typer.CallbackParam, given: bool) -> bool:
@@ -83,19 +71,6 @@ Report = Annotated[
     Path | None,
     typer.Option("--report", metavar="FOLDER", help="Also write the report into this folder.", show_default=False),
 ]
-
-
-PIPED_WIDTH = 160  # of tables where no terminal says how wide it is
-
-
-def _console(json: Path | None) -> Console:
-    """Where a command talks to a person: not where its answer for programs goes."""
-    from mesotap.operator.terminal import SafeConsole
-
-    console = SafeConsole(stderr=str(json) == "-")
-    if not console.is_terminal:
-        console.width = PIPED_WIDTH
-    return console
 
 
 def _version(wanted: bool) -> None:
@@ -526,22 +501,7 @@ def prove(
         try_out(seed, sessions or 24, only, output, jobs, own_folders(config), _console(json), subject, json)
 
 
-@app.command()
-def mechanisms(
-    config: ConfigPath = None,
-    check: Annotated[
-        Path | None,
-        typer.Option("--check", metavar="FILE", help="Check a mechanism of your own instead.", show_default=False),
-    ] = None,
-    json: JsonPath = None,
-) -> None:
-    """List the mechanisms that a diagnosis can name."""
-    from mesotap.commands.diagnose import check_mechanism, list_mechanisms
-
-    if check is None:
-        list_mechanisms(config, json, _console(json))
-    elif not check_mechanism(check, json, _console(json)):
-        raise typer.Exit(2)
+app.add_typer(plugin_commands)
 
 
 @config_app.command("check")

@@ -257,11 +257,11 @@ class RigSettings(Section):
     @model_validator(mode="after")
     def _within_reach(self) -> RigSettings:
         """Two devices need two ports, and the surfaces must meet within the stage's travel."""
-        stage, gauge = self.parts.stage, self.parts.load_cell
-        if isinstance(stage, str):
+        stage, port = self.parts.stage, getattr(self.parts.stage, "port", None)
+        if port is not None and getattr(self.parts.load_cell, "port", None) == port:
+            raise ValueError(f"parts.stage and parts.load_cell are both on {port}; each needs a port of its own")
+        if not isinstance(stage, NewportStage):
             return self
-        if not isinstance(gauge, str) and getattr(gauge, "port", None) == stage.port:
-            raise ValueError(f"parts.stage and parts.load_cell are both on {stage.port}; each needs a port of its own")
         reach_mm = stage.zero_mm + (self.limits.expected_contact_um + self.limits.search_beyond_um) * 1e-3
         if reach_mm > stage.highest_mm:
             raise ValueError(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sim_backend.acting import Acting
 from sim_backend.arrangement import tester
-from sim_backend.mechanisms.catalogue import catalogue, placed
+from sim_backend.mechanisms.catalogue import family, placed
 from sim_backend.mechanisms.kinds import Mechanism, Scale, SecondImpact, Tones
 
 # only to ask a mechanism where it acts and which values it needs
@@ -34,14 +34,14 @@ def adopted(mechanism_id: str, parameters: Mapping[str, float], folders: Sequenc
         A sentence: no such mechanism, none that acts in a ring-down, or a parameter that is missing, unknown or out of
         its range.
     """
-    known = catalogue(folders)
-    if mechanism_id not in known:
+    known = family(mechanism_id, folders)
+    if known is None:
         raise ValueError(f"unknown mechanism {mechanism_id!r}; 'mesotap mechanisms' lists the known ones")
-    family = placed(known[mechanism_id], ANY_RIG)
-    if not family:
+    acting = placed(known, ANY_RIG)
+    if not acting:
         raise ValueError(f"{mechanism_id} does not act in a ring-down, so it cannot be simulated in one")
-    meant = [(m, place) for m, place in family if {q.name for q in m.parameters} <= set(parameters)]
-    mechanism, place = (meant or family)[0]
+    meant = [(m, place) for m, place in acting if {q.name for q in m.parameters} <= set(parameters)]
+    mechanism, place = (meant or acting)[0]
     return Acting(mechanism, _checked(mechanism, parameters), place)
 
 

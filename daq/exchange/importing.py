@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from daq.errors import RecordingError
+from daq.exchange.formats import format_of
 from daq.exchange.recording import Columns, Recording, make_recording
 from daq.exchange.units import is_no_acceleration
 from daq.limited import read_limited
@@ -43,6 +44,8 @@ def import_recording(
 ) -> Recording:
     """Read a recording from a CSV, MAT (5 to 7.3) or universal file, told apart by content.
 
+    A file whose ending is that of another package's format (`daq.exchange.formats`) is read by that.
+
     Parameters
     ----------
     rate_hz
@@ -70,6 +73,10 @@ def columns_in(path: Path) -> Columns:
     RecordingError
         As `import_recording`.
     """
+    other = format_of(path)
+    if other is not None:
+        read_head(path, _HEAD)  # no pipe, and no folder
+        return other.columns(path)
     # The readers are imported where they are used: a CSV file should not wait for pyuff.
     content = content_of(path)
     if is_hdf5(content):

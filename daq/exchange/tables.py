@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import RecordingError
+from daq.exchange.formats import format_of
 from daq.exchange.importing import content_of, is_hdf5, is_mat5
+from daq.exchange.recording import Columns
 from daq.limited import read_limited
 
 
@@ -43,8 +45,11 @@ def import_tables(path: Path, wanted: Sequence[str | int]) -> tuple[Table, ...]:
 
 def tables_in(path: Path, wanted: Sequence[str | int]) -> tuple[Table, ...]:
     """Return the tables in a file that this process opens itself; see `import_tables`."""
-    content = content_of(path)
-    if is_hdf5(content):
+    other = format_of(path)
+    content = b"" if other is not None else content_of(path)
+    if other is not None:
+        tables = [_of_columns(other.columns(path))]
+    elif is_hdf5(content):
         from daq.exchange.matlab73 import walk_mat73
 
         tables = _grouped(walk_mat73(path).arrays)
@@ -55,9 +60,7 @@ def tables_in(path: Path, wanted: Sequence[str | int]) -> tuple[Table, ...]:
     else:
         from daq.exchange.text import read_text
 
-        read = read_text(path, content)
-        first = [] if read.time is None else [(read.time_name, read.time)]
-        tables = [Table("", dict([*first, *zip(read.names, read.data, strict=True)]))]
+        tables = [_of_columns(read_text(path, content))]
     found = []
     for table in tables:
         picked = [_pick(table, w) for w in wanted]
@@ -71,6 +74,11 @@ def tables_in(path: Path, wanted: Sequence[str | int]) -> tuple[Table, ...]:
     if not found:
         raise NoTable(f"{path}: holds no table with the columns {', '.join(map(str, wanted))}")
     return tuple(found)
+
+
+def _of_columns(read: Columns) -> Table:
+    first = [] if read.time is None else [(read.time_name, read.time)]
+    return Table("", dict([*first, *zip(read.names, read.data, strict=True)]))
 
 
 def _grouped(arrays: Sequence[tuple[str, NDArray[np.float64]]]) -> list[Table]:

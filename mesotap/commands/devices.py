@@ -17,9 +17,9 @@ from mesotap.operator.terminal import escape
 from mesotap.session.bench import build_rig
 from mesotap.session.guardian_link import guardian_for
 from mesotap.session.self_test import Verdict, self_test
-from rig import RigError
+from rig import Operator, RigError
 from rig.drivers.driver import Driver
-from rig.drivers.settings import AmplifierRtu, AmplifierTcp, NewportStage
+from rig.drivers.settings import NewportStage
 from rig.drivers.wire_record import WireFile
 
 
@@ -118,10 +118,10 @@ def _answers(
             return [{"part": rig.name, "answers": True, "says": line} for line in rig.open()]
         finally:
             rig.close()
-    return [_answer_of(name, config, file) for name in ("load_cell", "stage", "accelerometers")]
+    return [_answer_of(name, config, operator, file) for name in ("load_cell", "stage", "accelerometers")]
 
 
-def _answer_of(name: str, config: Config, file: WireFile | None) -> dict[str, Any]:
+def _answer_of(name: str, config: Config, operator: Operator, file: WireFile | None) -> dict[str, Any]:
     from rig.drivers import assembly
     from rig.wall_clock import WallClock
 
@@ -133,12 +133,14 @@ def _answer_of(name: str, config: Config, file: WireFile | None) -> dict[str, An
         return {"part": name, "answers": part == "hand", "says": says}
     try:
         driver: object
-        if isinstance(part, AmplifierRtu | AmplifierTcp):
-            driver = assembly.amplifier(part, clock, file)
+        if name == "load_cell":
+            driver = assembly.load_cell(config.rig, operator, clock, file)
         elif isinstance(part, NewportStage):
             driver = assembly.motor_stage(part, config.rig.limits.largest_approach_step_um, clock, file)
+        elif name == "stage":
+            driver = assembly.of_another(part, config.rig, operator, clock, file)
         else:
-            driver = assembly.recorder(config.rig, clock, file)
+            driver = assembly.recorder(config.rig, operator, clock, file)
         if not isinstance(driver, Driver):
             return {"part": name, "answers": True, "says": "needs no connection"}
         try:

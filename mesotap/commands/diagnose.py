@@ -1,4 +1,4 @@
-"""`mesotap diagnose`, `mesotap adopt` and `mesotap mechanisms`."""
+"""`mesotap diagnose`, `mesotap adopt` and the list of `mesotap mechanisms`."""
 
 from __future__ import annotations
 
@@ -296,17 +296,3 @@ def _acts_in(mechanism: Mechanism) -> str:
         return ", ".join(mechanism.fits) + load
     words = {AddedBody: "bodies and elements", Tones: "every channel", SecondImpact: "the impacts"}
     return mechanism.of if isinstance(mechanism, ChannelDistortion) else words[type(mechanism)]
-
-
-def check_mechanism(file: Path, json_path: Path | None, console: Console) -> bool:
-    """Print what is checked of a mechanism's file, a line each; return whether all of it holds."""
-    from sim_backend.mechanisms.conformance import conformance
-
-    checks = conformance(file)
-    for check in checks:
-        said = f": {check.said}" if check.said else ""
-        console.print(
-            f"{'holds' if check.holds else 'FAILS'}  {check.name}{escape(said)}", highlight=False, soft_wrap=True
-        )
-    write_json(json_path, {"checks": [{"name": c.name, "holds": c.holds, "said": c.said} for c in checks]})
-    return all(check.holds for check in checks)

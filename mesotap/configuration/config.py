@@ -20,13 +20,13 @@ from mesotap.configuration.usual import unusual
 from mesotap.configuration.yaml_text import (
     LARGEST_TEXT,
     NOT_YAML,
-    TAGS,
     NotTaken,
     line_of,
     not_yaml,
     parsed,
     sentence,
     shown,
+    tags,
 )
 from rig.drivers.settings import NewportStage
 from rig.errors import MesotapError
@@ -192,7 +192,7 @@ def parse_config(text: str, name: str = "config.yaml", changes: Sequence[str] = 
         for fault in error.errors():
             line = line_of(node, fault["loc"])
             where = f"{name}, line {line}" if line else name
-            keys = tuple(part for part in fault["loc"] if part not in TAGS)
+            keys = tuple(part for part in fault["loc"] if not tags(part))
             if any(keys[: len(path)] == path for path in changed):
                 where = "--set"
             lines.append(f"{where}: {sentence(fault, Config)}")

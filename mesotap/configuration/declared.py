@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping
 
@@ -16,7 +17,8 @@ from rig.settings import Masses, RigSettings, Springs
 def rig_settings(session: Session) -> RigSettings:
     """Return the rig of the configuration that was in force; the program's own where a session keeps none.
 
-    A configuration of another version may hold keys that this one does not know: then its masses and springs count.
+    Which device stood behind a part does not matter any more, and its driver may not be installed here. A configuration
+    of another version may hold keys that this one does not know: then its masses and springs count.
     """
     if not session.config.strip():
         return RigSettings()
@@ -27,6 +29,8 @@ def rig_settings(session: Session) -> RigSettings:
     try:
         content = yaml.safe_load(session.config)
         rig = content.get("rig", {}) if isinstance(content, dict) else {}
+        with contextlib.suppress(ValueError):
+            return RigSettings.model_validate({key: value for key, value in rig.items() if key != "parts"})
         known = {
             name: {key: value for key, value in rig[name].items() if key in section.model_fields}
             for name, section in (("masses", Masses), ("springs", Springs))

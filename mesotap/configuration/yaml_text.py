@@ -12,12 +12,12 @@ import yaml
 from pydantic import BaseModel
 
 from daq.errors import one_line
+from rig.drivers.plugins import BUILT_IN, is_tag, settings_of_tag
 from rig.settings import Section
 from rig.written import EXPLAINED, NUMBER, how_to_write
 
-DRIVERS = ("conex-cc", "smc100", "modbus-rtu", "modbus-tcp", "usb-1608fs-plus", "ni-9234", "solenoid")
 KEY = "[key]"  # what validation adds to the path of a key that is no good itself
-TAGS = ("sphere", "flat", "literal", "name", *DRIVERS)
+TAGS = ("sphere", "flat", "literal", "name", *BUILT_IN)
 """What validation adds to the path of a key to say which alternative of a choice was meant."""
 
 NOT_YAML = (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError)
@@ -168,9 +168,14 @@ def shown(text: object) -> str:
     return line if len(line) <= LONGEST_SHOWN else line[: LONGEST_SHOWN - 3] + "..."
 
 
+def tags(part: object) -> bool:
+    """Whether a part of a fault's path is no key, but says which alternative of a choice was meant."""
+    return part in TAGS or is_tag(part)
+
+
 def sentence(fault: Any, whole: type[BaseModel]) -> str:
     """Return a fault that validation found in a ``whole`` as a sentence: key, value, what is allowed."""
-    key = ".".join(shown(part) for part in fault["loc"] if part not in TAGS) or "the file"
+    key = ".".join(shown(part) for part in fault["loc"] if not tags(part)) or "the file"
     message = one_line(str(fault["msg"]))
     if fault["type"] == "extra_forbidden":
         allowed = list(_allowed_keys(fault["loc"][:-1], whole))
@@ -216,6 +221,8 @@ def _allowed_keys(path: tuple[Any, ...], whole: type[BaseModel]) -> Iterator[str
 
 def _variant(model: Any, tag: Any) -> Any:
     """Return the alternative of a union that the tag, its ``geometry`` or its ``driver``, names."""
+    if is_tag(tag):
+        return settings_of_tag(tag) if " " in tag else model
     pending = [model]
     while pending:
         candidate = pending.pop()

@@ -59,6 +59,10 @@ def build_rig(
     RigError
         If a part has no driver.
     """
+    if emulated:
+        from sim_backend.emulators.rig import emulated_of
+
+        emulated_of(config.rig.parts)
     if emulated and realtime and speed == 1.0:
         from mesotap.session.emulated_devices import separate_rig
 

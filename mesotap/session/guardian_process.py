@@ -22,18 +22,20 @@ from typing import Any
 
 from daq.journal_file import append_after_death
 from mesotap.session.guardian import APART, ARMED, BEAT, DISMISSED, GOES_ON, LARGEST_SETUP, SAYS
-from rig import Accelerometers, Block, DeadWeights, GaugeScale, Impactor, LoadCell, LoadReading, RigError
+from rig import Accelerometers, Block, DeadWeights, GaugeScale, Impactor, LoadCell, LoadReading, RigError, Stage
 from rig.assembled import AssembledRig
 from rig.drivers.amplifier import DEVICE as AMPLIFIER
 from rig.drivers.amplifier import ModbusLoadCell
-from rig.drivers.assembly import amplifier, motor_stage
+from rig.drivers.assembly import amplifier, motor_stage, of_another
+from rig.drivers.driver import Driver
 from rig.drivers.motor_stage import DEVICE as STAGE
 from rig.drivers.motor_stage import MotorStage
 from rig.drivers.recorder_settings import SolenoidSettings, Usb1608Settings
-from rig.drivers.settings import AmplifierRtu, NewportStage
+from rig.drivers.settings import AmplifierRtu, AmplifierTcp, NewportStage
 from rig.drivers.transport import InheritedTransport
 from rig.drivers.usb1608 import Usb1608
 from rig.interlock import Interlock, SafeState
+from rig.section import Section
 from rig.settings import RigSettings
 from rig.wall_clock import WallClock
 
@@ -151,20 +153,21 @@ class Successor:
 
     def _retract(self) -> SafeState:
         part = self._settings.parts.stage
-        if not isinstance(part, NewportStage):
+        if isinstance(part, str):
             return SafeState(("the load may still be on: back the micrometer off by hand",), 0.0)
         safe = SafeState((), 0.0)
         for attempt in range(TRIES):
             inherited = attempt == 0 and "stage" in self._descriptors
-            stage = self._stage(part, inherited)
+            stage: Stage | None = None
             try:
-                if inherited:
+                stage = self._stage(part, inherited)
+                if inherited and isinstance(stage, MotorStage):
                     stage.take_over(tuple(self._setup["travel_um"]), self._setup["stage_round_trip_s"])
-                else:
+                elif isinstance(stage, Driver):
                     stage.connect()
-            except RigError as error:
+            except Exception as error:  # a driver of others may raise anything
                 safe = SafeState((f"not made safe: {error}; back the micrometer off by hand",), 0.0)
-                stage.close()
+                _let_go(stage)
                 time.sleep(TRY_AGAIN_S)
                 continue
             rig = AssembledRig("", self._clock, self._gauge(), stage, _NoRecorder(), _NoImpactor(), _NoWeights())
@@ -172,12 +175,15 @@ class Successor:
             safe = Interlock(rig, self._settings.limits, self._scale, (k1, k2)).make_safe()
             if safe.moved_um:
                 return safe
-            stage.close()
+            _let_go(stage)
             time.sleep(TRY_AGAIN_S)
         return safe
 
-    def _stage(self, part: NewportStage, inherited: bool) -> MotorStage:
+    def _stage(self, part: Section, inherited: bool) -> Stage:
         step = self._settings.limits.largest_approach_step_um
+        if not isinstance(part, NewportStage):
+            made: Stage = of_another(part, self._settings, None, self._clock)
+            return made
         if inherited:
             wire = InheritedTransport(STAGE, part.port, self._descriptors["stage"])
             return MotorStage(wire, part, self._clock, step)
@@ -185,7 +191,7 @@ class Successor:
 
     def _gauge(self) -> LoadCell:
         part = self._settings.parts.load_cell
-        if isinstance(part, str) or "gauge" not in self._descriptors:
+        if not isinstance(part, AmplifierRtu | AmplifierTcp) or "gauge" not in self._descriptors:
             return _LateGauge(None)
         framing, port = (
             ("rtu", part.port) if isinstance(part, AmplifierRtu) else ("tcp", f"{part.host}:{part.tcp_port}")
@@ -198,6 +204,8 @@ class Successor:
         solenoid, part = self._settings.parts.impactor, self._settings.parts.accelerometers
         if not isinstance(solenoid, SolenoidSettings):
             return
+        if not isinstance(part, str | Usb1608Settings):
+            return  # a recorder of others is not taken over
         wanted = part if isinstance(part, Usb1608Settings) else Usb1608Settings()
         with contextlib.suppress(RigError, OSError):
             bus = None
@@ -209,6 +217,12 @@ class Successor:
             recorder.connect()
             recorder.set_line(solenoid.line, False)
             recorder.close()
+
+
+def _let_go(stage: Stage | None) -> None:
+    with contextlib.suppress(Exception):  # it is tried anew, whatever ails this one
+        if isinstance(stage, Driver):
+            stage.close()
 
 
 def _tell(text: str) -> None:

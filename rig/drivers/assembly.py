@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import cast
+from functools import partial
+from typing import Any
 
 from usb.backend import libusb1
 
@@ -12,15 +13,17 @@ from rig.drivers.amplifier import ModbusLoadCell
 from rig.drivers.motor_stage import DEVICE as STAGE
 from rig.drivers.motor_stage import MotorStage
 from rig.drivers.ni9234 import Ni9234
+from rig.drivers.plugins import Around, installed
 from rig.drivers.recorder_settings import Ni9234Settings, SolenoidSettings, Usb1608Settings
 from rig.drivers.settings import AmplifierRtu, AmplifierTcp, NewportStage
-from rig.drivers.solenoid import SolenoidImpactor
+from rig.drivers.solenoid import DigitalOutputs, SolenoidImpactor
 from rig.drivers.transport import SerialTransport, TcpTransport, Transport
 from rig.drivers.usb1608 import Usb1608
 from rig.drivers.wire_record import WireFile, recorded, recorded_usb
 from rig.errors import RigError
 from rig.hand import HandImpactor, HandStage, HandWeights
 from rig.interface import Accelerometers, Clock, Impactor, LoadCell, Operator, Stage
+from rig.section import Section
 from rig.settings import RigSettings
 from rig.wall_clock import WallClock
 
@@ -66,17 +69,54 @@ def assemble(
             f"rig: no device is configured for {', '.join(missing)}; name its driver and port there, or add --simulate "
             "to work with the simulated rig"
         )
-    load_cell = amplifier(cast("AmplifierRtu | AmplifierTcp", parts.load_cell), clock, wire_file)
-    accelerometers = recorder(settings, clock, wire_file)
+    gauge = load_cell(settings, operator, clock, wire_file)
+    accelerometers = recorder(settings, operator, clock, wire_file)
     return AssembledRig(
         NAME,
         clock,
-        load_cell,
-        stage(settings, operator, clock, load_cell, wire_file),
+        gauge,
+        stage(settings, operator, clock, gauge, wire_file),
         accelerometers,
-        impactor(settings, operator, clock, accelerometers),
+        impactor(settings, operator, clock, accelerometers, wire_file),
         HandWeights(operator, clock),
     )
+
+
+def load_cell(settings: RigSettings, operator: Operator, clock: Clock, wire_file: WireFile | None = None) -> LoadCell:
+    """Return the driver of the strain-gauge amplifier, the program's own or another package's."""
+    part = settings.parts.load_cell
+    if isinstance(part, AmplifierRtu | AmplifierTcp):
+        return amplifier(part, clock, wire_file)
+    made: LoadCell = of_another(part, settings, operator, clock, wire_file)
+    return made
+
+
+def of_another(
+    part: Section | str,
+    settings: RigSettings,
+    operator: Operator | None,
+    clock: Clock,
+    wire_file: WireFile | None = None,
+) -> Any:
+    """Return a part driven by another package's driver.
+
+    Raises
+    ------
+    RigError
+        It cannot be made.
+    """
+    name = str(getattr(part, "driver", part))
+    plugin = installed(name)
+    if plugin is None or not isinstance(part, Section):
+        raise RigError(f"rig.parts: no installed package offers a driver {name!r} any more")
+    around = Around(
+        clock,
+        operator,
+        settings.wiring,
+        settings.limits.largest_approach_step_um,
+        partial(recorded, file=wire_file),
+    )
+    return plugin.made(part, around)
 
 
 def amplifier(settings: AmplifierRtu | AmplifierTcp, clock: Clock, wire_file: WireFile | None = None) -> ModbusLoadCell:
@@ -108,25 +148,42 @@ def stage(
     part = settings.parts.stage
     if isinstance(part, NewportStage):
         return motor_stage(part, settings.limits.largest_approach_step_um, clock, wire_file)
+    if isinstance(part, Section):
+        made: Stage = of_another(part, settings, operator, clock, wire_file)
+        return made
     return HandStage(operator, clock, lambda: f"gauge {load_cell.read().voltage_mv:.2f} mV")
 
 
-def recorder(settings: RigSettings, clock: Clock, wire_file: WireFile | None = None) -> Accelerometers:
+def recorder(
+    settings: RigSettings, operator: Operator, clock: Clock, wire_file: WireFile | None = None
+) -> Accelerometers:
     """Return the driver of the recorder."""
     part = settings.parts.accelerometers
     if isinstance(part, Ni9234Settings):
         return Ni9234(settings.wiring, part, clock)
+    if isinstance(part, Section) and not isinstance(part, Usb1608Settings):
+        made: Accelerometers = of_another(part, settings, operator, clock, wire_file)
+        return made
     chosen = part if isinstance(part, Usb1608Settings) else Usb1608Settings()
     bus = None if wire_file is None else libusb1.get_backend()
     return Usb1608(settings.wiring, chosen, clock, None if bus is None else recorded_usb(bus, wire_file))
 
 
-def impactor(settings: RigSettings, operator: Operator, clock: Clock, accelerometers: Accelerometers) -> Impactor:
-    """Return the solenoid, or the person who taps."""
+def impactor(
+    settings: RigSettings,
+    operator: Operator,
+    clock: Clock,
+    accelerometers: Accelerometers,
+    wire_file: WireFile | None = None,
+) -> Impactor:
+    """Return the solenoid, what another package taps with, or the person who taps."""
     part = settings.parts.impactor
-    if not isinstance(part, SolenoidSettings):
+    if isinstance(part, str):
         return HandImpactor(operator)
-    if not isinstance(accelerometers, Usb1608):
+    if not isinstance(part, SolenoidSettings):
+        made: Impactor = of_another(part, settings, operator, clock, wire_file)
+        return made
+    if not isinstance(accelerometers, DigitalOutputs):
         raise RigError(
             "rig.parts.impactor: a solenoid needs a digital line of a usb-1608fs-plus, which rig.parts.accelerometers "
             "does not name; tap by hand"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from rig.drivers.recorder_settings import SolenoidSettings
 from rig.errors import RigError
@@ -15,6 +15,7 @@ FURTHEST = 2.0
 """Largest departure of that factor from 1, either way."""
 
 
+@runtime_checkable
 class DigitalOutputs(Protocol):
     """Whoever has digital lines."""
 

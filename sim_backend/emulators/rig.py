@@ -20,13 +20,14 @@ from rig.drivers.amplifier import DEVICE as AMPLIFIER
 from rig.drivers.amplifier import ModbusLoadCell
 from rig.drivers.motor_stage import DEVICE as STAGE
 from rig.drivers.motor_stage import MotorStage
+from rig.drivers.plugins import BUILT_IN
 from rig.drivers.recorder_settings import Ni9234Settings, SolenoidSettings, Usb1608Settings
 from rig.drivers.settings import AmplifierRtu, AmplifierTcp, NewportStage
 from rig.drivers.solenoid import SolenoidImpactor
 from rig.drivers.transport import SerialTransport, TcpTransport, Transport
 from rig.drivers.usb1608 import Usb1608
 from rig.drivers.wire_record import WireFile, recorded, recorded_usb
-from rig.settings import RigSettings
+from rig.settings import Parts, RigSettings
 from sim_backend.clock import VirtualClock
 from sim_backend.emulators.amplifier import EmulatedAmplifier
 from sim_backend.emulators.described import amplifier_of
@@ -43,6 +44,27 @@ from sim_backend.settings import SimBackendSettings
 DEFAULT_AMPLIFIER = AmplifierRtu(driver="modbus-rtu", preset="seneca-ze-sg3", port="/dev/ttyUSB0")
 DEFAULT_STAGE = NewportStage(driver="conex-cc", port="/dev/ttyUSB1", resolution_um=0.02)
 PATIENCE_S = 2.0  # real time that an emulated device is given by a busy machine before it counts as silent
+
+
+def emulated_of(parts: Parts) -> tuple[AmplifierRtu | AmplifierTcp, NewportStage]:
+    """Return the settings of the amplifier and the stage that are emulated: those configured, else the usual ones.
+
+    Raises
+    ------
+    RigError
+        A part has a driver of another package, which nothing is emulated for.
+    """
+    for name in ("load_cell", "stage", "accelerometers", "impactor"):
+        part = getattr(parts, name)
+        if not isinstance(part, str) and part.driver not in BUILT_IN:
+            raise RigError(
+                f"rig.parts.{name}: nothing is emulated for {part.driver}, a driver of another package; take --simulate"
+            )
+    gauge, stage = parts.load_cell, parts.stage
+    return (
+        gauge if isinstance(gauge, AmplifierRtu | AmplifierTcp) else DEFAULT_AMPLIFIER,
+        stage if isinstance(stage, NewportStage) else DEFAULT_STAGE,
+    )
 
 
 class EmulatedRig(AssembledRig):
@@ -107,8 +129,8 @@ class EmulatedRig(AssembledRig):
         self._wires = wires
         self._round_trip_s = round_trip_s
         self.ports: list[PtyPort | TcpPort] = []
-        load_cell = self._load_cell(parts.load_cell, amplifier_wire, realistic)
-        motor = DEFAULT_STAGE if isinstance(parts.stage, str) else parts.stage
+        gauge, motor = emulated_of(parts)
+        load_cell = self._load_cell(gauge, amplifier_wire, realistic)
         self.controller = self._controller(motor, settings.stage.speed_um_per_s, actuator, referenced)
         stage: Stage = physics.stage
         if parts.stage != "hand":
@@ -148,9 +170,8 @@ class EmulatedRig(AssembledRig):
     # --- the parts ------------------------------------------------------------------------------------------
 
     def _load_cell(
-        self, part: str | AmplifierRtu | AmplifierTcp, disturbance: Disturbance | None, realistic: bool
+        self, settings: AmplifierRtu | AmplifierTcp, disturbance: Disturbance | None, realistic: bool
     ) -> LoadCell:
-        settings = DEFAULT_AMPLIFIER if isinstance(part, str) else part
         framing = "rtu" if isinstance(settings, AmplifierRtu) else "tcp"
         self.amplifier = EmulatedAmplifier(
             self.physics.load_cell, amplifier_of(settings, realistic), self.physics.clock

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import pkgutil
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from rig.errors import MesotapError
+from rig.plugins import PluginError, module_of, offered, one_of
 from sim_backend.arrangement import Arrangement
 from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
 from sim_backend.mechanisms.places import Place
@@ -23,7 +20,7 @@ PARTS = ("catalogue", "conformance", "kinds", "places")
 """Modules of this package that are no mechanisms."""
 
 
-class MechanismError(MesotapError, ValueError):
+class MechanismError(PluginError):
     """A file holds no mechanism that can be used; a sentence with its name."""
 
 
@@ -37,10 +34,22 @@ def catalogue(folders: Sequence[str | Path] = ()) -> dict[str, tuple[Mechanism, 
 
     Raises
     ------
-    MechanismError
-        A folder or file cannot be read, holds no mechanism, or one whose id exists already.
+    PluginError
+        A folder, file or package cannot be read, holds no mechanism, or one whose id exists already.
     """
     return dict(_catalogue(tuple(str(Path(folder).absolute()) for folder in folders)))
+
+
+def family(mechanism_id: str, folders: Sequence[str | Path] = ()) -> tuple[Mechanism, ...] | None:
+    """Return the variants of one mechanism, None where there is none; installed packages are asked last.
+
+    Raises
+    ------
+    PluginError
+        As `catalogue`; a package that is broken matters only where nothing else has this id.
+    """
+    places = tuple(str(Path(folder).absolute()) for folder in folders)
+    return _own(places).get(mechanism_id) or _catalogue(places).get(mechanism_id)
 
 
 def variants(known: Mapping[str, tuple[Mechanism, ...]]) -> list[Mechanism]:
@@ -65,6 +74,15 @@ def component(mechanism: Mechanism, rig: Arrangement, place: Place) -> str:
 
 @cache
 def _catalogue(folders: tuple[str, ...]) -> dict[str, tuple[Mechanism, ...]]:
+    found = dict(_own(folders))
+    for entry in offered(GROUP):
+        _add(found, family_of(entry.loaded(), entry.where()), entry.where())
+    return found
+
+
+@cache
+def _own(folders: tuple[str, ...]) -> dict[str, tuple[Mechanism, ...]]:
+    """Return the mechanisms of this package and of a user's folders."""
     import sim_backend.mechanisms as package
 
     found: dict[str, tuple[Mechanism, ...]] = {}
@@ -77,14 +95,21 @@ def _catalogue(folders: tuple[str, ...]) -> dict[str, tuple[Mechanism, ...]]:
             raise MechanismError(f"{path}: is not a folder of mechanisms; analysis.mechanisms names it")
         for file in sorted(path.glob("[!_]*.py")):
             _add(found, load_file(file), str(file))
-    for entry in sorted(entry_points(group=GROUP), key=lambda e: e.name):
-        where = f"entry point {entry.name} ({entry.value})"
-        try:
-            loaded = entry.load()
-        except Exception as error:
-            raise MechanismError(f"{where}: cannot be imported: {_said(error)}") from error
-        _add(found, family_of(loaded, where), where)
     return found
+
+
+def load_installed(name: str) -> tuple[Mechanism, ...]:
+    """Return the variants that an installed package offers under the name of an entry point.
+
+    Raises
+    ------
+    PluginError
+        No package does, several do, or what it offers is no mechanism.
+    """
+    entry = one_of((o for o in offered(GROUP) if o.name == name), f"the mechanism {name}")
+    if entry is None:
+        raise MechanismError(f"{name}: is neither a Python file nor a mechanism that an installed package offers")
+    return family_of(entry.loaded(), entry.where())
 
 
 def load_file(file: Path) -> tuple[Mechanism, ...]:
@@ -92,7 +117,7 @@ def load_file(file: Path) -> tuple[Mechanism, ...]:
 
     Raises
     ------
-    MechanismError
+    PluginError
         It cannot be imported or holds no mechanism.
     """
     import sim_backend.mechanisms as package
@@ -100,17 +125,7 @@ def load_file(file: Path) -> tuple[Mechanism, ...]:
     if file.resolve().parent in (Path(place).resolve() for place in package.__path__):
         # under a second name, the law compiled here would be kept on disk for a module that no other process has
         return family_of(importlib.import_module(f"{package.__name__}.{file.stem}"), str(file))
-    name = f"mesotap_mechanism_{file.stem}"
-    spec = importlib.util.spec_from_file_location(name, file)
-    if spec is None or spec.loader is None:
-        raise MechanismError(f"{file}: is not a Python file")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # compiled laws are kept on disk by the name of their module
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise MechanismError(f"{file}: cannot be imported: {_said(error)}") from error
-    return family_of(module, str(file))
+    return family_of(module_of(file, "mesotap_mechanism"), str(file))
 
 
 def family_of(loaded: Any, where: str) -> tuple[Mechanism, ...]:
@@ -129,10 +144,6 @@ def _add(found: dict[str, tuple[Mechanism, ...]], family: tuple[Mechanism, ...],
     if name in found:
         raise MechanismError(f"{where}: {name} is the id of another mechanism already; give it one of its own")
     found[name] = family
-
-
-def _said(error: Exception) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def without(known: Mapping[str, tuple[Mechanism, ...]], names: Iterable[str]) -> dict[str, tuple[Mechanism, ...]]:

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from rig.plugins import Check, PluginError
 from sim_backend.arrangement import DERIVATIVES, Arrangement, Element, Parameter, Sensor, tester
 from sim_backend.arrays import Complex
 from sim_backend.force_law import MEMORY
-from sim_backend.mechanisms.catalogue import MechanismError, catalogue, load_file
+from sim_backend.mechanisms.catalogue import catalogue, load_file, load_installed
 from sim_backend.mechanisms.kinds import (
     AddedBody,
     AtRest,
@@ -38,15 +39,6 @@ LEAST = 1e-6  # strength, over the trial's, that stands for none where none is n
 PASSIVE = 1e-6  # of the work done on a spring, that a cycle may deliver by rounding and by the step size
 SAME = 1e-9
 RATE_HZ = 25000.0
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One thing that was checked, whether it holds, and what was found."""
-
-    name: str
-    holds: bool
-    said: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +78,7 @@ def benches() -> tuple[Bench, Bench]:
 
 
 def conformance(file: Path) -> list[Check]:
-    """Check a mechanism's file.
+    """Check a mechanism's file, or the mechanism that an installed package offers under this name.
 
     It can be imported; its id is free; its units are units; it has places in the tester or in a described rig, no two
     variants the same; trials have all parameters, within their ranges; without strength, and with all else zero that
@@ -96,12 +88,13 @@ def conformance(file: Path) -> list[Check]:
     trial's strength, and with the opposite one where both signs are allowed.
     """
     try:
-        family = load_file(file)
-    except MechanismError as error:
+        installed = file.suffix != ".py" and not file.exists()
+        family = load_installed(str(file)) if installed else load_file(file)
+    except PluginError as error:
         return [Check("the file holds a mechanism", False, str(error))]
     found = [
         Check("the file holds a mechanism", True, f"{family[0].id}, {len(family)} variant(s)"),
-        _free_id(file, family),
+        _free_id(file, family, installed),
     ]
     found += [_units(family), _places(family)]
     for mechanism in family:
@@ -129,9 +122,12 @@ def _tried(mechanism: Mechanism, bench: Bench, place: Place) -> list[Check]:
     return found
 
 
-def _free_id(file: Path, family: Sequence[Mechanism]) -> Check:
-    own = file.resolve().parent == Path(__file__).resolve().parent
-    taken = family[0].id in catalogue() and not own
+def _free_id(file: Path, family: Sequence[Mechanism], installed: bool) -> Check:
+    own = installed or file.resolve().parent == Path(__file__).resolve().parent
+    try:
+        taken = family[0].id in catalogue() and not own
+    except PluginError as error:  # of an installed package: this one, if its id is another mechanism's
+        return Check("its id is free", False, str(error))
     return Check("its id is free", not taken, f"{family[0].id} is another mechanism's" if taken else "")
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.plugins import PluginError
 from sim_backend.adopted import ANY_RIG, adopted
 from sim_backend.mechanisms import channel_skew, undeclared_filter
 from sim_backend.mechanisms.catalogue import PARTS, MechanismError, catalogue, load_file, placed, variants
@@ -194,7 +195,7 @@ def test_a_users_own_can_be_simulated() -> None:
 )
 def test_a_file_that_is_no_mechanism_is_refused_with_its_name(tmp_path: Path, text: str, sentence: str) -> None:
     (tmp_path / "mine.py").write_text(text)
-    with pytest.raises(MechanismError, match=f"mine.py: .*{sentence}"):
+    with pytest.raises(PluginError, match=f"mine.py: .*{sentence}"):
         catalogue([tmp_path])
 
 
@@ -206,10 +207,11 @@ def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:
 def test_an_installed_package_can_offer_a_mechanism(monkeypatch: pytest.MonkeyPatch) -> None:
     from importlib.metadata import EntryPoint
 
+    from rig import plugins
     from sim_backend.mechanisms import catalogue as module
 
     entry = EntryPoint("slip", "sim_backend.mechanisms.micro_slip", module.GROUP)
-    monkeypatch.setattr(module, "entry_points", lambda group: [entry])
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [entry])
     module._catalogue.cache_clear()
     with pytest.raises(MechanismError, match=r"entry point slip .*: micro_slip is the id of another"):
         catalogue()

@@ -1,0 +1,36 @@
+"""Options that several commands have, and where they talk to a person."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+ConfigPath = Annotated[
+    Path | None,
+    typer.Option("--config", "-c", help="Configuration; config.yaml of this folder by default.", show_default=False),
+]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override one key, such as mesotap.dwell_s=0.", show_default=False),
+]
+JsonPath = Annotated[
+    Path | None,
+    typer.Option("--json", metavar="OUT.json", help="Also write the answer for programs.", show_default=False),
+]
+
+PIPED_WIDTH = 160  # of tables where no terminal says how wide it is
+
+
+def console(json: Path | None) -> Console:
+    """Where a command talks to a person: not where its answer for programs goes."""
+    from mesotap.operator.terminal import SafeConsole
+
+    made = SafeConsole(stderr=str(json) == "-")
+    if not made.is_terminal:
+        made.width = PIPED_WIDTH
+    return made

@@ -1,0 +1,1 @@
+"""A driver, a file format and a mechanism for mesotap."""

@@ -1,7 +1,8 @@
-"""The commands about plug-ins: mechanisms, drivers, file formats."""
+"""The commands about what mesotap can drive, read and name: drivers, their access, file formats, mechanisms."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -68,3 +69,16 @@ def formats(
         list_formats(json, console(json))
     elif not check_format(check, json, console(json)):
         raise typer.Exit(2)
+
+
+@commands.command()
+def udev(
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="New file, or its folder, instead of printing.", show_default=False),
+    ] = None,
+) -> None:
+    """Write udev rules that let the person at this machine open the recorder and the serial ports."""
+    from mesotap.commands.udev import udev as write
+
+    write(output, console(None))

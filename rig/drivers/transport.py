@@ -316,7 +316,10 @@ def _why_not_opened(port: str, error: Exception) -> tuple[str, str]:
     if not Path(port).exists():
         return "there is no such port", "plug the device in; 'mesotap devices' lists the ports that are there"
     if isinstance(error, PermissionError) or getattr(error, "errno", None) == 13:  # EACCES
-        return "there is no permission to open it", "add this user to the group dialout and log in again"
+        return (
+            "there is no permission to open it",
+            "install the rules that 'mesotap udev' prints, or add this user to the group dialout and log in again",
+        )
     return f"it cannot be opened ({text})", "check the cable and the port in rig.parts"
 
 

@@ -183,5 +183,7 @@ class UsbTransport:
         if number == errno.EBUSY:
             return self.unusable("another program uses it", "close that one")
         if number in (errno.EACCES, errno.EPERM):
-            return self.unusable("this user may not open it", "give access to it by a udev rule")
+            return self.unusable(
+                "this user may not open it", "give access to it with the rules that 'mesotap udev' prints"
+            )
         return self.damaged(f"{what} failed ({error.strerror})")

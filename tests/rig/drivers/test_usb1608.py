@@ -187,7 +187,9 @@ def test_a_device_in_use_and_one_that_is_forbidden_are_told():
     with pytest.raises(DeviceError, match="on usb 1:2: another program uses it; close that one"):
         recorder(device).connect()
     device.bus.ports[0].taken, device.bus.ports[0].forbidden = False, True
-    with pytest.raises(DeviceError, match="this user may not open it; give access to it by a udev rule"):
+    with pytest.raises(
+        DeviceError, match="this user may not open it; give access to it with the rules that 'mesotap udev'"
+    ):
         recorder(device).connect()
     assert device.bus.opened == 0
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.modal.amplitude import AmplitudePoint
+from analysis.modal.shapes import modal_assurance
 from analysis.modal.spectrum import SpectralMode
 from analysis.modal.stabilisation import StablePole
 from analysis.statistics import BoxStatistics
@@ -89,6 +90,7 @@ class Mode:
     """One mode of a recording that is not a session of the tester; amplitudes in the recording's unit, a channel each.
 
     ``emac`` and ``mpc``, 0 to 1, say how well ERA continues the mode and how much its channels move in one phase.
+    ``shape`` is how the channels move together, complex, 1 for the one that moves most; empty where nobody kept it.
     """
 
     frequency_hz: Estimate
@@ -97,6 +99,7 @@ class Mode:
     along_decay: tuple[AmplitudePoint, ...] = ()
     emac: float = float("nan")
     mpc: float = float("nan")
+    shape: tuple[complex, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,3 +111,18 @@ class RecordingModes:
     modes: tuple[Mode, ...]
     notes: tuple[str, ...] = ()
     diagram: tuple[StablePole, ...] = ()
+
+    def shapes(self) -> NDArray[np.complex128]:
+        """Shapes (c, m) of the modes, a column a mode; (0, m) where they were not kept."""
+        channels = len(self.modes[0].shape) if self.modes else 0
+        return np.array([mode.shape for mode in self.modes], np.complex128).reshape(len(self.modes), channels).T
+
+    def mac(self, other: RecordingModes | None = None) -> NDArray[np.float64]:
+        """Modal assurance criterion (m, n) between these modes and those of another recording, by default themselves.
+
+        Raises
+        ------
+        ValueError
+            The recordings have not the same channels.
+        """
+        return modal_assurance(self.shapes(), (other or self).shapes())

@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from analysis.modal.exponentials import FitFailure
+from analysis.modal.shapes import phase_collinearity
 from analysis.modal.sums import power_sums
 
 Complex = NDArray[np.complex128]
@@ -191,7 +192,7 @@ def realise(decomposed: HankelSvd, order: int, noise_variance: float = 0.0) -> R
         shapes=shapes,
         log_pole_covariance=covariance,
         emac=emac,
-        mpc=_phase_collinearity(shapes),
+        mpc=phase_collinearity(shapes),
         singular_values=decomposed.singular_values,
         order=order,
     )
@@ -252,17 +253,6 @@ def _coherence(predicted: Complex, found: Complex) -> float:
         return 0.0
     ratio = np.sqrt(min(first, second) / max(first, second))
     return ratio * max(0.0, 1.0 - abs(np.angle(inner)) / (np.pi / 4))
-
-
-def _phase_collinearity(shapes: Complex) -> Real:
-    """Modal phase collinearity of each column of ``shapes`` (c, m)."""
-    if shapes.shape[0] == 1:
-        return np.ones(shapes.shape[1])
-    x, y = shapes.real, shapes.imag
-    sxx, syy, sxy = (x * x).sum(axis=0), (y * y).sum(axis=0), (x * y).sum(axis=0)
-    total = np.where(sxx + syy > 0, sxx + syy, 1.0)
-    mpc: Real = ((sxx - syy) ** 2 + 4 * sxy**2) / total**2
-    return mpc
 
 
 @njit(cache=True)

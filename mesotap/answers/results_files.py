@@ -55,10 +55,12 @@ def modes_json(modes: RecordingModes) -> dict[str, Any]:
                 "amplitude": [_number(a) for a in mode.amplitude],
                 "emac": _number(mode.emac),
                 "mpc": _number(mode.mpc),
+                "shape": [[_number(z.real), _number(z.imag)] for z in mode.shape],
                 "along_decay": [_point(point, "amplitude") for point in mode.along_decay],
             }
             for mode in modes.modes
         ],
+        "mac": [[_number(float(value)) for value in row] for row in modes.mac()],
         "notes": list(modes.notes),
     }
 

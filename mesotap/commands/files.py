@@ -14,6 +14,7 @@ from rich.table import Table
 from analysis.modal.amplitude import along_the_decay
 from analysis.modal.exponentials import FitFailure
 from analysis.modal.identify import identify_ring_down
+from analysis.modal.shapes import scaled
 from analysis.modal.stabilisation import indicators
 from analysis.results import Mode, RecordingModes, SessionResults
 from analysis.session import AnalysisError
@@ -21,7 +22,7 @@ from daq.errors import RecordingError
 from daq.exchange import Recording
 from daq.records import Session
 from mesotap.answers.results_files import modes_json, results_json
-from mesotap.answers.rounding import with_uncertainty
+from mesotap.answers.rounding import significant, with_uncertainty
 from mesotap.commands.answers import analysed, show_session
 from mesotap.commands.outputs import write_json
 from mesotap.commands.recordings import opened as opened_file
@@ -137,6 +138,7 @@ def modes_of(recording: Recording, method: str) -> RecordingModes:
                 tuple(2 * float(a) for a in np.abs(m.amplitude)),
                 tuple(along_the_decay(decay, recording.rate_hz, poles, i)),
                 *indicators(found.diagram, m.frequency_hz.value),
+                tuple(complex(a) for a in scaled(m.amplitude)),
             )
             for i, m in enumerate(found.modes)
         ),
@@ -258,6 +260,17 @@ def published(report: Path | None, json_path: Path | None, console: Console) -> 
     write_json(json_path, answer.as_json())
 
 
+def show_mac(title: str, first: RecordingModes, second: RecordingModes, console: Console) -> None:
+    """Print the modal assurance criterion, a row a mode of the first recording and a column a mode of the second."""
+    shown = Table(title=title)
+    shown.add_column("Hz", justify="right")
+    for mode in second.modes:
+        shown.add_column(significant(mode.frequency_hz.value, 5), justify="right")
+    for mode, row in zip(first.modes, first.mac(second), strict=True):
+        shown.add_row(significant(mode.frequency_hz.value, 5), *(f"{value:.2f}" for value in row))
+    console.print(shown)
+
+
 def _show_modes(modes: RecordingModes, console: Console) -> None:
     shown = Table(title=f"{escape(modes.source)}: {modes.method}, 95 % intervals")
     for heading in ("frequency, Hz", "damping, %", "largest amplitude", "EMAC", "MPC"):
@@ -271,5 +284,7 @@ def _show_modes(modes: RecordingModes, console: Console) -> None:
             f"{mode.mpc:.2f}",
         )
     console.print(shown)
+    if len(modes.modes) > 1 and len(modes.modes[0].shape) > 1:
+        show_mac("modal assurance criterion between the modes (auto-MAC)", modes, modes, console)
     for note in modes.notes:
         console.print(f"- {escape(note)}", highlight=False)

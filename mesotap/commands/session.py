@@ -225,12 +225,14 @@ def _diagnose(session: Session, results: SessionResults, config: Config, folder:
     if not config.mesotap.diagnose:
         return
     from mesotap.commands.diagnose import diagnose_finished
+    from mesotap.report.report import refresh_trust
 
     console, folders = people.console, config.analysis.mechanisms
     people.filing(Filing.DIAGNOSIS, "")
     try:
         told = functools.partial(people.filing, Filing.DIAGNOSIS)
         diagnose_finished(folder, session, results, console, folders, told)
+        refresh_trust(folder, session, results)
     except Exception as error:
         reason = str(error) if isinstance(error, MesotapError) else f"{type(error).__name__}: {error}"
         people.operator.say(f"no diagnosis: {reason} (the session is complete; 'mesotap diagnose' tries again)")

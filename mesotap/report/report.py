@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -36,6 +37,7 @@ from mesotap.answers.results_files import (
 )
 from mesotap.answers.rounding import UNKNOWN, significant, with_uncertainty
 from mesotap.answers.summary import summary
+from mesotap.answers.trust import trusted, what_next
 from mesotap.report import figures
 from mesotap.report.figures import Recording
 
@@ -55,6 +57,7 @@ __all__ = [
 ]
 
 FIGURE_FOLDER = "figures"
+TRUST = re.compile("<!-- trust -->.*?<!-- end of trust -->", re.DOTALL)
 SIMULATED = "(simulated rig)"  # in the software that a session file names
 
 
@@ -145,6 +148,7 @@ def write_report(
     drift = results.calibration is not None and results.calibration.drifted
     footnotes = _footnotes(results.loads)
     budgeted = shown_load(results)
+    trust = trusted(session, results, folder)
     html = page.render(
         session=session,
         results=results,
@@ -153,6 +157,8 @@ def write_report(
         drift_footnote=figures.DRIFT_FOOTNOTE,
         simulated=truth is not None or is_simulated(session),
         summary=summary(results, theory, ratios),
+        trust=trust,
+        next=what_next(trust),
         plates={n: Plate(Markup(figures.inline_svg(drawn[n], n, _label(n, drift)))) for n in drawn},
         typical=_typical_impact(session),
         spectra=figures.shown_spectra(results),
@@ -177,6 +183,13 @@ def write_report(
         pdf_figures=pdf_figures,
     )
     return written(folder / "report.html", html)
+
+
+def refresh_trust(folder: Path, session: Session, results: SessionResults) -> None:
+    """Say in a report that is written already what a diagnosis beside it has found since."""
+    page, trust = folder / "report.html", trusted(session, results, folder)
+    lines = environment().get_template("trust.html").render(trust=trust, next=what_next(trust))
+    written(page, TRUST.sub(lambda _: lines.rstrip("\n"), page.read_text(encoding="utf-8"), count=1))
 
 
 def _yielding(contact: SphereContact | FlatContact | None, ratios: Sequence[Ratio]) -> str:
@@ -222,10 +235,12 @@ def recording_report(folder: Path, recording: Recording, modes: RecordingModes) 
         figures.save(drawn, folder / "stabilisation.pdf")
         diagram = Plate(Markup(figures.inline_svg(drawn, "stabilisation", LABELS["stabilisation"])))
     written(folder / "modes.json", json_text(modes_json(modes)))
+    mac = modes.mac() if len(modes.modes) > 1 and len(modes.modes[0].shape) > 1 else None
     data = np.atleast_2d(np.asarray(recording.data))
     names = [str(recording.names[c]) if c < len(recording.names) else f"channel {c}" for c in range(data.shape[0])]
     html = environment().get_template("recording.html").render(
         recording=recording,
+        mac=None if mac is None else mac.tolist(),
         unit=recording.unit.replace("m/s2", "m/s²"),
         names=names,
         duration_s=data.shape[1] / recording.rate_hz,

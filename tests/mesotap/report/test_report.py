@@ -717,8 +717,8 @@ def beam() -> Beam:
 
 
 def modes(*notes: str) -> RecordingModes:
-    first = Mode(Estimate(160.0, 0.01), Estimate(0.003, 1e-5), (1.0, -2.0))
-    second = Mode(Estimate(580.0, 0.02), Estimate(0.0016, 2e-5), (1.0, math.nan))
+    first = Mode(Estimate(160.0, 0.01), Estimate(0.003, 1e-5), (1.0, -2.0), shape=(-0.5, 1.0))
+    second = Mode(Estimate(580.0, 0.02), Estimate(0.0016, 2e-5), (1.0, math.nan), shape=(1.0, 0.5j))
     return RecordingModes("beam.mat", "era", (first, second), notes)
 
 
@@ -730,6 +730,7 @@ def test_page_of_a_recording(tmp_path: Path) -> None:
     assert "160.000 ± 0.020" in page.text
     assert "$tip$ <i>" in page.text
     assert "a <note>" in page.text
+    assert "Mode 1 2 1 1.00 0.32 2 0.32 1.00" in page.text  # (0.25 + 0.25) / (1.25 * 1.25)
     assert not re.search(r"https?:|\bnan\b", path.read_text(encoding="utf-8"))
 
 
@@ -764,6 +765,8 @@ def test_modes_json_keeps_the_contract() -> None:
         check_estimate(mode["frequency_hz"])
         check_estimate(mode["damping_ratio"])
     assert mapping["modes"][1]["amplitude"] == [1.0, None]
+    assert mapping["modes"][1]["shape"] == [[1.0, 0.0], [0.0, 0.5]]
+    assert np.array(mapping["mac"]) == pytest.approx(np.array([[1.0, 0.32], [0.32, 1.0]]))
 
 
 def test_page_of_the_published_tables(tmp_path: Path) -> None:

@@ -392,6 +392,25 @@ def import_(
 
 
 @app.command()
+def export(
+    source: Annotated[Path, typer.Argument(help="Session file, session folder or recording.", show_default=False)],
+    output: Annotated[Path, typer.Argument(help="File to write: .uff, .csv or .mat.", show_default=False)],
+    rate: Annotated[
+        float | None,
+        typer.Option("--rate", help="Sampling rate in Hz, where the file does not say.", show_default=False),
+    ] = None,
+    text: Annotated[bool, typer.Option("--text", help="Data sets 58 as text, not binary.")] = False,
+    modes: Annotated[
+        bool, typer.Option("--modes", help="Also the modes, as data sets 55 of a universal file.")
+    ] = False,
+) -> None:
+    """Write a recording, or the accepted impacts of a session, for another program."""
+    from mesotap.commands.export import export as write
+
+    write(source, output, rate, text, modes, _console(None))
+
+
+@app.command()
 def info(
     file: Annotated[Path, typer.Argument(help="Session file, session folder or recording.", show_default=False)],
     json: JsonPath = None,

@@ -19,7 +19,7 @@ from tests.mesotap.benches import SMALL
 
 CONTRACTS = Path(__file__).parents[1] / "contracts"
 COMMANDS = ["run", "resume", "calibrate", "analyze", "report", "simulate", "published", "surface", "figures"]
-COMMANDS += ["import", "config", "info", "devices", "check", "diagnose", "mechanisms"]
+COMMANDS += ["import", "export", "config", "info", "devices", "check", "diagnose", "mechanisms"]
 QUICK = [part for change in SMALL for part in ("--set", change)]
 
 

@@ -1,0 +1,107 @@
+"""What is exported is read by our reader, by pyuff and scipy, and by a reader made from the format's description."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pyuff
+from scipy.io import loadmat
+
+from daq.errors import RecordingError
+from daq.exchange import import_recording
+from daq.exchange.exporting import export_recording
+from daq.exchange.recording import Recording
+
+RNG = np.random.default_rng(55)
+RECORDING = Recording(RNG.standard_normal((3, 200)), 25000.0, ("A", "B, quoted", "tip µ"), "m/s2", "made.h5")
+POLE = complex(-12.5, 2200.0)
+SHAPE = np.array([1.0, -0.5 + 0.25j, 0.125j])
+
+
+def by_description(content: bytes) -> tuple[list[np.ndarray], list[tuple[complex, list[complex]]]]:
+    """Read data sets 58 (text or little-endian binary, evenly spaced, real) and 55 (complex) field by field."""
+    responses, modes = [], []
+    blocks, at = [], 0
+    while (begin := content.find(b"    -1\n", at)) >= 0:
+        head_end = content.index(b"\n", begin + 7)
+        head = content[begin + 7 : head_end].decode()
+        if head[:6].strip() == "58" and head[6:7] == "b":
+            body = head_end + 1
+            for _ in range(11):
+                body = content.index(b"\n", body) + 1
+            size = int(head[31:43])
+            assert head[7:13].strip() == "1", "little-endian"
+            responses.append(np.array(struct.unpack(f"<{size // 8}d", content[body : body + size])))
+            at = content.index(b"    -1", body + size) + 7
+            continue
+        end = content.index(b"    -1\n", head_end)
+        blocks.append((int(head[:6]), content[head_end + 1 : end].decode().splitlines()))
+        at = end + 7
+    for kind, lines in blocks:
+        if kind == 58:
+            fields = lines[6]
+            assert (fields[:10].strip(), fields[20:30].strip()) == ("4", "1"), "double, evenly spaced"
+            values = [float(line[i : i + 20]) for line in lines[11:] for i in range(0, len(line.rstrip()), 20)]
+            assert len(values) == int(fields[10:20])
+            responses.append(np.array(values))
+        elif kind == 55:
+            pole = complex(float(lines[7][:13]), float(lines[7][13:26]))
+            nodes = [complex(float(line[:13]), float(line[13:26])) for line in lines[9::2]]
+            modes.append((pole, nodes))
+    return responses, modes
+
+
+@pytest.mark.parametrize("binary", [True, False])
+def test_a_universal_file_is_read_by_three_readers(tmp_path, binary):
+    file = tmp_path / "out.uff"
+    export_recording(file, RECORDING, binary=binary, modes=[(POLE, SHAPE), (2 * POLE, SHAPE.conj())])
+    digits = 0 if binary else 1e-9
+    ours = import_recording(file)
+    assert ours.data == pytest.approx(RECORDING.data, rel=digits, abs=digits)
+    assert ours.rate_hz == pytest.approx(25000.0, rel=1e-9)
+    assert (ours.names, ours.unit) == (("A", "B, quoted", "tip ?"), "m/s2")
+    sets = pyuff.UFF(str(file)).read_sets()
+    assert [s["type"] for s in sets] == [164, 58, 58, 58, 55, 55]
+    for found, samples in zip(sets[1:4], RECORDING.data, strict=True):
+        assert found["data"] == pytest.approx(samples, rel=digits, abs=digits)
+        assert (found["func_type"], found["ordinate_spec_data_type"], found["binary"]) == (1, 12, int(binary))
+    assert sets[4]["eig"] == pytest.approx(POLE, rel=1e-5)
+    assert sets[4]["r1"] == pytest.approx(SHAPE, rel=1e-5)
+    assert list(sets[4]["node_nums"]) == [1, 2, 3]
+    responses, modes = by_description(file.read_bytes())
+    assert np.array(responses) == pytest.approx(RECORDING.data, rel=digits, abs=digits)
+    assert modes[0][0] == pytest.approx(POLE, rel=1e-5)
+    assert np.array(modes[1][1]) == pytest.approx(SHAPE.conj(), rel=1e-5)
+
+
+def test_csv_keeps_every_digit(tmp_path):
+    file = tmp_path / "out.csv"
+    export_recording(file, RECORDING)
+    table = np.genfromtxt(file, delimiter=",", skip_header=2 - 1, encoding="utf-8")
+    assert np.array_equal(table[:, 1:].T, RECORDING.data)
+    ours = import_recording(file)
+    assert np.array_equal(ours.data, RECORDING.data)
+    assert (ours.unit, ours.names) == ("m/s2", RECORDING.names)
+
+
+def test_mat_is_read_by_scipy_and_by_us(tmp_path):
+    file = tmp_path / "out.mat"
+    export_recording(file, RECORDING)
+    found = loadmat(file)
+    assert np.array_equal(found["data"].T, RECORDING.data)
+    assert found["rate_hz"].item() == 25000.0
+    assert [name.item() for name in found["names"].ravel()] == list(RECORDING.names)
+    assert np.array_equal(import_recording(file).data, RECORDING.data)
+
+
+@pytest.mark.parametrize(
+    ("name", "modes", "says"),
+    [("out.xyz", [], "unknown format; known are .uff"), ("out.csv", [(POLE, SHAPE)], "a .csv file holds no modes")],
+)
+def test_what_cannot_be_written_is_one_sentence(tmp_path: Path, name, modes, says):
+    with pytest.raises(RecordingError, match=says):
+        export_recording(tmp_path / name, RECORDING, modes=modes)
+    assert list(tmp_path.iterdir()) == []

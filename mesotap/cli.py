@@ -529,11 +529,14 @@ def config_check(
     changes: Changes = None,
 ) -> None:
     """Check a configuration against the allowed values."""
+    from mesotap.commands.config import older
     from mesotap.configuration.config import load_config, remarks
     from mesotap.operator.terminal import say
 
     config = load_config(file, changes or ())
     say(f"{file or 'config.yaml'}: valid")
+    if remark := older(file):
+        say(remark)
     for line in remarks(config):
         say(line)
 
@@ -549,6 +552,18 @@ def config_show(config: ConfigPath = None, changes: Changes = None, json: JsonPa
     if json is None or str(json) != "-":
         say(effective_text(loaded).rstrip("\n"))
     write_json(json, loaded.model_dump(mode="json"))
+
+
+@config_app.command("migrate")
+def config_migrate(
+    file: Annotated[Path | None, typer.Argument(help="config.yaml by default.", show_default=False)] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would change.")] = False,
+    json: JsonPath = None,
+) -> None:
+    """Rewrite a configuration of an older version, comments kept: shows the difference, keeps the old file."""
+    from mesotap.commands.config import migrate
+
+    migrate(file or Path("config.yaml"), dry_run, json, _console(json))
 
 
 @config_app.command("init")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, PlainValidator, SerializeAsAny, Tag
+from pydantic import BeforeValidator, Discriminator, PlainValidator, SerializeAsAny, Tag
 
 from rig.drivers.plugins import BUILT_IN, TAG, PartName, settings_validator
 from rig.drivers.recorder_settings import Ni9234Settings, SolenoidSettings, Usb1608Settings
@@ -12,6 +12,11 @@ from rig.drivers.settings import AmplifierRtu, AmplifierTcp, NewportStage
 from rig.section import Section
 
 NAME = "name"  # tag of a part that is given by its name alone
+
+
+def _older_word(value: Any) -> Any:
+    return "simulated" if value == "motor" else value
+
 
 STAGES = "simulated, hand, {driver: conex-cc, port: ...}, {driver: smc100, port: ...}"
 LOAD_CELLS = "simulated, {driver: modbus-rtu, preset: ..., port: ...}, {driver: modbus-tcp, preset: ..., host: ...}"
@@ -22,7 +27,7 @@ IMPACTORS = "hand, {driver: solenoid, line: ...}"
 def _tag(value: Any) -> str:
     """Return the driver that a part names, so that of a choice only the one meant is held against what is given."""
     if isinstance(value, str):
-        return NAME if value in ("simulated", "motor", "hand") else value
+        return NAME if value in ("simulated", "hand") else value
     driver = value.get("driver") if isinstance(value, dict) else getattr(value, "driver", None)
     if driver is None:
         return "no driver"
@@ -39,11 +44,12 @@ def _other(part: PartName, known: str) -> PlainValidator:
 
 
 StagePart = Annotated[
-    Annotated[Literal["simulated", "motor", "hand"], Tag(NAME)]
+    Annotated[Literal["simulated", "hand"], Tag(NAME)]
     | Annotated[NewportStage, Tag("conex-cc")]
     | Annotated[NewportStage, Tag("smc100")]
     | Annotated[SerializeAsAny[Section], _other("stage", STAGES), Tag(TAG)],
     _choice(STAGES),
+    BeforeValidator(_older_word),
 ]
 LoadCellPart = Annotated[
     Annotated[Literal["simulated"], Tag(NAME)]
@@ -68,10 +74,10 @@ ImpactorPart = Annotated[
 
 
 class Parts(Section):
-    """Which kind of implementation stands behind a part; ``motor`` is an older word for a simulated stage."""
+    """Which kind of implementation stands behind a part; a simulated stage was once called ``motor``."""
 
     load_cell: LoadCellPart = "simulated"
-    stage: StagePart = "motor"
+    stage: StagePart = "simulated"
     accelerometers: AccelerometersPart = "simulated"
     impactor: ImpactorPart = "hand"
     weights: Literal["hand"] = "hand"

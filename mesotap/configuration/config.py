@@ -15,7 +15,7 @@ from daq.bounds import ACCELERATION, CORNER, MASS, STIFFNESS
 from daq.errors import RecordingError, one_line
 from daq.regular import read_regular
 from daq.settings import DaqSettings
-from mesotap.configuration.settings import SessionSettings
+from mesotap.configuration.settings import CONFIG_VERSION, SessionSettings, Version
 from mesotap.configuration.usual import unusual
 from mesotap.configuration.yaml_text import (
     LARGEST_TEXT,
@@ -45,6 +45,7 @@ class ConfigError(MesotapError, ValueError):
 class Config(Section):
     """The whole of config.yaml, a section a package."""
 
+    version: Version = CONFIG_VERSION
     mesotap: SessionSettings = SessionSettings()
     rig: RigSettings = RigSettings()
     daq: DaqSettings = DaqSettings()

@@ -1,4 +1,4 @@
-"""Section ``mesotap`` of config.yaml: the session itself."""
+"""Section ``mesotap`` of config.yaml, the session itself; and the version of all of it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,21 @@ LARGEST_TOLERANCE_MN = 100.0  # loads of the plan lie some 80 mN apart: beyond t
 MOST_LOADS = 1000  # steps of a plan; at eight taps of 15 s each, a day and a half
 
 
+CONFIG_VERSION = 2
+"""Of config.yaml; raised when a key is renamed or means something else, with a step in `configuration.versions`."""
+
+
+def _as_this_version(version: int) -> int:
+    """Refuse a newer version; an older one is read as this one."""
+    if version > CONFIG_VERSION:
+        raise ValueError(
+            f"a newer mesotap wrote this (version {version}), this one reads up to version {CONFIG_VERSION}: update "
+            "mesotap, or carry your settings over into what 'mesotap config init' writes"
+        )
+    return CONFIG_VERSION
+
+
+Version = Annotated[int, Field(ge=1), AfterValidator(_as_this_version)]
 Text = Annotated[str, AfterValidator(refuse_unstorable)]
 
 

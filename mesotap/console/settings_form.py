@@ -84,7 +84,7 @@ def fields_of(config: Config, text: str) -> Any:
     """Yield each value of a configuration that fits in a line: key, value as YAML, comment, and what it may be."""
     comments = comments_in(text)
     for path, value, annotation in _leaves(config, ()):
-        if not stands(text, path):
+        if path == ("version",) or not stands(text, path):
             continue
         key = ".".join(path)
         shown = yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("...\n").strip()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -14,6 +15,7 @@ from daq.journal import HEADER, SessionFolder
 from daq.journal_file import mend
 from mesotap import __version__
 from mesotap.configuration.config import Config, ConfigError, parse_config
+from mesotap.configuration.versions import migrated
 from mesotap.configuration.yaml_text import NOT_YAML, parsed
 from mesotap.session.progress import VERSION
 
@@ -125,6 +127,8 @@ def kept_config(text: str, name: str) -> KeptConfig:
     ConfigError
         A value that it does know is not allowed, or the text is not a configuration at all.
     """
+    with contextlib.suppress(ConfigError):
+        text = migrated(text, name)
     try:
         content = parsed(text)[1]
     except NOT_YAML:

@@ -61,6 +61,17 @@ def test_keys_of_another_version_are_told_and_left_out_and_missing_ones_take_the
     assert noted["defaults"] == ["mesotap.dwell_s"]
 
 
+def test_a_session_of_an_older_configuration_goes_on_with_the_same_settings(folder: Path) -> None:
+    kept = json.loads((folder / "session.json").read_text())["config"]
+    older = kept.replace("version: 2\n", "").replace("contact_stiffness_n_per_um", "contact_stiffness_mn_per_m")
+    older = older.replace("stage: simulated", "stage: motor")
+    assert older.count("motor") == older.count("mn_per_m") == 1
+    assert kept_config(older, "text").config == kept_config(kept, "text").config
+    said = resumed(folder, config=older)
+    assert "of another version" not in said
+    assert (folder / "session.h5").exists()
+
+
 def test_it_is_noted_once(folder: Path) -> None:
     resumed(folder, software="mesotap 0.0.1")
     assert "goes on" not in resumed(folder)

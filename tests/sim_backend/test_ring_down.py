@@ -1,6 +1,5 @@
 """The exact ring-down against a matrix exponential of the free decay, scipy's integrators, and closed forms."""
 
-import time
 from itertools import pairwise
 
 import numpy as np
@@ -138,13 +137,3 @@ def test_overdamped_contact_is_no_special_case():
 def test_pulse_may_lie_beyond_the_record():
     r = ring_down_linear(TESTER, half_sine(1.0, 3e-4), 1.0, 100, RATE, FILTER)
     assert not np.any(r.acceleration)
-
-
-def test_five_thousand_samples_take_milliseconds():
-    ring_down_linear(TESTER, half_sine(1.0, 3e-4), 1e-5, 5000, RATE, FILTER)
-    took = []
-    for _ in range(20):
-        start = time.perf_counter()
-        ring_down_linear(TESTER, half_sine(1.0, 3e-4), 1e-5, 5000, RATE, FILTER)
-        took.append(time.perf_counter() - start)
-    assert min(took) < 5e-3

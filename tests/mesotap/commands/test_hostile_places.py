@@ -74,7 +74,7 @@ def test_a_pipe_is_written_to_and_stays(tmp_path: Path) -> None:
     read: list[str] = []
     reader = threading.Thread(target=lambda: read.append(pipe.read_text()))
     reader.start()
-    for _ in range(500):
+    for _ in range(12000):
         try:
             write_json(pipe, {"a": 1})
             break

@@ -14,7 +14,7 @@ from tests.mesotap.console.plain_page import PlainPage
 
 SPECIMEN = """<script>alert(1)</script>"'&{{7*7}}"""
 OPERATOR, TITLE = "../../../etc/passwd", "</title><img src=x onerror=alert(1)>"
-PATIENCE_S = 20.0
+PATIENCE_S = 120.0
 LOADED_MN = 200.0
 """The session is held at 300 mN; with the surfaces apart the gauge reads a few."""
 

@@ -215,7 +215,7 @@ def test_devices_that_ended_are_a_fault_of_the_rig_and_not_an_output_that_nobody
     rig = separate_rig(parse_config(CONFIG, "config.yaml"), Silent(), 5, tmp_path)
     rig.end_devices()
     with pytest.raises(RigError, match="has ended"):
-        for _ in range(200):
+        for _ in range(2400):
             rig.devices.call("ports")
             time.sleep(0.05)
     rig.end_devices()

@@ -40,6 +40,9 @@ def asked(request: bytes, most_bytes: int, wall_s: float) -> tuple[dict[str, Any
 
 @contextlib.contextmanager
 def reading_in_forks() -> Iterator[None]:
-    """Read in forks inside."""
-    with mock.patch.object(limited, "_asked", asked):
+    """Read in forks inside: each file in one of its own, also where a reader would keep its process."""
+    with (
+        mock.patch.object(limited, "_asked", asked),
+        mock.patch.object(limited.LimitedReader, "asked", staticmethod(asked)),
+    ):
         yield

@@ -16,6 +16,7 @@ import pytest
 import scipy.io
 
 from tests.mesotap.benches import SMALL
+from tests.mesotap.forked_command import run_forked
 
 CONTRACTS = Path(__file__).parents[1] / "contracts"
 COMMANDS = ["run", "resume", "calibrate", "analyze", "report", "simulate", "published", "surface", "figures"]
@@ -24,6 +25,13 @@ QUICK = [part for change in SMALL for part in ("--set", change)]
 
 
 def mesotap(*arguments, cwd=None, code=0):
+    done = run_forked([*map(str, arguments)], cwd)
+    assert done.returncode == code, done.stdout + done.stderr
+    return done
+
+
+def started_anew(*arguments, cwd=None, code=0):
+    """The same in a new process."""
     done = subprocess.run(
         [sys.executable, "-m", "mesotap", *map(str, arguments)],
         capture_output=True,
@@ -55,11 +63,24 @@ def session(tmp_path_factory) -> Path:
 
 
 def test_help_names_every_command():
-    text = mesotap("--help").stdout
+    text = started_anew("--help").stdout
     for command in COMMANDS:
         assert command in text
         assert "Usage" in mesotap(command, "--help").stdout
-    assert mesotap("--version").stdout.startswith("mesotap ")
+    assert started_anew("--version").stdout.startswith("mesotap ")
+
+
+@pytest.mark.slow
+def test_a_new_process_answers_as_a_fork_of_the_tests(session, tmp_path):
+    """What the other tests run in a fork, which is a tenth of the time: one answer, one refusal, one wrong option."""
+    for arguments, code in (
+        (["published"], 0),
+        (["analyze", str(session / "session.h5"), "--json", "-"], 0),
+        (["analyze", "absent.h5"], 2),
+        (["analyze", "absent.h5", "--wrong"], 2),
+    ):
+        new, forked = (run(*arguments, cwd=tmp_path, code=code) for run in (started_anew, mesotap))
+        assert (forked.stdout, forked.stderr) == (new.stdout, new.stderr)
 
 
 def test_a_run_leaves_all_it_should(session):
@@ -68,6 +89,7 @@ def test_a_run_leaves_all_it_should(session):
     assert json.loads((session.parent / "run.json").read_text()) == json.loads((session / "results.json").read_text())
 
 
+@pytest.mark.slow
 def test_a_run_is_diagnosed_where_its_configuration_says_so(tmp_path):
     mesotap("run", "--simulate", "-o", tmp_path / "s", *QUICK, "--set", "mesotap.diagnose=true", cwd=tmp_path)
     answer = json.loads((tmp_path / "s" / "diagnosis.json").read_text())

@@ -11,26 +11,32 @@ from tests.mesotap.console.consoles import Client, console_in
 
 
 @pytest.fixture(scope="module")
-def client(tmp_path_factory):
+def opened(tmp_path_factory):
+    """A console, its client, and the cookie as it was set."""
     with console_in(tmp_path_factory.mktemp("gate")) as console:
-        yield Client(console)
+        client = Client.__new__(Client)
+        client.port = console.port
+        status, headers, _ = client.request("GET", console.path)
+        assert status == 303
+        client.cookie = headers["set-cookie"].partition(";")[0]
+        yield console, client, headers["set-cookie"].lower()
 
 
-def test_the_link_opens_once(tmp_path):
-    with console_in(tmp_path) as console:
-        client = Client(console)
-        assert client.request("GET", console.path)[0] == 403
-        assert client.request("GET", "/")[0] == 200
+@pytest.fixture
+def client(opened):
+    return opened[1]
 
 
-def test_the_cookie_is_kept_from_scripts_and_from_other_sites(tmp_path):
-    with console_in(tmp_path) as console:
-        plain = Client.__new__(Client)
-        plain.port = console.port
-        _, headers, _ = plain.request("GET", console.path)
-        said = headers["set-cookie"].lower()
-        assert "httponly" in said
-        assert "samesite=strict" in said
+def test_the_link_opens_once(opened):
+    console, client, _ = opened
+    assert client.request("GET", console.path)[0] == 403
+    assert client.request("GET", "/")[0] == 200
+
+
+def test_the_cookie_is_kept_from_scripts_and_from_other_sites(opened):
+    said = opened[2]
+    assert "httponly" in said
+    assert "samesite=strict" in said
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
 import threading
 from pathlib import Path
 
@@ -16,7 +15,6 @@ import pytest
 from daq.durable import write_whole
 from daq.errors import RecordingError, UnwrittenError
 from daq.hdf5 import CHECKSUMMED
-from daq.journal import any_impact_in
 from daq.limited import LimitedReader
 from daq.limits import LEAST_ROOM, folder_room
 from daq.records import Impact
@@ -25,19 +23,7 @@ from mesotap.session import recovery
 from mesotap.session.recovery import recover
 from tests.fuzz.session_folders import DAMAGES
 from tests.fuzz.sessions import small_session
-
-MARK = b"this one ends the process"
-
-
-def ends_at_the_mark(path: Path) -> Impact:
-    """Reads an impact; what a library does that a file crashes."""
-    if path.read_bytes().endswith(MARK):
-        os.kill(os.getpid(), signal.SIGSEGV)
-    return any_impact_in(path)
-
-
-def ask_for_its_own(path: Path) -> int:
-    return os.getpid()
+from tests.mesotap.session.read_by_a_child import MARK, ask_for_its_own, ends_at_the_mark
 
 
 def test_a_impact_that_crashes_the_library_costs_no_other(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

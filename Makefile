@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 DEMO := demo
 SEED := 1
 
-.PHONY: demo test check unit lint types layers kills recovery gauges bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness package clean
+.PHONY: demo test test-all check lint types layers kills recovery gauges bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness package clean
 .PHONY: console-stop console-kills console-axe console-soak console-pictures
 
 demo: $(VENV)/.installed
@@ -16,11 +16,18 @@ demo: $(VENV)/.installed
 	@echo "The session's report:          $(CURDIR)/$(DEMO)/session/report.html"
 	@echo "The published tables, anew:    $(CURDIR)/$(DEMO)/published/report.html"
 
+# without the tests marked slow; neighbours stay with one worker as long as both have work, so that what a module or a
+# session sets up is set up once
+PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal
+
 test: $(VENV)/.tested
-	$(BIN)/python -m pytest -n 2 tests
+	$(PYTEST) -m "not slow" tests
+
+test-all: $(VENV)/.tested
+	$(PYTEST) tests
 
 # everything that continuous integration holds against a change
-check: lint types layers test
+check: lint types layers test-all
 
 lint: $(VENV)/.tested
 	$(BIN)/ruff check .

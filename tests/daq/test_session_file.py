@@ -355,6 +355,7 @@ def test_a_missing_folder_is_told_in_a_sentence(tmp_path: Path, session: Session
         write_session(tmp_path / "none" / "x.h5", session)
 
 
+@pytest.mark.slow
 @pytest.mark.data
 def test_the_practice_sessions_load(recordings: Path) -> None:
     files = sorted((recordings / "concealed-practice").glob("*.h5"))

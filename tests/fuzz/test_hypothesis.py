@@ -62,6 +62,7 @@ def fuzzed(test: Callable[..., None]) -> Callable[..., None]:
     return chosen if SEED is None else seed(int(SEED))(chosen)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "make"), [pytest.param(name, make, id=name) for name, make in named("all")])
 def test_target(tmp_path, name, make):
     target = make(tmp_path)

@@ -111,6 +111,7 @@ def test_pressure_carries_the_load():
     assert np.pi * between.integrate(0, r[-1] ** 2) == pytest.approx(0.5, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_an_independent_solution():
     """Relaxed fixed-point iteration on rings, with the elliptic kernel, at a given separation."""
     h, mu, n, reach = 0.5, 2.0, 400, 3.2

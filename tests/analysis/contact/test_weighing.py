@@ -1,5 +1,6 @@
 """Explanations weighed: integrals against quadrature, intervals and probabilities against how often they hold."""
 
+import functools
 import math
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy import integrate, special, stats
 
 from analysis.contact.candidates import damping_candidates, stiffness_candidates
 from analysis.contact.changes import FRACTAL, REVIEWED, WIDE, in_series, swinging, with_mass_left_out
-from analysis.contact.gap import diagnose_published
+from analysis.contact.gap import PublishedGap, diagnose_published
 from analysis.contact.inversion import TheoryError
 from analysis.contact.lists import cause, in_first_list, takes_part, under_lists
 from analysis.contact.swing import apparent_share
@@ -23,7 +24,18 @@ LOADS = np.array([0.26, 0.35, 0.43, 0.52, 0.55, 0.63, 0.78, 0.93])
 NO_ERROR = np.full(8, 1e-3)
 LEVEL = Candidate("level", "a constant", (Parameter("y", "", 0.1, 10.0),), lambda P, y: y + 0 * P)
 LINE = Candidate("line", "proportional", (Parameter("y", "", 0.1, 10.0),), lambda P, y: y * P / 0.5)
-FLAT, SPHERE = diagnose_published("flat"), diagnose_published("sphere")
+
+published = functools.cache(diagnose_published)
+
+
+@pytest.fixture
+def flat() -> PublishedGap:
+    return published("flat")
+
+
+@pytest.fixture
+def sphere() -> PublishedGap:
+    return published("sphere")
 
 
 def mixture(r, variance, largest=0.2):
@@ -96,6 +108,7 @@ def test_the_unit_of_what_was_measured_does_not_matter(factor):
     assert other.log_evidence == pytest.approx(one.log_evidence, abs=0.02)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth():
     """Truths from the prior: 95 % of the intervals hold them, here 282 to 294 of 300 with 95 % probability."""
     rng = np.random.default_rng(6)
@@ -112,6 +125,7 @@ def test_intervals_hold_the_truth():
     assert (stats.binom.sf(inside - 1, 300, 0.95) > 0.005).all()
 
 
+@pytest.mark.slow
 def test_probabilities_are_right_as_often_as_they_say():
     rng = np.random.default_rng(7)
     power = Candidate("power", "", (Parameter("e", "", 0.0, 1.0, logarithmic=False),), lambda P, e: (P / 0.5) ** e)
@@ -238,26 +252,29 @@ def test_damping_of_one_dashpot():
 # The published gaps.
 
 
-def test_eight_points_tell_several_explanations_of_the_flats_alike():
-    best = FLAT.weighed[0]
+@pytest.mark.slow
+def test_eight_points_tell_several_explanations_of_the_flats_alike(flat):
+    best = flat.weighed[0]
     assert {"series_compliance", "fractal", "crowned_flats"} <= {best.candidate.id, *best.indistinguishable_from}
 
 
-def test_fig_6_is_another_assembly_that_agrees_and_speaks_against_misalignment():
-    other = ~FLAT.in_table
-    np.testing.assert_allclose(FLAT.load_mn[other], [440, 800])
-    np.testing.assert_allclose(FLAT.stiffness_n_per_m[other] * 1e-6, [7.26, 9.75], atol=0.005)
-    assert "+2.5 and +1.7 % from Table 5" in FLAT.other_assembly()
-    assert SPHERE.other_assembly() == ""
-    apart = next(w for w in FLAT.weighed if w.candidate.id == "misalignment")
+@pytest.mark.slow
+def test_fig_6_is_another_assembly_that_agrees_and_speaks_against_misalignment(flat, sphere):
+    other = ~flat.in_table
+    np.testing.assert_allclose(flat.load_mn[other], [440, 800])
+    np.testing.assert_allclose(flat.stiffness_n_per_m[other] * 1e-6, [7.26, 9.75], atol=0.005)
+    assert "+2.5 and +1.7 % from Table 5" in flat.other_assembly()
+    assert sphere.other_assembly() == ""
+    apart = next(w for w in flat.weighed if w.candidate.id == "misalignment")
     once = [c for c in stiffness_candidates(surfaces_of("paper-flat")) if c.id == "misalignment"]
     error = np.full(10, 5e-3)
-    (together,) = weigh(FLAT.load_mn * 1e-3, FLAT.stiffness_n_per_m, error, once)
+    (together,) = weigh(flat.load_mn * 1e-3, flat.stiffness_n_per_m, error, once)
     assert apart.log_evidence < together.log_evidence - 1  # two assemblies would have to meet on the same share
 
 
-def test_the_stated_hardness_does_not_explain_the_flats_in_unloading():
-    by_id = {w.candidate.id: w for w in FLAT.weighed}
+@pytest.mark.slow
+def test_the_stated_hardness_does_not_explain_the_flats_in_unloading(flat):
+    by_id = {w.candidate.id: w for w in flat.weighed}
     assert by_id["unloading"].left_out_rms > 1
     assert by_id["unloading+series_compliance"].probability < 1e-4
     harder = by_id["unloading_hardness+series_compliance"].parameters[0]
@@ -267,9 +284,10 @@ def test_the_stated_hardness_does_not_explain_the_flats_in_unloading():
 # Lists of explanations.
 
 
-def test_lists_are_shares_of_the_evidence_of_what_they_hold():
-    lists = {u.name: u for u in FLAT.lists}
-    evidence = {w.candidate.id: w.log_evidence for w in FLAT.weighed}
+@pytest.mark.slow
+def test_lists_are_shares_of_the_evidence_of_what_they_hold(flat):
+    lists = {u.name: u for u in flat.lists}
+    evidence = {w.candidate.id: w.log_evidence for w in flat.weighed}
     names = [n for n in evidence if in_first_list(n)]
     chance = np.exp([evidence[n] for n in names])
     spring = chance[[takes_part(n) for n in names]].sum() / chance.sum()
@@ -280,11 +298,13 @@ def test_lists_are_shares_of_the_evidence_of_what_they_hold():
         by_cause.setdefault(cause(name), []).append(math.exp(log))
     means = {said: np.mean(values) for said, values in by_cause.items()}
     assert lists["causes alike"].spring == pytest.approx(means["a spring in series"] / sum(means.values()))
-    assert lists["all, reviewed priors"].best == FLAT.weighed[0].candidate.id
+    assert lists["all, reviewed priors"].best == flat.weighed[0].candidate.id
 
 
-@pytest.mark.parametrize("gap", [FLAT, SPHERE])
-def test_what_is_said_of_a_spring_is_a_range(gap):
+@pytest.mark.slow
+@pytest.mark.parametrize("which", ["flat", "sphere"])
+def test_what_is_said_of_a_spring_is_a_range(which):
+    gap = published(which)
     springs = [u.spring for u in gap.lists]
     assert len(springs) >= 3
     assert max(springs) - min(springs) > 0.2
@@ -297,8 +317,10 @@ def test_one_explanation_is_a_list_of_its_own():
     assert {u.spring for u in under_lists([level], [level])} == {0.0}
 
 
-@pytest.mark.parametrize("gap", [FLAT, SPHERE])
-def test_a_compliance_in_series_narrows_the_gap(gap):
+@pytest.mark.slow
+@pytest.mark.parametrize("which", ["flat", "sphere"])
+def test_a_compliance_in_series_narrows_the_gap(which):
+    gap = published(which)
     series = next(w for w in gap.weighed if w.candidate.id == "series_compliance")
     assert series.left_out_rms < 0.5 * gap.before_rms
     assert series.left_out_rms_together < 0.05
@@ -308,31 +330,35 @@ def test_a_compliance_in_series_narrows_the_gap(gap):
     )
 
 
-def test_series_compliance_of_the_flats_is_the_one_that_the_points_leave():
+@pytest.mark.slow
+def test_series_compliance_of_the_flats_is_the_one_that_the_points_leave(flat):
     # 1 / k - 1 / k_GW of the rows above 348 mN, its median
-    left = 1 / (1 / FLAT.stiffness_n_per_m[1:] - 1 / FLAT.drawn.stiffness(FLAT.load_mn[1:] * 1e-3))
-    series = next(w for w in FLAT.weighed if w.candidate.id == "series_compliance").parameters[0]
+    left = 1 / (1 / flat.stiffness_n_per_m[1:] - 1 / flat.drawn.stiffness(flat.load_mn[1:] * 1e-3))
+    series = next(w for w in flat.weighed if w.candidate.id == "series_compliance").parameters[0]
     assert series.low < np.median(left) * 1e-6 < series.high
 
 
-def test_one_holder_does_not_serve_both():
+@pytest.mark.slow
+def test_one_holder_does_not_serve_both(flat, sphere):
     flat, sphere = (
-        next(w for w in g.weighed if w.candidate.id == "series_compliance").parameters[0] for g in (FLAT, SPHERE)
+        next(w for w in g.weighed if w.candidate.id == "series_compliance").parameters[0] for g in (flat, sphere)
     )
     assert sphere.high < flat.low
 
 
-def test_the_lightest_load_of_the_sphere_stands_apart():
-    series = next(w for w in SPHERE.weighed if w.candidate.id == "series_compliance")
+@pytest.mark.slow
+def test_the_lightest_load_of_the_sphere_stands_apart(sphere):
+    series = next(w for w in sphere.weighed if w.candidate.id == "series_compliance")
     assert series.apart[0] > 0.85
     assert (series.apart[1:] < 0.5).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["hertz", "third_of_hertz", "rough_sphere", "amplitude", "adhesion", "yielding_asperities"]
 )
-def test_what_does_not_explain_the_sphere(name):
-    assert next(w for w in SPHERE.weighed if w.candidate.id == name).probability < 0.01
+def test_what_does_not_explain_the_sphere(sphere, name):
+    assert next(w for w in sphere.weighed if w.candidate.id == name).probability < 0.01
 
 
 def test_unknown_specimen_is_named():

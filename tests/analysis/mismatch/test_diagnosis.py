@@ -40,12 +40,14 @@ def answer_of(case: str, *excluded: str) -> Answer:
     return diagnosed([practice(case)], variants(without(catalogue(), excluded))).answer
 
 
+@pytest.mark.slow
 @pytest.mark.data
 @needs_data
 def test_nothing_is_found_where_nothing_is_hidden() -> None:
     assert answer_of("case-027").verdict == "consistent"
 
 
+@pytest.mark.slow
 @pytest.mark.data
 @needs_data
 def test_hunt_crossley_damping_is_named_with_an_interval_that_holds_the_truth() -> None:
@@ -56,6 +58,7 @@ def test_hunt_crossley_damping_is_named_with_an_interval_that_holds_the_truth() 
     assert growth.low < true < growth.high
 
 
+@pytest.mark.slow
 @pytest.mark.data
 @needs_data
 def test_held_out_impacts_get_better_with_what_is_named() -> None:
@@ -65,12 +68,14 @@ def test_held_out_impacts_get_better_with_what_is_named() -> None:
     assert found.fit.heldout_rms_after < found.fit.heldout_rms_before
 
 
+@pytest.mark.slow
 @pytest.mark.data
 @needs_data
 def test_an_excluded_mechanism_is_not_replaced_by_a_wrong_name() -> None:
     assert answer_of("case-030", "rocking").verdict == "unexplained"
 
 
+@pytest.mark.slow
 @pytest.mark.data
 @needs_data
 def test_the_answer_is_what_other_programs_read() -> None:

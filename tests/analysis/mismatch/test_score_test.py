@@ -118,6 +118,7 @@ def test_the_score_of_a_weak_effect_is_what_its_fit_gains() -> None:
     assert fitted.terms[0].values["gain_error_of_b"] == pytest.approx(strength, rel=0.02)
 
 
+@pytest.mark.slow
 def test_scores_do_not_depend_on_how_segments_are_shared_out(
     monkeypatch: pytest.MonkeyPatch, ring_down: RingDownFit
 ) -> None:

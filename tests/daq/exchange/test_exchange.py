@@ -377,12 +377,14 @@ def test_any_bytes(tmp_path: Path, start: bytes, content: bytes, suffix: str) ->
 CELL = st.one_of(st.floats().map(repr), st.integers(-9, 9).map(str), st.text(max_size=5), st.just(""))
 
 
+@pytest.mark.slow
 @FUZZ
 @given(rows=st.lists(st.lists(CELL, min_size=1, max_size=3), max_size=40), delimiter=st.sampled_from(",;\t "))
 def test_any_table(tmp_path: Path, rows: list[list[str]], delimiter: str) -> None:
     recording_or_sentence(tmp_path / "x.csv", "\n".join(map(delimiter.join, rows)).encode())
 
 
+@pytest.mark.slow
 @FUZZ
 @given(values=st.lists(st.floats(), min_size=32, max_size=60), title=st.text(max_size=12))
 def test_any_numbers(tmp_path: Path, values: list[float], title: str) -> None:
@@ -401,6 +403,7 @@ def valid(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
+@pytest.mark.slow
 @settings(FUZZ, max_examples=250)
 @given(
     name=st.sampled_from(["plain.mat", "packed.mat", "new.mat", "x.uff", "x.csv"]),

@@ -28,7 +28,7 @@ def data() -> Path:
     return folder
 
 
-@pytest.mark.parametrize("method", ["ml", "era"])
+@pytest.mark.parametrize("method", [pytest.param("ml", marks=pytest.mark.slow), "era"])
 def test_modes_of_the_bolted_beam(data, method):
     recording = import_recording(data / "brake-reuss-beam" / "HammerImpact.mat")
     assert recording.rate_hz == pytest.approx(12800.0)

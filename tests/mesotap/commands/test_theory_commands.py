@@ -63,7 +63,7 @@ def test_surface_of_a_scan_table(scan):
     assert "R_q, nm" in console.file.getvalue()
 
 
-@pytest.mark.parametrize("which", ["flat", "sphere"])
+@pytest.mark.parametrize("which", [pytest.param("flat", marks=pytest.mark.slow), "sphere"])
 def test_published_gap_is_written(which, tmp_path):
     console = quiet()
     published_gap(which, tmp_path / "gap.json", tmp_path / "page", console)
@@ -97,6 +97,7 @@ def test_figures_of_the_paper(tmp_path):
     assert "58.9" in (tmp_path / "f" / "figures.html").read_text()
 
 
+@pytest.mark.slow
 def test_explanations_of_a_session_find_its_damper():
     k = np.array([4e6, 7e6, 8e6, 9.5e6, 10.3e6])
     explained = explain(session(k, 3.0 / (2 * np.sqrt(k * 0.107 * 0.108 / 0.215))), FlatContact(), RIG)
@@ -108,6 +109,7 @@ def test_explanations_of_a_session_find_its_damper():
     assert any("under 4 lists of explanations" in sentence for sentence in explained.sentences)
 
 
+@pytest.mark.slow
 def test_unknown_damping_leaves_stiffness():
     results = session(np.array([4e6, 7e6, 8e6, 9.5e6, 10.3e6]), np.full(5, 0.01))
     loads = (replace(results.loads[0], zeta2=None), *results.loads[1:])

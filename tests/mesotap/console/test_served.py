@@ -69,6 +69,7 @@ def test_every_address_with_a_warning_and_under_its_own_names_only(tmp_path):
             assert asked(address, console.port, "/", name, cookie=cookie.partition(";")[0])[0] == 200, name
 
 
+@pytest.mark.slow
 def test_the_link_of_every_address_is_one_that_is_served(tmp_path):
     with console_in(tmp_path, "--host", "0.0.0.0") as console:
         assert console.host == socket.gethostname()
@@ -94,6 +95,7 @@ def test_over_tls_the_cookie_is_for_tls_alone_and_an_origin_without_it_is_foreig
             connect(address, origin=f"http://localhost:{console.port}", **more)
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_a_session_is_run_over_tls_from_an_address_of_the_network(tmp_path, certified, chromium):
     files = ("--certfile", str(certified / "certificate.pem"), "--keyfile", str(certified / "key.pem"))

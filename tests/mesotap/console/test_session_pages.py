@@ -10,12 +10,13 @@ from daq.session_file import read_session
 from tests.mesotap.console.consoles import PATIENCE_MS, console_in, journal_of, needs_chromium
 from tests.mesotap.console.pages import begin, opened, reach
 
-pytestmark = [needs_chromium, pytest.mark.slow]
+pytestmark = needs_chromium
 
 LONG_DIAGNOSIS = ("--set", "mesotap.diagnose=true", "--set", "mesotap.impacts_per_load=8")
 """Of 16 taps: ten seconds of an idle machine, in which a page is looked at ten times a second."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rig", ["--simulate", "--emulate"])
 def test_a_whole_session_from_the_page(chromium, tmp_path, rig):
     from playwright.sync_api import expect
@@ -44,6 +45,7 @@ def test_a_whole_session_from_the_page(chromium, tmp_path, rig):
         assert session.specimen == "<img src=x onerror=alert(1)>"
 
 
+@pytest.mark.slow
 def test_the_page_says_what_is_worked_out_and_stop_leaves_the_diagnosis_out(chromium, tmp_path):
     from playwright.sync_api import expect
 
@@ -81,6 +83,7 @@ def test_stop_by_the_space_bar_and_resume(chromium, tmp_path):
         assert page.faults == []
 
 
+@pytest.mark.slow
 def test_two_sessions_are_compared(chromium, tmp_path):
     from playwright.sync_api import expect
 
@@ -108,6 +111,7 @@ def test_two_sessions_are_compared(chromium, tmp_path):
         assert page.faults == []
 
 
+@pytest.mark.slow
 def test_the_space_bar_on_a_checkbox_is_stop_and_leaves_it_as_it_is(chromium, tmp_path):
     folder = tmp_path / "sessions" / "one"
     folder.mkdir(parents=True)

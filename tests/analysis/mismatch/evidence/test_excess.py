@@ -41,6 +41,7 @@ def test_what_is_explained_leaves_the_noise_everywhere(found: Callable[[RingDown
     assert np.nanmean(power) == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_tone_is_found_at_its_load_frequency_and_time() -> None:
     for found, at in ((map_by_frequency(fitted(hum=True)), TONE_HZ), (map_by_time(fitted(hum=True)), 0.05)):
         _, load, place = np.unravel_index(np.nanargmax(found.power), found.power.shape)

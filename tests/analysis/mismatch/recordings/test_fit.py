@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.fit import SimulatedRecordings, fit, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit, problem_of
 from analysis.mismatch.recordings.recorded import HELD, prepare
 from analysis.mismatch.score_test import screen
 from daq.exchange import Recording
@@ -38,6 +39,7 @@ def u() -> Real:
     return noise_input(SAMPLES, RATE, 2, 25, seed=3)
 
 
+@pytest.mark.slow
 def test_p_values_of_linear_rigs_are_not_small_too_often(u: Real) -> None:
     rig = parse_rig(SPRING + INPUT + sensor("displacement"))
     y = motion(lambda s, x, v: 100 * s - OMEGA**2 * x - 0.04 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, u)
@@ -66,23 +68,25 @@ def test_held_out_samples_take_no_part(u: Real) -> None:
         assert fits[0].values[name] == pytest.approx(fits[1].values[name], rel=2e-3)
 
 
-def two_decays(seed: int) -> SimulatedRecordings:
-    """Return a loud decay and a faint one, seen with the same noise."""
+@functools.cache
+def two_decays(seed: int) -> tuple[SimulatedRecordings, SimulatedFit]:
+    """Return a loud decay and a faint one, seen with the same noise, and their fit."""
     rig = parse_rig(SPRING + sensor("displacement").replace("channel: 1", "channel: 0"))
     t = np.arange(SAMPLES) / RATE
     data = [size * np.exp(-0.02 * OMEGA * t) * np.cos(OMEGA * t) for size in (1.0, 0.02)]
     random = np.random.default_rng(seed)
     noisy = [Recording(np.array([y + 1e-3 * random.normal(size=y.size)]), RATE, ("x",), "", "made") for y in data]
     problem = problem_of(rig, [prepare(r, rig) for r in noisy])
-    return problem.weighed(fit(problem, fine=True))
+    problem = problem.weighed(fit(problem, fine=True))
+    return problem, fit(problem, fine=True)
 
 
+@pytest.mark.slow
 def test_recordings_are_weighed_by_their_noise() -> None:
     misses = []
     for seed in range(12):
-        problem = two_decays(seed)
+        problem, found = two_decays(seed)
         assert [float(r.unit[0]) for r in problem.recordings] == pytest.approx([1e-3, 1e-3], rel=0.1)
-        found = fit(problem, fine=True)
         assert found.scatter == pytest.approx(1.0, rel=0.15)
         at = [p.name for p in found.simulation.parameters].index("stiffness of spring")
         true = math.log(OMEGA**2 * (1 + 0.02**2) / found.simulation.parameters[at].scale)
@@ -93,11 +97,11 @@ def test_recordings_are_weighed_by_their_noise() -> None:
     assert abs(float(np.mean(misses))) < 1.0
 
 
+@pytest.mark.slow
 def test_recordings_of_different_noise_raise_no_alarm() -> None:
     p = []
     for seed in range(12):
-        problem = two_decays(100 + seed)
-        p.append(screen(problem, fit(problem, fine=True), KNOWN).p_value)
+        p.append(screen(*two_decays(seed), KNOWN).p_value)
     assert sum(value < 0.1 for value in p) <= 5  # six of twelve: five times in ten thousand
 
 
@@ -122,6 +126,7 @@ def test_noise_of_a_measured_input_is_no_missing_physics_and_widens_intervals() 
     assert np.all((spread > 0.4) & (spread < 1.8))  # it was 10 where all noise was taken as white
 
 
+@pytest.mark.slow
 def test_a_jump_that_passes_a_sample_is_no_information() -> None:
     rate, samples, sub, friction = 1000.0, 2000, 50, 1.5
     t = np.arange(samples) / rate

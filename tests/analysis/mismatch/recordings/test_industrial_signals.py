@@ -51,6 +51,7 @@ def test_a_stage_in_closed_loop_with_nothing_hidden_is_consistent() -> None:
     assert found.answer.verdict == "consistent"
 
 
+@pytest.mark.slow
 def test_friction_is_found_through_encoder_and_closed_loop() -> None:
     found = diagnose_recordings([stage(1.0)], parse_rig(STAGE), variants(catalogue()))
     assert [m.id for m in found.answer.mechanisms] == ["guide_friction"]
@@ -59,6 +60,7 @@ def test_friction_is_found_through_encoder_and_closed_loop() -> None:
     assert force.value == pytest.approx(1.0, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_held_input_described_as_band_limited_is_told_and_not_named() -> None:
     rig = parse_rig(STAGE.replace("recording: {hold: zero}\n", ""))
     found = diagnose_recordings([stage(0.0)], rig, variants(catalogue())).answer
@@ -66,6 +68,7 @@ def test_a_held_input_described_as_band_limited_is_told_and_not_named() -> None:
     assert "hold: zero" in found.location.why
 
 
+@pytest.mark.slow
 def test_clipping_that_happens_once_in_a_sweep_about_an_offset_is_named() -> None:
     rate, samples, omega = 400.0, 4000, 2 * np.pi * 20.0
     t = np.arange(samples) / rate
@@ -85,6 +88,7 @@ def test_clipping_that_happens_once_in_a_sweep_about_an_offset_is_named() -> Non
     assert [m.id for m in found.answer.mechanisms] == ["clipping"]
 
 
+@pytest.mark.slow
 def test_friction_that_stops_a_decay_is_followed_to_where_it_sticks() -> None:
     rate, samples, sub, mass, stiffness, damping, friction = 200.0, 4000, 50, 1.0, 3000.0, 1.0, 2e-3
     x, v, h = 1e-3, 0.0, 1 / 200.0 / 50
@@ -106,6 +110,7 @@ def test_friction_that_stops_a_decay_is_followed_to_where_it_sticks() -> None:
     assert force.value == pytest.approx(friction, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_noise_of_a_force_cell_is_no_filter_of_the_accelerometer(seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -133,6 +138,7 @@ sensors: [{channel: 1, of: block, shows: acceleration}]
     assert found.verdict == "consistent"
 
 
+@pytest.mark.slow
 def test_an_amplifier_that_clips_the_louder_of_two_recordings_is_named() -> None:
     rig = parse_rig("""
 bodies: {mass: 1}

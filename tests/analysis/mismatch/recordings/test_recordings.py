@@ -54,6 +54,7 @@ def named(answer: Answer) -> list[str]:
     return [m.id for m in answer.mechanisms]
 
 
+@pytest.mark.slow
 def test_a_linear_rig_with_correlated_noise_is_consistent(u: Real) -> None:
     y = motion(lambda s, x, v: 100 * s - OMEGA**2 * x - 0.04 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, u)
     recording = recorded([u, y[0]], RATE, 0.0)
@@ -65,6 +66,7 @@ def test_a_linear_rig_with_correlated_noise_is_consistent(u: Real) -> None:
     assert found.fitted.constants["stiffness of spring"][0] == pytest.approx(OMEGA**2, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_a_cubic_spring_seen_by_its_velocity_under_a_measured_force_is_named_alone(u: Real) -> None:
     found = answer_of(parse_rig(SPRING + INPUT + sensor("velocity")), [duffing(u)], KNOWN)
     assert found.verdict == "missing_physics"
@@ -76,6 +78,7 @@ def test_a_cubic_spring_seen_by_its_velocity_under_a_measured_force_is_named_alo
     assert found.fit.heldout_rms_after < 0.03 * found.fit.heldout_rms_before
 
 
+@pytest.mark.slow
 def test_without_the_true_mechanism_nothing_is_named(u: Real) -> None:
     rest = [m for m in KNOWN if m.id != "tube_spring_cubic"]
     found = answer_of(parse_rig(SPRING + INPUT + sensor("velocity")), [duffing(u)], rest)
@@ -84,6 +87,7 @@ def test_without_the_true_mechanism_nothing_is_named(u: Real) -> None:
     assert found.location is not None
 
 
+@pytest.mark.slow
 def test_dry_friction_of_a_slide_without_a_spring_is_named(u: Real) -> None:
     y = motion(lambda s, x, v: 30 * s - 3 * v - 8 * np.tanh(v / 2e-3), [0.0, 0.0], SAMPLES, RATE, u)
     rig = parse_rig(
@@ -95,6 +99,7 @@ def test_dry_friction_of_a_slide_without_a_spring_is_named(u: Real) -> None:
     assert found.mechanisms[0].parameters["friction_force_n"].value == pytest.approx(8, rel=0.06)
 
 
+@pytest.mark.slow
 def test_a_base_that_shakes_and_drag_seen_by_acceleration(u: Real) -> None:
     def rest(s: float, x: Real, v: Real) -> Real:
         return -5 * s - OMEGA**2 * x - 0.01 * OMEGA * v - 3 * v * np.abs(v)
@@ -119,6 +124,7 @@ def test_a_pendulum_with_drag_is_named_by_its_sine_and_its_drag_and_time_is_not_
     assert "different strength" in found.next_experiment.why
 
 
+@pytest.mark.slow
 def test_a_stiffness_that_settles_with_time_is_named_as_such() -> None:
     omega = 2 * np.pi * 30
     t = np.arange(3000) / 300.0
@@ -145,6 +151,7 @@ def test_a_rig_described_far_from_the_one_recorded_is_not_consistent(stiffness: 
     assert found.mechanisms == ()
 
 
+@pytest.mark.slow
 def test_a_gain_of_many_decades_overflows_nothing() -> None:
     t = np.arange(3000) / 1000
     decay = np.exp(-1.5 * t) * np.sin(2 * np.pi * 20 * t)
@@ -153,6 +160,7 @@ def test_a_gain_of_many_decades_overflows_nothing() -> None:
     assert np.isfinite(found.fit.heldout_rms_before)  # a warning of numpy's is an error in tests
 
 
+@pytest.mark.slow
 def test_wrong_constants_under_a_measured_force_are_not_consistent(u: Real) -> None:
     y = motion(lambda s, x, v: 100 * s - OMEGA**2 * x - 0.04 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, u)
     rig = parse_rig(
@@ -162,6 +170,7 @@ def test_wrong_constants_under_a_measured_force_are_not_consistent(u: Real) -> N
     assert (found.verdict, found.far_off) == ("unexplained", True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pole", [0.0, 0.9, 0.99])
 def test_strong_noise_does_not_make_a_sound_rig_far_off(u: Real, pole: float) -> None:
     y = motion(lambda s, x, v: 100 * s - OMEGA**2 * x - 0.04 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, u)[0]
@@ -172,6 +181,7 @@ def test_strong_noise_does_not_make_a_sound_rig_far_off(u: Real, pole: float) ->
     assert not found.far_off
 
 
+@pytest.mark.slow
 def test_a_part_that_resonates_between_the_modes_of_two_bodies_is_named() -> None:
     known = [m for m in variants(catalogue()) if m.id in (*SHORT, "attached_mass", "frame_compliance", "channel_skew")]
     mass = np.array([1.0, 0.6, 0.02])  # the part rides on the first, at 16 Hz between 11 and 23 Hz
@@ -197,6 +207,7 @@ sensors: [{channel: a, of: one, shows: velocity}, {channel: b, of: two, shows: v
     assert part["mount_frequency_hz"].value == pytest.approx(16.0, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "seed"), [(0.02, 2), (0.0, 3)])
 def test_a_second_impact_on_one_of_two_bodies_is_named_with_its_size(share: float, seed: int) -> None:
     known = [m for m in variants(catalogue()) if m.id in (*SHORT, "attached_mass", "double_hit")]
@@ -229,6 +240,7 @@ sensors: [{channel: a, of: one, shows: velocity}, {channel: b, of: two, shows: v
         assert limits["double_hit"] < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", [0.2721, 0.345])  # s; the second in a held-out stretch
 def test_a_second_impact_after_silence_has_its_size(when: float) -> None:
     known = [m for m in variants(catalogue()) if m.id in ("tube_spring_cubic", "double_hit")]
@@ -250,6 +262,7 @@ sensors: [{channel: a, of: one, shows: displacement}, {channel: b, of: two, show
     assert size.low < share < size.high
 
 
+@pytest.mark.slow
 def test_a_second_impact_in_one_of_two_decays_has_the_size_that_it_has_there() -> None:
     known = [m for m in variants(catalogue()) if m.id in ("tube_spring_cubic", "double_hit")]
     a, t, random = np.array([[0.0, 1.0], [-(OMEGA**2), -1.0]]), np.arange(1600) / 400.0, np.random.default_rng(6)
@@ -268,6 +281,7 @@ def test_a_second_impact_in_one_of_two_decays_has_the_size_that_it_has_there() -
     assert "recording 1" not in found.mechanisms[0].statement
 
 
+@pytest.mark.slow
 def test_where_there_were_three_impacts_one_is_named_once_and_the_rest_is_left_over() -> None:
     known = [m for m in variants(catalogue()) if m.id in ("tube_spring_cubic", "double_hit")]
     a, t = np.array([[0.0, 1.0], [-(OMEGA**2), -1.0]]), np.arange(1600) / 400.0
@@ -290,6 +304,7 @@ def _decay(a: Real, start: Real, t: Real) -> Real:
     return np.asarray((vectors * np.linalg.solve(vectors, start)) @ np.exp(np.outer(values, t)), complex).real
 
 
+@pytest.mark.slow
 def test_of_a_spring_and_a_pendulum_it_is_the_pendulum_that_is_bent() -> None:
     known = [catalogue()[name][-1] for name in (*SHORT, "end_stop", "spring_asymmetry", "attached_mass")]
     u = np.repeat([0.0, 5e-4, -4e-4, 3e-4], 500)

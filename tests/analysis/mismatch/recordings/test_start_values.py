@@ -33,6 +33,7 @@ def two(push, start, u=None):
     return shown + 2e-3 * shown.std(axis=1, keepdims=True) * random.normal(size=shown.shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [0, 900])
 @pytest.mark.parametrize("kind", ["free", "force", "base"])
 def test_the_linear_rig_begins_close_whatever_it_was_excited_by_and_wherever_the_recording_begins(kind, late):
@@ -145,6 +146,7 @@ def test_a_wrong_constant_is_what_should_be_unknown():
     assert next(iter(found.freed)) == "gain of input 1"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_four_slow_bodies_seen_by_one_sensor_begin_where_they_are(seed):
     # most of what the sensor shows is far above the modes, which alone would tell a start much too stiff

@@ -16,6 +16,7 @@ def few_impacts(case: str) -> RingDowns:
     return problem_of(practice(case)).only((0, 1, 8, 9, 16, 24, 32, 40))
 
 
+@pytest.mark.slow
 @pytest.mark.data
 @needs_data
 def test_surfaces_that_part_by_ten_times_the_preload_are_fitted_to_the_noise() -> None:

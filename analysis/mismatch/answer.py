@@ -160,6 +160,15 @@ class Remainder:
 
 
 @dataclass(frozen=True, slots=True)
+class SetAside:
+    """An impact that took no part in the answer, as it shows what no other one does: its name, its group's label."""
+
+    name: str
+    group: str
+    statement: str
+
+
+@dataclass(frozen=True, slots=True)
 class UpperLimit:
     """What the strength of a mechanism that is not named does not exceed, with this probability."""
 
@@ -278,6 +287,8 @@ class Answer:
         than the linear rig.
     decay
         Of a free decay of one body: frequency and damping against amplitude.
+    set_aside
+        Impacts that took no part.
     """
 
     recordings: tuple[RecordingFile, ...]
@@ -296,6 +307,7 @@ class Answer:
     far_off: bool = False
     fitted: FittedRig | None = None
     decay: tuple[AtAmplitude, ...] = ()
+    set_aside: tuple[SetAside, ...] = ()
 
 
 def group_labels(loads_n: Sequence[float]) -> dict[str, float]:

@@ -12,14 +12,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import pearsonr
 from threadpoolctl import threadpool_limits
 
 from analysis.mismatch.account import Account
 from analysis.mismatch.answer import Answer, Named, RecordingFile, Remainder, Rival, UpperLimit, Verdict
-from analysis.mismatch.chi_squared import evidence
 from analysis.mismatch.limits import complete_probability, probability_of_nothing, rivals_of_nothing, upper_limits
-from analysis.mismatch.problem import Constants, OnProgress, silent
+from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.account import BlockAccount
 from analysis.mismatch.recordings.fit import SimulatedRecordings, problem_of
 from analysis.mismatch.recordings.judge import BlockJudge
@@ -29,10 +27,9 @@ from analysis.mismatch.remainder import remainder_statement
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.ring_downs.account import ImpactAccount
 from analysis.mismatch.ring_downs.candidates import screened_evidence
-from analysis.mismatch.ring_downs.fit import fit
-from analysis.mismatch.ring_downs.judge import ImpactJudge
 from analysis.mismatch.ring_downs.load_drift import with_load_drift
-from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
+from analysis.mismatch.ring_downs.problem import RingDowns
+from analysis.mismatch.ring_downs.selecting import select_for_impacts
 from analysis.mismatch.ring_downs.sessions import ring_downs
 from analysis.mismatch.selection import Candidate, Selection, screened_baseline, select
 from analysis.session import AnalysisError
@@ -78,9 +75,10 @@ def diagnose(
     # fit that lead nowhere may overflow
     with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
         if isinstance(problem, RingDowns):
-            selection = _of_impacts(problem, known, on_progress)
+            selection, set_aside = select_for_impacts(problem, known, on_progress)
             on_progress("comparing with the held-out impacts")
-            return Diagnosis(answer_of(ImpactAccount(selection), recordings), selection)
+            answer = answer_of(ImpactAccount(selection), recordings)
+            return Diagnosis(replace(answer, set_aside=set_aside), selection)
         judge = BlockJudge.of(problem, known, on_progress, sweeps)
         found = select(judge, screened_baseline(judge))
         on_progress("comparing with what was held out")
@@ -159,52 +157,6 @@ def diagnose_recordings(
             f"{source}: cannot be computed with the rig {rig.name!r} as described: its constants or its times are "
             "far from what was recorded; check their units"
         ) from error
-
-
-def _of_impacts(problem: RingDowns, known: Sequence[Mechanism], on_progress: OnProgress) -> Selection[RingDownFit]:
-    """Select mechanisms; with constants of its own for every impact where scatter between impacts explains more."""
-    policy = problem.policy
-    judge = ImpactJudge.of(problem, known, on_progress)
-    baseline = screened_baseline(judge)
-    if baseline.screening.p_value >= policy.level or not scattered(baseline.current):
-        return select(judge, baseline)
-    on_progress("again, with constants of its own for every impact")
-    other = ImpactJudge.of(problem.per_impact_constants(), known, on_progress)
-    free = screened_baseline(other)
-    if free.screening.p_value >= policy.level:
-        return select(other, free)
-    plain = select(judge, baseline)
-    if plain.chosen is not None:
-        return plain
-    again = select(other, free)
-    return plain if again.chosen is None else again
-
-
-def scattered(baseline: RingDownFit) -> bool:
-    """Whether the contact's constants differ from impact to impact of a load by more than noise, and by chance.
-
-    That is not missing physics: what differs must not follow the strength of the tap.
-    """
-    policy, segments = baseline.problem.policy, baseline.problem.experiment.segments
-    if baseline.constants.load.shape[1] == 0:
-        return False
-    own = replace(baseline, constants=_own_constants(baseline))
-    free = fit(baseline.problem.per_impact_constants(), begin=own)
-    freed = (len(segments) - len(baseline.constants.load)) * baseline.constants.load.shape[1]
-    if evidence(baseline.objective - free.objective, freed) < policy.scatter_evidence:
-        return False
-    stiffness = np.log(free.constants.load[:, 0])
-    strength = np.array([math.log(float(np.abs(a).max())) for a in free.amplitudes])
-    for group in range(len(baseline.constants.load)):
-        at = [i for i, s in enumerate(segments) if s.group == group]
-        stiffness[at] -= stiffness[at].mean()
-        strength[at] -= strength[at].mean()
-    return float(pearsonr(stiffness, strength).pvalue) > policy.level
-
-
-def _own_constants(fitted: RingDownFit) -> Constants:
-    groups = [s.group for s in fitted.problem.experiment.segments]
-    return replace(fitted.constants, load=fitted.constants.load[groups])
 
 
 def answer_of(account: Account[Any], recordings: Sequence[RecordingFile] = ()) -> Answer:

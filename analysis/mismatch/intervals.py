@@ -59,6 +59,21 @@ def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
     return found
 
 
+def through_zero(fitted: Fit, number: int) -> bool:
+    """Whether the 95 % interval of a strength of either sign contains zero, so that not even its sign is known.
+
+    A strength that cannot be negative ends at zero by nature: that it may be small does not mean that it may be absent.
+    False where the error is not known.
+    """
+    term = fitted.terms[number]
+    quantities = [q for q in term.mechanism.parameters if q.name in term.values]
+    at = next((i for i, q in enumerate(quantities) if q.name == term.mechanism.strength), None)
+    if at is None or quantities[at].log or not quantities[at].low < 0 < quantities[at].high:
+        return False
+    error = math.sqrt(max(float(fitted.term_covariances[number][at, at]), 0.0))
+    return 0 < abs(float(term.values[quantities[at].name])) <= NORMAL_95 * error
+
+
 def _unknown_pulse(fitted: RingDownFit) -> float:
     """Return the variance of the logarithm of a phase-locked body's mass, stiffness and damping due to the tap's pulse.
 

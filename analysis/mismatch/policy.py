@@ -17,6 +17,7 @@ RECENT = "blind validation of described rigs with seed 808"
 UNTOUCHED = "102 rigs with nothing hidden, prove --rigs, seed 5150"
 DRAWN = "blind validations of described rigs with seeds 505 and 606"
 FRICTION = "simulated sessions as configured by default, with dry friction of 0.3, 1 and 5 mN"
+AS_SHIPPED = "null sessions of the simulator as shipped, with taps that go wrong"
 
 
 def _chosen(default: Any, meaning: str, unit: str, on: str, record: int) -> Any:
@@ -76,6 +77,10 @@ class SelectionPolicy:
         25.0, "evidence of the choosing blocks' getting better that is no chance", "chi-squared", RECORDED, 83
     )
     chance: float = _chosen(0.05, "p-value of the choosing blocks' getting better", "1", RECORDED, 50)
+    # impacts that show what no other one shows
+    set_aside: float = _chosen(
+        0.2, "share of the impacts that may be set aside (one always may)", "impacts", AS_SHIPPED, 112
+    )
     # what may be left over
     left_over: tuple[float, ...] = _chosen(
         (0.02, 0.005, 0.0), "share of all that was missed that one, two, three mechanisms may leave", "1", SEALED, 40

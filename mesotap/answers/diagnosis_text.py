@@ -35,7 +35,15 @@ def what_was_recorded(answer: Answer) -> str:
 
 
 def verdict_sentence(answer: Answer) -> str:
-    """Say the answer in a sentence; where something remains beyond what is named, in two."""
+    """Say the answer in a sentence; where something remains beyond what is named, in two; then what was set aside."""
+    count = len(answer.set_aside)
+    if not count:
+        return _verdict(answer)
+    what = "One tap shows what no other does and is" if count == 1 else f"{count} taps show what no other does and are"
+    return f"{_verdict(answer)} {what} set aside."
+
+
+def _verdict(answer: Answer) -> str:
     linear, recorded, chance = linear_rig(answer), what_was_recorded(answer), p_words(answer.p_value)
     begin = linear[0].upper() + linear[1:]
     if answer.far_off:
@@ -95,6 +103,8 @@ def probability_words(probability: float) -> str:
 def print_answer(answer: Answer, console: Console) -> None:
     """Say the answer to a person."""
     console.print(f"[bold]{escape(verdict_sentence(answer))}[/bold]")
+    for one in answer.set_aside:
+        console.print(f"  set aside: {escape(one.statement)}")
     for m in answer.mechanisms:
         _print_mechanism(m, console)
     if answer.location is not None:

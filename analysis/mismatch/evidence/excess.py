@@ -70,7 +70,7 @@ class Impacts:
 def excess_by_frequency(fit: RingDownFit) -> Excess:
     """Return the residual's power at each frequency that the shortest segment resolves."""
     n = min(r.shape[1] for r in fit.residuals)
-    spectra = np.stack([np.abs(np.fft.rfft(_rotated(r)[:, :n], axis=1)) ** 2 / n for r in fit.residuals])
+    spectra = np.stack([np.abs(np.fft.rfft(rotated(r)[:, :n], axis=1)) ** 2 / n for r in fit.residuals])
     count = len(spectra)
     power = spectra.mean(axis=0)[:, 1:-1]
     tail = gamma.sf(power * count / (1 + fit.problem.experiment.level_error), count)
@@ -134,7 +134,7 @@ def _summed(fit: RingDownFit, edges: Real, powers: Powers) -> tuple[Real, Real]:
     shape = len(fit.residuals[0]), len(fit.problem.experiment.loads_n), edges.size - 1
     total, count = np.zeros(shape), np.zeros(shape)
     for segment, residual in zip(fit.problem.experiment.segments, fit.residuals, strict=True):
-        for c, row in enumerate(_rotated(residual)):
+        for c, row in enumerate(rotated(residual)):
             power, at = powers(row)
             place = np.searchsorted(edges, at, side="right") - 1
             inside = (place >= 0) & (place < shape[2])
@@ -143,7 +143,7 @@ def _summed(fit: RingDownFit, edges: Real, powers: Powers) -> tuple[Real, Real]:
     return total, count
 
 
-def _rotated(residual: Real) -> Real:
+def rotated(residual: Real) -> Real:
     """Return mean and difference (over sqrt 2) of two channels; other numbers of channels as they are."""
     if len(residual) != 2:
         return residual

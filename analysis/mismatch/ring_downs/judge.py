@@ -11,6 +11,7 @@ import numpy as np
 
 from analysis.mismatch.chi_squared import evidence
 from analysis.mismatch.problem import OnProgress, silent
+from analysis.mismatch.ring_downs.apart import borne_out
 from analysis.mismatch.ring_downs.candidates import (
     competing,
     continued_candidate,
@@ -96,6 +97,7 @@ class ImpactJudge(Judge[RingDownFit]):
         if not explained:
             found = self._by_continuation(current, found)
         found = self._from_elsewhere(current, found, {k: v for k, v in by_id.items() if k in tried})
+        found = [c for c in found if borne_out(current, c)]
         found.sort(key=lambda c: (c.fit is None, -_with_stiffness(c)))
         return tuple(found)
 

@@ -1,0 +1,136 @@
+"""What a single impact shows is no physics of the rig: it is set aside and said, never named."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.ring_downs.apart import apart, borne_out, follow_strength, without
+from analysis.mismatch.ring_downs.fit import fit
+from analysis.mismatch.ring_downs.problem import RingDownFit
+from analysis.mismatch.score_test import Score
+from analysis.mismatch.selection import Candidate
+from daq.records import Session
+from sim_backend.adopted import adopted
+from sim_backend.mechanisms.rocking import at
+from sim_backend.pulses import Pulse
+from sim_backend.recorder import analog_filter
+from sim_backend.twin import twin_record
+from sim_backend.two_mass import TwoMass
+from tests.analysis.ring_downs import (
+    FILTER,
+    ONSET_S,
+    RATE_HZ,
+    SAMPLES,
+    diagnosed,
+    problem_of,
+    session_of,
+    with_law,
+)
+from tests.analysis.terms import listed
+
+KNOWN = [listed("rocking"), listed("channel_gain"), listed("guide_friction")]
+T = np.arange(SAMPLES) / RATE_HZ - ONSET_S - 3e-4
+OFF_CENTRE = np.array([[1.0], [-1.0]])
+
+
+def ringing(hz: float, size: float, damping: float = 0.02) -> np.ndarray:
+    """What rings on after the pulse, m/s2."""
+    w = 2 * np.pi * hz
+    return np.where(T > 0, size * np.exp(-damping * w * np.maximum(T, 0)) * np.sin(w * np.maximum(T, 0)), 0.0)
+
+
+def with_added(session: Session, added: Mapping[int, np.ndarray]) -> Session:
+    """The session with (2, n) or (n,) more acceleration in some of its impacts."""
+    impacts = tuple(replace(s, acceleration=s.acceleration + added.get(s.number, 0.0)) for s in session.impacts)
+    return replace(session, impacts=impacts)
+
+
+@pytest.fixture(scope="module")
+def linear() -> Session:
+    return session_of(with_law())
+
+
+def test_a_tap_off_centre_is_said_and_no_mechanism_is_named(linear: Session) -> None:
+    found = diagnosed([with_added(linear, {5: OFF_CENTRE * ringing(4000.0, 0.3)})], KNOWN).answer
+    assert found.verdict == "consistent"
+    assert [a.name for a in found.set_aside] == [linear.impacts[5].name]
+    assert found.set_aside[0].group == "400 mN"
+    assert "Tap 6 (at 400 mN) was off centre: A and B differ at 4" in found.set_aside[0].statement
+    assert found.fit.segments == len(linear.impacts) - 1
+
+
+def test_two_taps_off_centre_that_ring_each_at_a_frequency_of_its_own_are_both_set_aside(linear: Session) -> None:
+    turned = {2: OFF_CENTRE * ringing(3900.0, 0.3), 9: OFF_CENTRE * ringing(4050.0, 0.2)}
+    found = diagnosed([with_added(linear, turned)], KNOWN).answer
+    assert (found.verdict, [a.name for a in found.set_aside]) == (
+        "consistent",
+        [linear.impacts[i].name for i in turned],
+    )
+
+
+def test_a_knock_at_the_table_during_one_record_is_said(linear: Session) -> None:
+    found = diagnosed([with_added(linear, {0: ringing(1500.0, 0.2, 0.05)})], KNOWN).answer
+    assert (found.verdict, [a.name for a in found.set_aside]) == ("consistent", [linear.impacts[0].name])
+    assert "off centre" not in found.set_aside[0].statement
+    assert "that no other does" in found.set_aside[0].statement
+
+
+def test_what_many_impacts_show_is_not_set_aside(linear: Session) -> None:
+    turned = {i: OFF_CENTRE * ringing(4000.0, 0.3) for i in range(0, 12, 3)}
+    assert len(turned) > problem_of(linear).policy.set_aside * 12
+    session = with_added(linear, turned)
+    assert apart(fit(problem_of(session))) == ()
+    assert diagnosed([session], KNOWN).answer.verdict != "consistent"
+
+
+VALUES = {"contact_offset_share": 0.02, "rocking_stiffness_n_per_m": 2.3e7, "rocking_damping_n_s_per_m": 36.0}
+
+
+def turning(rig: TwoMass, load_n: float, pulse: Pulse) -> np.ndarray:
+    """A rig whose lower mass is turned by the contact, off its axis."""
+    found = [adopted("rocking", VALUES)]
+    return twin_record(rig, load_n, found, pulse, ONSET_S, SAMPLES, RATE_HZ, analog_filter(FILTER))[0]
+
+
+def rocking_in(session: Session) -> tuple[RingDownFit, Candidate[RingDownFit]]:
+    """The linear rig, and rocking fitted to a session."""
+    problem = problem_of(session)
+    term = Term(listed("rocking"), VALUES, at(problem.arrangement)[0])
+    before = fit(problem)
+    after = fit(problem, [term], before)
+    score = Score(term, 0.0, 25, 1.0, 0.0)
+    return before, Candidate(score, after, before.objective - after.objective, own=24)
+
+
+def test_a_body_that_the_rig_turns_at_every_tap_is_borne_out() -> None:
+    assert borne_out(*rocking_in(session_of(turning)))
+
+
+@pytest.mark.parametrize("shown", [(5,), tuple(range(12))], ids=["one tap", "every tap"])
+def test_a_body_that_rings_without_being_driven_by_the_rig_is_not(linear: Session, shown: tuple[int, ...]) -> None:
+    turned = {i: OFF_CENTRE * ringing(4000.0, 0.3) for i in shown}
+    before, rocking = rocking_in(with_added(linear, turned))
+    assert rocking.evidence > 1e4
+    assert not borne_out(before, rocking)
+
+
+def test_an_impact_stronger_than_all_others_is_told_from_the_rest(linear: Session) -> None:
+    fitted = fit(problem_of(linear))
+    peak = [float(np.abs(s.raw).max()) for s in fitted.segments]
+    strongest, weakest = int(np.argmax(peak)), int(np.argmin(peak))
+    assert follow_strength(fitted, [strongest])
+    assert not follow_strength(fitted, [weakest])
+
+
+def test_no_load_loses_all_its_impacts(linear: Session) -> None:
+    problem = problem_of(linear)
+    names = [s.name for s in problem.experiment.segments]
+    assert without(problem, names[:4]) is None
+    rest = without(problem, names[:3])
+    assert rest is not None
+    assert [s.name for s in rest.experiment.segments] == names[3:]

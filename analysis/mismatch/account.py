@@ -128,7 +128,9 @@ class Account(ABC, Generic[FitOf]):
             value, error, unit = read
             known = Interval(value, value - NORMAL_95 * error, value + NORMAL_95 * error, unit)
             return term.moved({name: value}), {name: known}
-        return term, {k: replace(v, unit=self.unit(v.unit)) for k, v in intervals(fitted, number).items()}
+        selection = self.selection
+        left = beyond_noise(selection, selection.last_screening) if selection.problem.noise_known else 0.0
+        return term, {k: replace(v, unit=self.unit(v.unit)) for k, v in intervals(fitted, number, left).items()}
 
     def named(self, fitted: FitOf, number: int) -> Named:
         """Return what is said of a mechanism that was accepted."""
@@ -162,6 +164,13 @@ class Account(ABC, Generic[FitOf]):
         if isinstance(m, ChannelDistortion):
             return m.of
         return {AddedBody: "body", Tones: "sensor", SecondImpact: "input"}[type(m)]
+
+
+def beyond_noise(selection: Selection[FitOf], screening: Screening) -> float:
+    """Return the chi-squared beyond noise of what a model leaves; 0 where it leaves nothing."""
+    if screening.p_value >= selection.problem.policy.level:
+        return 0.0
+    return max(screening.unexplained, *(s.gain - s.dof for s in screening.scores), 0.0)
 
 
 def element_of_component(rig: Arrangement, component: str) -> str | None:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from analysis.mismatch.account import Account
+from analysis.mismatch.account import Account, beyond_noise
 from analysis.mismatch.answer import Answer, Named, RecordingFile, Remainder, Rival, UpperLimit, Verdict
 from analysis.mismatch.limits import complete_probability, probability_of_nothing, rivals_of_nothing, upper_limits
 from analysis.mismatch.problem import OnProgress, silent
@@ -217,9 +217,7 @@ def _upper_limits(account: Account[Any], named: Sequence[Named]) -> tuple[UpperL
     present = {m.id for m in named} | {k for m in named for k in m.indistinguishable_from}
     selection = account.selection
     screening = selection.last_screening if named else selection.screening
-    left = 0.0
-    if screening.p_value < (selection.problem.policy.level):
-        left = max(screening.unexplained, *(s.gain - s.dof for s in screening.scores))
+    left = beyond_noise(selection, screening)
     found = upper_limits([s for s in screening.scores if s.term.mechanism.id not in present], left)
     return tuple(replace(u, unit=account.unit(u.unit)) for u in found)
 

@@ -24,8 +24,11 @@ PULSE_S = 9e-5  # rms length of a tap's pulse (half a sine of 0.4 ms)
 STRIDE, LONGEST_STRIDE = math.log(1.6), math.log(4.0)  # of the first step along a profile, of any
 
 
-def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
+def intervals(fitted: Fit, number: int, left: float = 0.0) -> dict[str, Interval]:
     """Return the intervals of the parameters of a fit's term, and of what follows from them.
+
+    ``left`` is the chi-squared beyond noise that the fit leaves. What made it may have moved the parameters by as much:
+    errors are wider by its root.
 
     Added bodies that the data hold only loosely get theirs from the profile: where chi-squared has risen to its 95 %
     point with the first parameter held and all else, but for what force laws add to the segments, fitted again.
@@ -35,6 +38,7 @@ def intervals(fitted: Fit, number: int) -> dict[str, Interval]:
     covariance = fitted.term_covariances[number]
     if isinstance(fitted, RingDownFit) and term.phase_locked:
         covariance = covariance + _unknown_pulse(fitted)
+    covariance = covariance * (1 + math.sqrt(left) / NORMAL_95) ** 2
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     found = {}
     for q, error in zip(quantities, errors, strict=True):

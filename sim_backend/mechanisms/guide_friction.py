@@ -6,7 +6,7 @@ import math
 
 from sim_backend.mechanisms.kinds import ForceLaw, Quantity, law
 
-NAME = "friction_force_n"
+NAME, ROUNDING = "friction_force_n", "rounding"
 ROUNDINGS = (5000.0, 500.0, 50.0)  # the sign of the speed is rounded below such a share of the speed after an impact
 
 
@@ -24,10 +24,11 @@ MECHANISM = ForceLaw(
     parameters=(Quantity(NAME, "N", 0.0, 1e25, "friction force"),),
     strength=NAME,
     jumps=True,
-    trials=lambda scale: [{NAME: 0.001 * scale.force, "rounding": scale.rate / r} for r in ROUNDINGS],
+    rounding=ROUNDING,
+    trials=lambda scale: [{NAME: 0.001 * scale.force, ROUNDING: scale.rate / r} for r in ROUNDINGS],
     law=force_law,
     fits=("guide", "pendulum", "damper", "spring", "joint", "contact"),
-    constants=lambda values, rest: (values[NAME], values["rounding"]),
+    constants=lambda values, rest: (values[NAME], values[ROUNDING]),
     statement=lambda values, name: (
         f"The {name} rubs: a dry friction of {values[NAME]:.4g} N works against the motion, whatever its speed."
     ),

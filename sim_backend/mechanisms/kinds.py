@@ -191,6 +191,8 @@ class ForceLaw(Mechanism):
         Whether it makes the rig change with time, not with amplitude.
     jumps
         Whether its force jumps, so that slopes along a recording are taken over a distance and not at a point.
+    rounding
+        The fixed value that rounds the jump off: the smaller it is, the more abrupt. It is numerics, not physics.
     stiffness_exponent
         What ``d ln k_c / d ln P`` has to be where this is the contact's law, and its tolerance.
     """
@@ -202,6 +204,7 @@ class ForceLaw(Mechanism):
     last: bool = False
     with_time: bool = False
     jumps: bool = False
+    rounding: str = ""
     stiffness_exponent: tuple[float, float] | None = None
 
     def packed(self, values: Values, rest: AtRest, h: float) -> Real:

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 WITHOUT_LAWS = 0.6  # work of what a term without a force law adds, of a sample
 TOGETHER = 32  # runs that are carried along in one call
 BEYOND = 10  # samples that a segment is continued at its ends for what a channel does to it
+SMOOTH = 0.02  # of the speed of an element after an impact, within which a jump is rounded off for its slopes
+SPEED_S = np.arange(64) / 2.5e4  # when that speed is read, s
 SPLINE = 5  # degree in which a tap's pulse is shifted by parts of a sample
 
 
@@ -213,6 +215,25 @@ class AddedResponse:
         own = max(float(np.abs(segment.raw).max()), float(np.abs(clean).max()))
         whole = max(float(np.abs(r.raw).max()) for r in self.problem.experiment.segments)
         return dict(term.values) | {"peak": whole if term.values.get("of_session") else own}
+
+
+def smooth(added: AddedResponse, substeps: int, runs: Sequence[Run]) -> AddedResponse:
+    """Return the same in the steps in which slopes are taken: jumps rounded off to `SMOOTH` of the speed.
+
+    The difference of two motions whose forces jump at slightly other times is noise where these times are not exact,
+    and noise would count as information on what was moved.
+    """
+    terms = [_rounded(t, runs) for t in added.terms]
+    same = substeps == added.substeps and all(a is b for a, b in zip(terms, added.terms, strict=True))
+    return added if same else AddedResponse(added.problem, terms, substeps)
+
+
+def _rounded(term: Term, runs: Sequence[Run]) -> Term:
+    name = term.mechanism.rounding if isinstance(term.mechanism, ForceLaw) else ""
+    if not name or not runs:
+        return term
+    speeds = [float(np.abs(v.to.motion(v.amplitudes, term.place[0], SPEED_S)[1]).max()) for _, v in runs]
+    return term.moved({name: max(term.values[name], SMOOTH * float(np.median(speeds)))})
 
 
 def _is_double_hit(term: Term) -> bool:

@@ -13,11 +13,22 @@ from analysis.mismatch.chi_squared import evidence
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.ring_downs.continuation import continued
 from analysis.mismatch.ring_downs.coordinates import admissible
-from analysis.mismatch.ring_downs.fit import COMPETING_ITERATIONS, Complex, Start, Stop, fit, without_added
+from analysis.mismatch.ring_downs.fit import (
+    COMPETING_ITERATIONS,
+    CONVERGED,
+    Complex,
+    Start,
+    Stop,
+    fit,
+    objective_with,
+    without_added,
+)
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
 from analysis.mismatch.score_test import Score, screen
 from analysis.mismatch.selection import Candidate, started
 from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism, Tones
+
+ABRUPT_STEPS, MOST_ABRUPT_STEPS = (3.0, 1.5, 1.15), 8  # factors by which a jump's rounding is changed, how often each
 
 Begin = tuple[Term, RingDownFit | None]
 """Values of a term, and the fit whose rig it starts from; None for the rig as declared."""
@@ -136,9 +147,31 @@ def competing(
 def converged(fitted: RingDownFit) -> RingDownFit:
     """Go on with a fit until no step gains anything."""
     if fitted.nonlinear:  # while it competed it was computed in coarser steps
-        return fit(fitted.problem, fitted.terms, fitted, Start(amplitudes=fitted.amplitudes))
+        found = fit(fitted.problem, fitted.terms, fitted, Start(amplitudes=fitted.amplitudes))
+        terms = as_abrupt_as_recorded(found)
+        if terms == found.terms:
+            return found
+        return fit(found.problem, terms, found, Start(amplitudes=found.amplitudes))
     found = fit(fitted.problem, fitted.terms, fitted)
     return found if found.objective < fitted.objective else fitted
+
+
+def as_abrupt_as_recorded(fitted: RingDownFit) -> tuple[Term, ...]:
+    """Return the terms with jumps rounded off as the recordings have it: trials begin with a few values of it alone.
+
+    A wrong one would be left over as if something else were at work, and the law's strength would make up for it.
+    """
+    terms, best = fitted.terms, fitted.objective
+    for i, name in enumerate(t.mechanism.rounding if isinstance(t.mechanism, ForceLaw) else "" for t in terms):
+        for factor in [f for s in ABRUPT_STEPS for f in (1 / s, s)] if name else ():
+            for _ in range(MOST_ABRUPT_STEPS):
+                moved = terms[i].moved({name: factor * terms[i].values[name]})
+                tried = (*terms[:i], moved, *terms[i + 1 :])
+                objective = objective_with(fitted, tried)
+                if not objective < best - CONVERGED:
+                    break
+                terms, best = tried, objective
+    return terms
 
 
 def elsewhere(current: RingDownFit, scores: Sequence[Score]) -> list[Begin]:

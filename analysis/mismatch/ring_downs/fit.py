@@ -141,7 +141,7 @@ def _finished(model: RingDownModel, found: Evaluation[Point], exact: bool, known
     added, point = model.added, found.point
     spread = np.zeros((model.size, model.size))
     if known and not model.frozen:
-        linear = model.linearised(found, exact, added)
+        linear = model.linearised(found, exact, model.smooth)
         basis = np.eye(model.size)
         basis[: model.common, : model.common] = linear.basis
         spread = basis @ covariance(linear.normal) @ basis.T
@@ -165,6 +165,17 @@ def _finished(model: RingDownModel, found: Evaluation[Point], exact: bool, known
         found.penalty, spread, tuple(covariances), model.problem, point.modes, point.to, point.coefficients,
         tuple(point.amplitudes), point.segments, added.substeps,
     )  # fmt: skip
+
+
+def objective_with(fitted: RingDownFit, terms: Sequence[Term]) -> float:
+    """Return the objective of a fit with other fixed values in its terms, all else as it is."""
+    added = AddedResponse(fitted.problem, terms, fitted.substeps)
+    model = RingDownModel(fitted.problem, added, np.ones(fitted.covariance.shape[0], bool))
+    at = Point(
+        fitted.constants.rig, fitted.constants.load, added.start_free(), fitted.coefficients, fitted.segments,
+        fitted.modes, fitted.responses,
+    )  # fmt: skip
+    return model.evaluate(at).objective
 
 
 def without_added(fitted: RingDownFit) -> RingDowns:

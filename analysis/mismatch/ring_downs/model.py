@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from analysis.mismatch.least_squares import Evaluation, Linearisation, Tangent
 from analysis.mismatch.problem import Constants
-from analysis.mismatch.ring_downs.added_response import AddedResponse, Run, Variant
+from analysis.mismatch.ring_downs.added_response import AddedResponse, Run, Variant, smooth
+from analysis.mismatch.ring_downs.common_scale import growth, undetermined_mass, without_scale
 from analysis.mismatch.ring_downs.experiment import Segment
 from analysis.mismatch.ring_downs.linear import linear_rigs
 from analysis.mismatch.ring_downs.modes import Nuisance, Overdamped, Sensitivity, constant_steps, slope_columns
@@ -104,8 +105,8 @@ class RingDownModel:
         self.at_free = self.common + self.groups * self.each
         self.size = self.at_free + len(added.free)
         self.moving = np.flatnonzero(~fixed[: self.common + self.each])  # of the constants, those of a load alike
-        # a step need not know its slopes as well as the fit's end its value
-        self.coarse = AddedResponse(problem, added.terms, COMPETING_SUBSTEPS) if added.propagated else added
+        self.mass = undetermined_mass(added)
+        self.coarse = self.smooth = added
 
     def begin(self, point: Point, amplitudes: Sequence[Complex], without: float) -> Evaluation[Point]:
         """Return where the fit begins.
@@ -128,6 +129,10 @@ class RingDownModel:
             for k, q in strength:
                 free[k] = q.inward(q.outward(free[k]) * WEAKER)
             point = replace(point, free=free)
+        if self.added.propagated:  # a step need not know its slopes as well as the fit's end its value
+            runs = self._runs(found.point, found.point.amplitudes, self.added)
+            self.coarse = smooth(self.added, COMPETING_SUBSTEPS, runs)
+            self.smooth = smooth(self.added, self.added.substeps, runs)
         return found
 
     def constants(self, point: Point) -> Constants:
@@ -138,7 +143,7 @@ class RingDownModel:
         """Return the point with each segment's own coefficients fitted again, by linear least squares."""
         linear = [s.y for s in point.segments]
         if amplitudes and self.added.nonlinear:
-            added = self.added.extra(self._runs(point, amplitudes))
+            added = self.added.extra(self._runs(point, amplitudes, self.added))
             linear = [y - own for y, own in zip(linear, added, strict=True)]
         coefficients = []
         for y, segment in zip(linear, point.segments, strict=True):
@@ -146,9 +151,9 @@ class RingDownModel:
             coefficients.append(np.asarray(np.linalg.lstsq(r, q.T @ y.ravel(), rcond=1e-12)[0], np.float64))
         return replace(point, coefficients=tuple(coefficients)).timed()
 
-    def _runs(self, point: Point, amplitudes: Sequence[Complex]) -> list[Run]:
+    def _runs(self, point: Point, amplitudes: Sequence[Complex], added: AddedResponse) -> list[Run]:
         """Return with what each segment is predicted."""
-        terms, constants = self.added.with_free(point.free), self.constants(point)
+        terms, constants = added.with_free(point.free), self.constants(point)
         values = [constants.at(g) for g in range(self.groups)]
         return [
             (s, Variant(terms, a, values[s.group], point.to[s.group]))
@@ -161,7 +166,7 @@ class RingDownModel:
         self.problem.budget.spent += EVALUATED * self.problem.samples
         extra = [np.zeros_like(s.y) for s in point.segments]
         if added.nonlinear:
-            extra = added.extra(self._runs(point, point.amplitudes))
+            extra = added.extra(self._runs(point, point.amplitudes, added))
         residuals = tuple(
             s.y - added.nuisance.columns(point.modes[s.group], s) @ c - own
             for s, c, own in zip(point.segments, point.coefficients, extra, strict=True)
@@ -181,8 +186,8 @@ class RingDownModel:
         normal = np.zeros((self.size, self.size))
         tangents: list[Tangent] = []
         basis = added.coordinates.basis(point.rig)
-        runs = self._runs(point, point.amplitudes) if self.added.nonlinear else []
-        extra = point.added if added.substeps == self.added.substeps or not runs else tuple(added.extra(runs))
+        runs = self._runs(point, point.amplitudes, added) if self.added.nonlinear else []
+        extra = point.added if added is self.added or not runs else tuple(added.extra(runs))
         changed = self._changed(point, runs, extra, added, exact)
         delayed = self._delayed(runs, extra, added) if added.has_second_impact else []
         for i, (segment, a) in enumerate(zip(point.segments, point.amplitudes, strict=True)):
@@ -197,6 +202,10 @@ class RingDownModel:
                 slopes[:, :, self.moving] += changes[:, :, free + modal :]
             slopes[:, :, : self.common] = slopes[:, :, : self.common] @ basis
             common = np.concatenate([slopes, changes[:, :, :free]], axis=2).reshape(segment.y.size, -1)
+            if self.mass is not None:
+                common = without_scale(
+                    common, growth(added, basis, point.rig, point.load[segment.group], point.free), self.mass
+                )
             if added.has_second_impact:
                 own = np.concatenate([own, delayed[i][:, :, None]], axis=2)
             kept = not (exact and changed) and not added.has_second_impact
@@ -280,7 +289,7 @@ class RingDownModel:
         nearby = self._nearby(point) if exact and runs else []
         steps: list[list[_Step]] = []
         for (segment, here), c in zip(runs, point.coefficients, strict=bool(runs)):
-            own = self._parameter_steps(point.free, here)
+            own = self._parameter_steps(point.free, here, added)
             if exact:
                 own += _amplitude_steps(segment, c, point.modes[segment.group], here)
                 own += _constant_steps(nearby[segment.group], segment, c, here)
@@ -310,7 +319,7 @@ class RingDownModel:
                 found[g].append((float(steps[g, k]), replace(s, rig=rig), variant))
         return found
 
-    def _parameter_steps(self, free: Real, here: Variant) -> list[_Step]:
+    def _parameter_steps(self, free: Real, here: Variant, added: AddedResponse) -> list[_Step]:
         """Return steps of the free parameters of the terms."""
         steps = []
         for k, q in enumerate(self.added.free):
@@ -319,7 +328,7 @@ class RingDownModel:
             if abs(q.outward(x[k] + step) - q.outward(x[k])) < 1e-300:
                 step = -step
             x[k] += step
-            steps.append((step, replace(here, terms=self.added.with_free(x))))
+            steps.append((step, replace(here, terms=added.with_free(x))))
         return steps
 
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 from rich.console import Console
 
-from analysis.mismatch.answer import NextExperiment, Remainder
+from analysis.mismatch.answer import NextExperiment, Remainder, SetAside
+from mesotap.answers.diagnosis_json import diagnosis_json
 from mesotap.answers.diagnosis_text import next_words, print_answer, verdict_sentence
 from tests.mesotap.answers.made import ANSWER, HERE, LEARNED, NAMED
 
@@ -60,6 +61,21 @@ def test_what_no_force_takes_away_is_not_called_small() -> None:
     said = verdict_sentence(replace(ANSWER, remainder=Remainder(0.0, 0.0, 1e-6, HERE, "Something is left.")))
     assert "something else remains in the lower mass at 4.1 kHz" in said
     assert "small" not in said
+
+
+def test_a_tap_that_was_set_aside_is_told_in_words_and_to_programs() -> None:
+    assert "set aside" not in verdict_sentence(ANSWER)
+    assert "set_aside" not in diagnosis_json(ANSWER, 1.0)
+    off = SetAside("00014", "796 mN", "Tap 15 (at 796 mN) was off centre.")
+    answer = replace(ANSWER, set_aside=(off,))
+    assert verdict_sentence(answer).endswith("One tap shows what no other does and is set aside.")
+    two = replace(ANSWER, set_aside=(off, off))
+    assert verdict_sentence(two).endswith("2 taps show what no other does and are set aside.")
+    shown = Console(file=io.StringIO(), width=200)
+    print_answer(answer, shown)
+    assert "set aside: Tap 15 (at 796 mN) was off centre." in shown.file.getvalue()  # type: ignore[attr-defined]
+    said = [{"segment": "00014", "group": "796 mN", "statement": off.statement}]
+    assert diagnosis_json(answer, 1.0)["set_aside"] == said
 
 
 def test_the_next_recording_is_asked_for_in_a_sentence() -> None:

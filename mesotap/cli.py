@@ -403,11 +403,12 @@ def export(
     modes: Annotated[
         bool, typer.Option("--modes", help="Also the modes, as data sets 55 of a universal file.")
     ] = False,
+    json: JsonPath = None,
 ) -> None:
     """Write a recording, or the accepted impacts of a session, for another program."""
     from mesotap.commands.export import export as write
 
-    write(source, output, rate, text, modes, _console(None))
+    write(source, output, rate, text, modes, json, _console(json))
 
 
 @app.command()
@@ -527,18 +528,20 @@ app.add_typer(plugin_commands)
 def config_check(
     file: Annotated[Path | None, typer.Argument(help="config.yaml by default.", show_default=False)] = None,
     changes: Changes = None,
+    json: JsonPath = None,
 ) -> None:
     """Check a configuration against the allowed values."""
     from mesotap.commands.config import older
+    from mesotap.commands.outputs import write_json
     from mesotap.configuration.config import load_config, remarks
     from mesotap.operator.terminal import say
 
-    config = load_config(file, changes or ())
-    say(f"{file or 'config.yaml'}: valid")
-    if remark := older(file):
-        say(remark)
-    for line in remarks(config):
-        say(line)
+    found = [*([line] if (line := older(file)) else []), *remarks(load_config(file, changes or ()))]
+    name = str(file or "config.yaml")
+    if json is None or str(json) != "-":
+        for line in (f"{name}: valid", *found):
+            say(line)
+    write_json(json, {"file": name, "valid": True, "remarks": found})
 
 
 @config_app.command("show")
@@ -569,8 +572,10 @@ def config_migrate(
 @config_app.command("init")
 def config_init(
     file: Annotated[Path, typer.Argument(help="File to write.")] = Path("config.yaml"),
+    json: JsonPath = None,
 ) -> None:
     """Write a commented configuration to start from; never overwrites one."""
+    from mesotap.commands.outputs import write_json
     from mesotap.configuration.config import ConfigError, default_text
     from mesotap.operator.terminal import say
 
@@ -579,7 +584,9 @@ def config_init(
             new.write(default_text())
     except FileExistsError:
         raise ConfigError(f"{file}: exists already; it is left as it is") from None
-    say(f"{file}: written; edit it, then 'mesotap config check {file}'")
+    if json is None or str(json) != "-":
+        say(f"{file}: written; edit it, then 'mesotap config check {file}'")
+    write_json(json, {"written": str(file)})
 
 
 @rig_app.command("init")
@@ -599,11 +606,12 @@ def rig_init(
             show_default=False,
         ),
     ] = None,
+    json: JsonPath = None,
 ) -> None:
     """Look at a recording and write a commented first description of its rig; never overwrites one."""
     from mesotap.commands.rigs import begin_rig
 
-    begin_rig(files, output, rate, inputs or (), _console(None))
+    begin_rig(files, output, rate, inputs or (), json, _console(json))
 
 
 @rig_app.command("check")
@@ -629,12 +637,15 @@ def certificate_write(
     country: Annotated[str, typer.Option("--country", help="Two letters, as DE or US.", show_default=False)],
     config: ConfigPath = None,
     changes: Changes = None,
+    json: JsonPath = None,
 ) -> None:
     """Write the gauge's calibration as a certificate in PTB's DCC format (supports ISO/IEC 17025; not signed)."""
     from mesotap.answers.certificate import Laboratory
     from mesotap.commands.certificate import write_certificate
 
-    write_certificate(source, output, Laboratory(laboratory, city, country), config, changes or (), _console(None))
+    write_certificate(
+        source, output, Laboratory(laboratory, city, country), config, changes or (), json, _console(json)
+    )
 
 
 @certificate_app.command("check")

@@ -32,6 +32,7 @@ def write_certificate(
     laboratory: Laboratory,
     config_path: Path | None,
     changes: Sequence[str],
+    json_path: Path | None,
     console: Console,
 ) -> None:
     """Write the certificate of the gauge of a session; never over a file that is there."""
@@ -52,6 +53,7 @@ def write_certificate(
     content = certificate_xml(opened, config.calibration, laboratory, datetime.now(UTC).date())
     page = written(output, content.decode())
     console.print(f"certificate {escape(page)}", highlight=False, soft_wrap=True)
+    write_json(json_path, {"written": str(page)})
 
 
 def check_certificate(file: Path, schema: Path | None, json_path: Path | None, console: Console) -> None:

@@ -11,12 +11,20 @@ from daq.errors import RecordingError
 from daq.exchange.exporting import Shape, export_recording
 from daq.exchange.recording import Recording
 from daq.records import Session
-from mesotap.commands.outputs import make_ready, refuse_to_overwrite
+from mesotap.commands.outputs import make_ready, refuse_to_overwrite, write_json
 from mesotap.commands.recordings import opened
 from mesotap.operator.terminal import escape
 
 
-def export(source: Path, output: Path, rate: float | None, text: bool, with_modes: bool, console: Console) -> None:
+def export(
+    source: Path,
+    output: Path,
+    rate: float | None,
+    text: bool,
+    with_modes: bool,
+    json_path: Path | None,
+    console: Console,
+) -> None:
     """Write a recording or a session in the format that the ending of ``output`` says, and say what is in it."""
     refuse_to_overwrite(output)
     make_ready(output, None)
@@ -30,6 +38,8 @@ def export(source: Path, output: Path, rate: float | None, text: bool, with_mode
     shapes = f", {len(modes)} modes" if with_modes else ""
     said = f"{escape(output)}: {channels} channels, {samples} samples at {recording.rate_hz:g} Hz{shapes}"
     console.print(said, highlight=False, soft_wrap=True)
+    answer = {"written": str(output), "channels": list(recording.names), "samples": samples, "modes": len(modes)}
+    write_json(json_path, {**answer, "rate_hz": recording.rate_hz})
 
 
 def accepted_impacts(session: Session) -> Recording:

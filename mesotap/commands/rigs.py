@@ -27,7 +27,14 @@ from mesotap.operator.terminal import escape
 HELPS = 0.5  # of a channel's rms, that a rig with another constant may miss for the constant to be worth naming
 
 
-def begin_rig(files: Sequence[Path], output: Path, rate: float | None, inputs: Sequence[str], console: Console) -> None:
+def begin_rig(
+    files: Sequence[Path],
+    output: Path,
+    rate: float | None,
+    inputs: Sequence[str],
+    json_path: Path | None,
+    console: Console,
+) -> None:
     """Write a first rig file from what the first of some recordings shows; never overwrites one.
 
     Parameters
@@ -61,6 +68,7 @@ def begin_rig(files: Sequence[Path], output: Path, rate: float | None, inputs: S
         highlight=False,
         soft_wrap=True,
     )
+    write_json(json_path, {"written": str(output), "seen": list(seen(look))})
 
 
 def check_rig(file: Path, recordings: Sequence[Path], json: Path | None, console: Console) -> None:

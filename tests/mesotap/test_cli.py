@@ -395,3 +395,13 @@ def test_control_c_ends_safely_and_resume_goes_on(tmp_path):
     assert "Traceback" not in errors
     ended = [json.loads(line)["event"] for line in journal.read_text().splitlines()[-2:]]
     assert ended == ["safe", "hardware"]  # and then what the run had to repeat
+
+
+def test_every_command_that_answers_or_writes_has_an_answer_for_programs(tmp_path):
+    written = tmp_path / "new.yaml"
+    assert json.loads(mesotap("config", "init", written, "--json", "-").stdout) == {"written": str(written)}
+    checked = json.loads(mesotap("config", "check", written, "--json", "-").stdout)
+    assert (checked["file"], checked["valid"]) == (str(written), True)
+    for command in COMMANDS:
+        if command not in ("config", "console"):
+            assert "--json" in mesotap(command, "--help").stdout, command

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -19,9 +20,8 @@ from tests.mesotap.report.test_report import make_session
 
 def exported(source, output, **options) -> str:
     said = io.StringIO()
-    export(
-        source, output, options.get("rate"), options.get("text", False), options.get("modes", False), Console(file=said)
-    )
+    flags = options.get("text", False), options.get("modes", False), options.get("json")
+    export(source, output, options.get("rate"), *flags, Console(file=said))
     return said.getvalue()
 
 
@@ -46,7 +46,8 @@ def test_modes_of_a_recording_go_along(tmp_path):
     tones = [np.exp(-2 * np.pi * f * 0.01 * t) * np.sin(2 * np.pi * f * np.sqrt(1 - 1e-4) * t) for f in (90.0, 400.0)]
     data = np.array([[1.0, 0.5], [2.0, -0.5]]) @ np.array(tones) + 1e-3 * rng.standard_normal((2, 4000))
     np.savetxt(tmp_path / "r.csv", np.column_stack([t, data.T]), delimiter=",", header="time [s],a,b", comments="")
-    assert "2 modes" in exported(tmp_path / "r.csv", tmp_path / "r.uff", modes=True)
+    assert "2 modes" in exported(tmp_path / "r.csv", tmp_path / "r.uff", modes=True, json=tmp_path / "r.json")
+    assert json.loads((tmp_path / "r.json").read_text())["channels"] == ["a", "b"]
     modes = [s for s in pyuff.UFF(str(tmp_path / "r.uff")).read_sets() if s["type"] == 55]
     for mode, f, shape in zip(modes, (90.0, 400.0), ([0.5, 1.0], [1.0, -1.0]), strict=True):
         assert abs(mode["eig"]) == pytest.approx(2 * np.pi * f, rel=1e-3)

@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 DEMO := demo
 SEED := 1
 
-.PHONY: demo test test-all check lint types layers kills recovery gauges bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness package clean
+.PHONY: demo test test-all check lint types layers kills recovery gauges bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness package docs clean
 .PHONY: console-stop console-kills console-axe console-soak console-pictures
 
 demo: $(VENV)/.installed
@@ -157,5 +157,16 @@ package: $(VENV)/.tested
 	$$bin/mesotap simulate tap.h5 --seed 1; $$bin/mesotap analyze tap.h5; \
 	$$bin/python -c "import mesotap; print(mesotap.read_session('tap.h5').impacts[0].acceleration.shape)"
 
+# the documentation as a site in site/, from the pages in docs/ and the docstrings; links and examples are checked
+docs: $(VENV)/.documented
+	rm -rf site
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m sphinx -q -W --keep-going -b html -d build/docs docs site
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python docs/_site/check.py site
+	@echo "$(CURDIR)/site/index.html"
+
+$(VENV)/.documented: $(VENV)/.tested
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,docs]'
+	touch $@
+
 clean:
-	rm -rf $(VENV) .venv-bench .venv-witness .venv-package $(DEMO) build dist *.egg-info .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) site .venv-bench .venv-witness .venv-package $(DEMO) build dist *.egg-info .mypy_cache .ruff_cache .hypothesis .import_linter_cache

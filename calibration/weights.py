@@ -51,8 +51,8 @@ def normal_gravity(latitude_deg: float, height_m: float = 0.0) -> float:
 
     Examples
     --------
-    >>> round(normal_gravity(45.0), 5)
-    9.80620
+    >>> round(normal_gravity(45.0), 4)
+    9.8062
     """
     square = math.sin(math.radians(latitude_deg)) ** 2
     at_sea = 9.7803253359 * (1 + 0.00193185265241 * square) / math.sqrt(1 - 0.00669437999013 * square)

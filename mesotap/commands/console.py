@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from mesotap.commands.outputs import make_ready
 from mesotap.configuration.config import ConfigError, load_config
 from mesotap.console.at_work import Bench
 from mesotap.console.server import Address, ConsoleError, ConsoleServer
@@ -35,6 +36,8 @@ def console(
         )
     if root.exists() and not root.is_dir():
         raise ConsoleError(f"{root}: is not a folder, and sessions are written into one; name another --output")
+    if not scope:
+        make_ready(None, root)  # neither is it told to whoever presses Start that no folder can be made there
     load_config(config_path, changes)  # a mistake is told here, not to whoever opens the page
     server = ConsoleServer(Bench(config_path, changes, choice, root, log_wire, scope), address, said)
     if not address.loopback:

@@ -55,9 +55,19 @@ def _one_line(path: Path, value: str) -> str:
         raise ConfigError(f"{where}: {shown(value)} is not one value; change it in the file")
     if "#" in value or value.strip() == "" or isinstance(content, str):
         # as it is written within a list in one line, where more has to be quoted
-        within = yaml.safe_dump([content if value.strip() else ""], default_flow_style=True, width=10**6)
-        return within.strip()[1:-1]
+        return as_written(content if value.strip() else "")
     return value.strip()
+
+
+def as_written(value: object) -> str:
+    """Return a value as YAML that stands within a line, letters of other alphabets as they are.
+
+    Examples
+    --------
+    >>> as_written("plate #7: Müller")
+    "'plate #7: Müller'"
+    """
+    return yaml.safe_dump([value], default_flow_style=True, width=10**6, allow_unicode=True).strip()[1:-1]
 
 
 def _with(text: str, path: Path, value: str, name: str) -> str:

@@ -193,7 +193,10 @@ def sentence(fault: Any, whole: type[BaseModel]) -> str:
         return f"{key.removesuffix('.' + KEY)} is no name: name it with letters; a number has a decimal point, no comma"
     if fault["type"] == "string_type" and isinstance(fault["input"], int | float):
         message += ", so write it in quotes"
-    return f"{key} is {_value(fault['input'])}: {message[0].lower()}{message[1:]}"
+    if fault["type"] in ("tuple_type", "list_type"):
+        message = "expected a list in brackets, such as [100, 200]"
+    value = "empty" if fault["input"] is None else _value(fault["input"])
+    return f"{key} is {value}: {message[0].lower()}{message[1:]}"
 
 
 def _value(value: object) -> str:

@@ -8,8 +8,10 @@ drifted, and when it is asked, a ``snapshot``: the session so far as a session f
 from __future__ import annotations
 
 import os
+import select
 import socket
 import sys
+import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -252,6 +254,7 @@ def warm_up() -> None:
 def main(descriptor: int) -> None:
     """Answer until the connection ends."""
     connection = socket.socket(fileno=descriptor)
+    threading.Thread(target=_end_with, args=(connection.fileno(),), daemon=True).start()
     analyst = Analyst()
     warm_up()
     with connection.makefile("rb") as stream:
@@ -259,6 +262,14 @@ def main(descriptor: int) -> None:
             message, numbers = got
             for answer in answers(analyst, message, numbers):
                 connection.sendall(frame(answer))
+
+
+def _end_with(descriptor: int) -> None:
+    """End this process with its connection, whatever is being compiled or worked out: nobody wants it any more."""
+    watched = select.poll()
+    watched.register(descriptor, select.POLLRDHUP)
+    watched.poll()
+    os._exit(0)
 
 
 def answers(analyst: Analyst, message: Message, numbers: bytes) -> Iterator[Message]:

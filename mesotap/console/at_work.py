@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from daq.durable import make_folder, write_error
 from mesotap.configuration.config import Config, load_config, text_of
 from mesotap.console.board import VIEW_IDLE, Board
 from mesotap.console.child import Child
@@ -112,7 +113,10 @@ class AtWork:
         """
         self._runs_sessions()
         path = self.bench.new_folder()
-        self.bench.root.mkdir(parents=True, exist_ok=True)
+        try:
+            make_folder(self.bench.root)
+        except OSError as error:
+            raise write_error(self.bench.root, error) from error
         load_config(self.bench.config_path, (*self.bench.changes, *changes))
         name = str(self.bench.config_path or "config.yaml")
         await self._start(
@@ -178,7 +182,7 @@ class AtWork:
             await self._child.end()
         await self.so_far.end()
         if self._analyst is not None:
-            await self._analyst.end()
+            await self._analyst.end(at_once=True)
 
     def _hear(self, message: Message, numbers: bytes) -> None:
         """Hear what the session tells: the pages are shown it, and the analysis is given what it needs."""
@@ -227,7 +231,8 @@ class AtWork:
                 if self._child is child:  # not of the guardian of an earlier session
                     self.board.said(line)
 
-            child = Child(SESSION, self._hear, lambda code: self.board.gone(), beats=True, said=said)
+            guarded = self.bench.choice.outlives
+            child = Child(SESSION, self._hear, lambda code: self.board.gone(code, guarded), beats=True, said=said)
             await child.start()
             self._child = child
             child.tell(order)

@@ -7,6 +7,7 @@ Parts: ``state`` (where the session is, what to do), ``load``, ``calibration``, 
 from __future__ import annotations
 
 import hashlib
+import json
 import time
 from collections import deque
 from collections.abc import Callable
@@ -17,11 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mesotap.console.frames import Message, frame
-from mesotap.session.guardian import GOES_ON, SAYS
+from mesotap.session.guardian import DIED, GOES_ON, SAYS
 
 REPORT, DIAGNOSIS = "report.html", "diagnosis.html"
 RECORDS_KEPT = 64
 LINES_KEPT = 30
+JOURNAL, JOURNAL_END, SAFE = "journal.jsonl", 1 << 16, b'"event": "safe"'
+"""Of a session's folder: the journal, how many bytes of its end are looked through, and what begins such a line."""
 
 WHAT_TO_DO = {
     "CONNECT": "Nothing to do: the devices are being connected.",
@@ -200,6 +203,8 @@ class Board:
         tap = self.taps.get(message["number"])
         if tap is not None:
             reason = "" if message["accepted"] else f"by hand: {message['reason']}"
+            if message["accepted"] and tap["reason"]:
+                tap["overruled"] = tap["reason"]
             tap.update(accepted=message["accepted"], reason=reason, by_hand=message["reason"])
             self.show("taps")
 
@@ -304,28 +309,59 @@ class Board:
             self.state["stopping"] = True
             self.show("state")
 
-    def gone(self) -> None:
-        """See the process of the session, or of the view, gone; one that was killed leaves the rest to the guardian."""
+    def gone(self, code: int, guarded: bool) -> None:
+        """See the process of the session, or of the view, gone.
+
+        Parameters
+        ----------
+        code
+            Its exit code; negative if a signal ended it, which leaves the load to others.
+        guarded
+            Whether there is a guardian: a rig that is simulated within the process ends with it.
+        """
         self.state.update(running=False, viewing=False, stopping=False)
-        if self.state["ended"] is None:
-            self._killed("the guardian takes the surfaces apart", "Look whether the surfaces are apart")
-        self.show("state")
+        process = self._process()
+        if self.state["ended"] is not None:
+            pass
+        elif code >= 0:
+            how = last_safe(self.folder) or "session.log says how"
+            self._cut_off(f"the {process} ended while the console heard nothing of it: {how}", "Look at the rig")
+        elif guarded:
+            guardian = "if the surfaces touched, the guardian takes them apart and says so here"
+            self._cut_off(f"the {process}'s process was killed; {guardian}", "Look whether the surfaces are apart")
+        else:
+            self._cut_off(f"the {process}'s process was killed, and the simulated rig with it", "")
+        self.show("state", "load")
 
     def said(self, line: str) -> None:
         """Hear a line of the process, or of the guardian after it: what came of the load."""
         if not line.startswith(SAYS):
             return
-        told = line.removeprefix(SAYS).removesuffix(f"; {GOES_ON}")
-        self._killed(f"the guardian: {told}", "Look at the rig")
-        self.show("state")
+        told = line.removeprefix(SAYS).removesuffix(f"; {GOES_ON}").removeprefix(f"{DIED}; ")
+        look = "" if told.endswith("the surfaces are apart") else "Look at the rig"
+        self._cut_off(f"the {self._process()}'s process was killed; the guardian took over: {told}", look)
+        self.show("state", "load")
 
-    def _killed(self, guardian: str, look: str) -> None:
-        """Show that the process was killed, and what of the guardian is known."""
-        viewed = self.state["viewed"]
-        text = f"the {'view' if viewed else 'session'}'s process was killed; {guardian}"
-        if not viewed:
-            text, look = f"{text}; 'Resume' goes on", f"{look}, then resume the session"
-        self.state.update(ended={"how": "failed", "text": text}, ask=None, paused=False, words="ended", next=f"{look}.")
+    def _process(self) -> str:
+        return "view" if self.state["viewed"] else "session"
+
+    def _cut_off(self, text: str, look: str) -> None:
+        """Show that the process ended without a word, and what is known of the load since."""
+        then = "begin the view again" if self.state["viewed"] else "resume the session"
+        self.load = {"mn": None, "at": None}
+        self.state.update(ended={"how": "failed", "text": text}, ask=None, paused=False, words="ended", text="")
+        self.state["next"] = f"{look}, then {then}." if look else f"{then.capitalize()}."
+
+
+def last_safe(folder: Path | None) -> str:
+    """Return what a session's journal says of the surfaces at its end; empty if nothing."""
+    try:
+        lines = [] if folder is None else (folder / JOURNAL).read_bytes()[-JOURNAL_END:].splitlines()
+        found = [json.loads(line) for line in lines if SAFE in line]
+        last = found[-1]
+        return f"{last['reason']}; {'; '.join(last['troubles']) or 'the surfaces are apart'}"
+    except (OSError, ValueError, LookupError, TypeError):
+        return ""
 
 
 def record_frame(message: Message, numbers: bytes) -> bytes:

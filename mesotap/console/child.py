@@ -97,10 +97,13 @@ class Child:
         if self._writer is not None and not self._writer.is_closing():
             self._writer.write(frame(message, numbers))
 
-    async def end(self) -> None:
-        """Close the connection, upon which it ends, and wait for that."""
+    async def end(self, at_once: bool = False) -> None:
+        """Close the connection, upon which it ends, and wait for that; ``at_once``: it has nothing to put away."""
         if self._writer is not None:
             self._writer.close()
+        if at_once and self._process is not None and self.running:
+            with contextlib.suppress(ProcessLookupError):
+                self._process.kill()
         if self._listening is not None:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(asyncio.shield(self._listening), ENDING_S)

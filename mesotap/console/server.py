@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import errno
 import logging
+import re
 import socket
 import ssl
 import webbrowser
@@ -36,6 +38,9 @@ LAST_REQUESTS_S = 1
 
 class ConsoleError(MesotapError, OSError):
     """The console cannot be served; one sentence."""
+
+
+HOST_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,252}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +105,11 @@ class ConsoleServer:
     def __init__(self, bench: Bench, address: Address, said: Callable[[str], None]) -> None:
         if address.key is not None and address.certificate is None:
             raise ConsoleError("--keyfile: a key is of no use without its certificate; give --certfile too")
+        if address.certificate is not None and address.key is None:
+            raise ConsoleError("--certfile: TLS needs the key of the certificate too; give --keyfile")
+        for name in address.names:
+            if not HOST_NAME.fullmatch(name):
+                raise ConsoleError(f"--name {name}: is not the name of a machine, such as bench.example")
         self._address, self._said = address, said
         self._listening = _bound(address)
         self.port: int = self._listening.getsockname()[1]
@@ -140,8 +150,8 @@ class ConsoleServer:
         try:
             config.load()
         except (OSError, ssl.SSLError) as error:
-            key = self._address.key or self._address.certificate
-            raise ConsoleError(f"{self._address.certificate}, {key}: no certificate with its key ({error})") from error
+            files = f"{self._address.certificate}, {self._address.key}"
+            raise ConsoleError(f"{files}: no certificate with its key ({error})") from error
         logging.getLogger("uvicorn.error").addFilter(_worth_telling)
         link = self.link()
         self._said(f"console: {link}")
@@ -165,8 +175,11 @@ class ConsoleServer:
 
 
 def _worth_telling(record: logging.LogRecord) -> bool:
-    """Whether the person at the console needs to know: a page that sends what is no text was disconnected already."""
-    return record.exc_info is None or not isinstance(record.exc_info[1], UnicodeDecodeError)
+    """Whether the person at the console needs to know.
+
+    A page that sends what is no text was disconnected already; one that asks at the very end gets no answer.
+    """
+    return record.exc_info is None or not isinstance(record.exc_info[1], UnicodeDecodeError | asyncio.CancelledError)
 
 
 def _bound(address: Address) -> socket.socket:

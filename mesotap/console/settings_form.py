@@ -13,7 +13,7 @@ from pydantic import BaseModel
 
 from daq.durable import write_whole
 from mesotap.configuration.config import Config, ConfigError, default_text, parse_config, remarks, text_of
-from mesotap.configuration.edited import edited, stands
+from mesotap.configuration.edited import as_written, edited, stands
 from mesotap.configuration.yaml_text import parsed
 
 KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*")
@@ -55,7 +55,11 @@ class SettingsFile:
             raise ConfigError(f"{self._path.name} was changed by somebody else meanwhile; open the settings again")
         if len(changes) > MOST_CHANGES or not all(KEY.fullmatch(key) for key in changes):
             raise ConfigError("these are no changes of a configuration")
-        after = edited(before, {tuple(k.split(".")): str(v) for k, v in changes.items()}, self._path.name)
+        texts = {path for path, _, annotation in _leaves(Config(), ()) if annotation is str}
+        paths = {tuple(key.split(".")): str(value) for key, value in changes.items()}
+        # whoever types a specimen's name knows nothing of YAML: '#7' and '12' are names too
+        written = {path: as_written(value) if path in texts else value for path, value in paths.items()}
+        after = edited(before, written, self._path.name)
         faults: list[str] = []
         said: list[str] = []
         try:
@@ -87,10 +91,10 @@ def fields_of(config: Config, text: str) -> Any:
         if path == ("version",) or not stands(text, path):
             continue
         key = ".".join(path)
-        shown = yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("...\n").strip()
+        shown = value if annotation is str else as_written(value)
         yield {
             "key": key,
-            "value": "" if value == "" else shown,
+            "value": shown,
             "comment": comments.get(key, ""),
             "choices": _choices(annotation),
         }

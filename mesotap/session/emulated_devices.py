@@ -45,6 +45,8 @@ class SeparateRig(AssembledRig):
         Calls to the other process.
     folder
         Where its socket is.
+    settings
+        Section ``rig`` with the amplifier and the stage that there are, whatever the configuration names.
     """
 
     def __init__(self, config: Config, folder: Path, operator: Operator, wire_file: WireFile | None = None) -> None:
@@ -55,6 +57,8 @@ class SeparateRig(AssembledRig):
         gauge = with_port(settings.parts.load_cell, DEFAULT_AMPLIFIER, ports["amplifier"])
         load_cell = amplifier(gauge, clock, wire_file)
         motor = with_port(settings.parts.stage, DEFAULT_STAGE, ports["stage"])
+        parts = settings.parts.model_copy(update={"load_cell": gauge, "stage": motor})
+        self.settings = settings.model_copy(update={"parts": parts})
         part = settings.parts.accelerometers
         wanted = part if isinstance(part, Usb1608Settings) else Usb1608Settings()
         recorder = Usb1608(settings.wiring, wanted, clock, recorded_usb(remote_bus(folder), wire_file))

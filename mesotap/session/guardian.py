@@ -6,6 +6,7 @@ from rig import GaugeScale
 
 ARMED, APART, DISMISSED, BEAT = "armed", "apart", "dismissed", "beat"
 SAYS, GOES_ON = "mesotap guardian: ", "'mesotap resume' goes on"  # how what it says begins, and may end
+DIED = "the program died"
 LARGEST_SETUP = 1 << 20  # bytes
 
 

@@ -226,4 +226,6 @@ def guardian_for(rig: Rig, config: Config, folder: SessionFolder | None = None) 
     """Return who takes the surfaces apart if this program dies: for devices that do not die with it."""
     if isinstance(rig, EmulatedRig) or not isinstance(rig, AssembledRig):
         return Guardian()
-    return GuardianProcess(config.rig, rig, folder, rig.folder if isinstance(rig, SeparateRig) else None)
+    if isinstance(rig, SeparateRig):
+        return GuardianProcess(rig.settings, rig, folder, rig.folder)
+    return GuardianProcess(config.rig, rig, folder)

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.journal_file import append_after_death
-from mesotap.session.guardian import APART, ARMED, BEAT, DISMISSED, GOES_ON, LARGEST_SETUP, SAYS
+from mesotap.session.guardian import APART, ARMED, BEAT, DIED, DISMISSED, GOES_ON, LARGEST_SETUP, SAYS
 from rig import Accelerometers, Block, DeadWeights, GaugeScale, Impactor, LoadCell, LoadReading, RigError, Stage
 from rig.assembled import AssembledRig
 from rig.drivers.amplifier import DEVICE as AMPLIFIER
@@ -95,7 +95,7 @@ class Successor:
         self._folder = None if setup["folder"] is None else Path(setup["folder"])
         self._scale = GaugeScale(*setup["scale"])
         self._clock = WallClock()
-        self._why = "the program died"
+        self._why = DIED
 
     def listen(self, session: socket.socket, watched: int, parent: int) -> bool:
         """Return once the session needs nobody any more: whether it died under load."""

@@ -29,3 +29,8 @@ class RigChoice:
     seed: int | None = None
     realtime: bool = False
     speed: float = 1.0
+
+    @property
+    def outlives(self) -> bool:
+        """Whether the rig outlives a process that is killed, so that a guardian has to look after it."""
+        return not self.simulate and not (self.emulate and not (self.realtime and self.speed == 1.0))

@@ -15,7 +15,7 @@ function axis(label) {
     labelSize: size * 1.4,
     labelFont: `${Math.round(size * 0.85)}px system-ui, sans-serif`,
     font: `${Math.round(size * 0.75)}px system-ui, sans-serif`,
-    size: size * 2.6,
+    size: (u, values) => size * Math.max(2.6, 0.9 + 0.45 * Math.max(0, ...(values || []).map((v) => String(v).length))), // room for the longest
     stroke: () => colour("ink"),
     grid: { stroke: () => colour("line"), width: 1 },
     ticks: { stroke: () => colour("line"), width: 1 },

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mesotap.configuration.config import ConfigError, default_text, parse_config
-from mesotap.configuration.edited import edited
+from mesotap.configuration.edited import as_written, edited
 from mesotap.console.settings_form import SettingsFile, comments_in, fields_of
 
 
@@ -74,3 +74,40 @@ def test_a_wrong_value_is_told_as_config_check_tells_it_and_not_saved(tmp_path):
     assert (tmp_path / "config.yaml").read_text() == "mesotap:\n  dwell_s: 3  # rest\n"
     with pytest.raises(ConfigError, match="changed by somebody else"):
         file.save({"mesotap.dwell_s": "4"}, form["state"])
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "plate #7",
+        "#7",
+        "12",
+        "17-4PH: ground",
+        "Müller",
+        "[a]",
+        "{",
+        "null",
+        "yes",
+        "'",
+        '"',
+        "- a",
+        "&x",
+        "*x",
+        "Ü # b: c",
+    ],
+)
+def test_a_name_that_a_person_types_is_a_name_whatever_it_would_be_in_yaml(tmp_path, name):
+    file = SettingsFile(tmp_path / "config.yaml")
+    (tmp_path / "config.yaml").write_text("mesotap: {specimen: before, dwell_s: 1}  # kept\n", encoding="utf-8")
+    assert file.save({"mesotap.specimen": name}, file.form()["state"])["saved"]
+    text = (tmp_path / "config.yaml").read_text(encoding="utf-8")
+    assert parse_config(text).mesotap.specimen == name
+    assert ("\\x" in text, text.endswith("# kept\n")) == (False, True)
+    (shown,) = [f["value"] for f in file.form()["fields"] if f["key"] == "mesotap.specimen"]
+    assert shown == name
+
+
+@given(st.text(max_size=40).filter(str.isprintable))
+def test_any_printable_name_is_written_as_it_is(name):
+    after = edited("mesotap: {specimen: before}\n", {("mesotap", "specimen"): as_written(name)})
+    assert parse_config(after).mesotap.specimen == name

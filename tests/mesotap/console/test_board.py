@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
 from mesotap.console.board import DIAGNOSIS, REPORT, Board, session_id
@@ -72,7 +74,7 @@ def test_an_alarm_of_the_live_view_stands_until_it_has_ended():
     board.hear({"kind": "alarm", "text": f"{over}; the surfaces are taken apart"}, b"")
     assert shown["state"][0]["alarm"] == f"{over}; the surfaces are being taken apart"
     board.hear({"kind": "ended", "how": "failed", "text": f"{over}; the surfaces are apart"}, b"")
-    board.gone()
+    board.gone(0, True)
     state = shown["state"][0]
     assert (state["alarm"], state["viewing"], state["ended"]["text"]) == ("", False, f"{over}; the surfaces are apart")
     assert state["next"].startswith("Take the surfaces apart, then begin")
@@ -82,11 +84,44 @@ def test_an_alarm_of_the_live_view_stands_until_it_has_ended():
 def test_what_the_guardian_says_is_shown_whether_it_speaks_before_or_after_the_end_is_seen(tmp_path, late):
     board = Board(lambda part, frame: None, lambda frame: None)
     board.hear({**BEGUN, "folder": str(tmp_path)}, b"")
+    board.hear({"kind": "state", "state": "LOCK", "words": "locking", "text": "7 s left at 249 mN"}, b"")
+    board.hear({"kind": "load", "mn": 249.0}, b"")
     line = "mesotap guardian: the program died; the surfaces are apart; 'mesotap resume' goes on"
-    steps = [board.gone, lambda: board.said(line)]
+    steps = [lambda: board.gone(-9, True), lambda: board.said(line)]
     for step in steps if late else reversed(steps):
         step()
     board.said("something else on standard error")
-    state = board.state
-    text = "the session's process was killed; the guardian: the program died; the surfaces are apart; 'Resume' goes on"
-    assert (state["ended"]["text"], state["next"]) == (text, "Look at the rig, then resume the session.")
+    text = "the session's process was killed; the guardian took over: the surfaces are apart"
+    assert (board.state["ended"]["text"], board.state["next"]) == (text, "Resume the session.")
+    assert (board.state["text"], board.load["mn"]) == ("", None)
+
+
+def test_a_guardian_that_could_not_take_the_surfaces_apart_is_not_called_a_success():
+    board = Board(lambda part, frame: None, lambda frame: None)
+    board.gone(-9, True)
+    assert "says so here" in board.state["ended"]["text"]
+    board.said("mesotap guardian: the program died; not made safe: back the micrometer off by hand")
+    assert board.state["ended"]["text"].endswith("not made safe: back the micrometer off by hand")
+    assert board.state["next"] == "Look at the rig, then resume the session."
+
+
+def test_a_simulated_rig_ends_with_the_process_that_was_killed():
+    board = Board(lambda part, frame: None, lambda frame: None)
+    board.gone(-9, False)
+    assert board.state["ended"]["text"] == "the session's process was killed, and the simulated rig with it"
+
+
+@pytest.mark.parametrize("journal", [b"", b"{", b'{"event": "safe"}\n', b'{"event": "safe", "reason": 1}\n'])
+def test_a_session_that_ended_while_nothing_was_heard_of_it_was_not_killed(tmp_path, journal):
+    board = Board(lambda part, frame: None, lambda frame: None)
+    board.hear({**BEGUN, "folder": str(tmp_path)}, b"")
+    (tmp_path / "journal.jsonl").write_bytes(journal)
+    board.gone(1, True)
+    assert board.state["ended"]["text"].endswith("heard nothing of it: session.log says how")
+    reason = {"event": "safe", "reason": "the console hangs", "troubles": []}
+    (tmp_path / "journal.jsonl").write_text(json.dumps({"event": "safe", "reason": "earlier", "troubles": []}) + "\n")
+    with (tmp_path / "journal.jsonl").open("a") as more:
+        more.write(json.dumps(reason) + "\n" + json.dumps({"event": "closed"}) + "\n")
+    board.state["ended"] = None
+    board.gone(1, True)
+    assert board.state["ended"]["text"].endswith("heard nothing of it: the console hangs; the surfaces are apart")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
 import time
 from pathlib import Path
@@ -158,13 +159,19 @@ def test_what_no_page_sends_is_refused(tmp_path):
 # --- on emulated devices that outlive both processes --------------------------------------------------------------
 
 
+# as shipped: neither amplifier nor stage is named, and the emulated ones are driven all the same
+SHIPPED = re.sub(r"  parts:\n(    .*\n)+", "", CONFIG)
+
+
 @pytest.fixture
-def viewing(tmp_path, monkeypatch):
+def viewing(tmp_path, monkeypatch, request):
     """A console with a live view, its page, and the devices."""
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setenv("TMPDIR", str(temporary))
-    with console_in(tmp_path / "console", "--scope", config=CONFIG, rig="--emulate") as console:
+    with console_in(
+        tmp_path / "console", "--scope", config=getattr(request, "param", CONFIG), rig="--emulate"
+    ) as console:
         page = PlainPage(console, Client(console))
         assert page.post("view/begin")[0] == 200
         page.until(lambda: "picture" in page.parts)
@@ -231,8 +238,21 @@ def test_the_acquisition_killed(viewing):
     os.kill(child, signal.SIGKILL)
     apart(devices)  # the guardian
     page.until(lambda: page.state["ended"] is not None)
-    page.until(lambda: "the guardian: the program died" in page.state["ended"]["text"])
+    page.until(lambda: "the guardian took over" in page.state["ended"]["text"])
     assert page.state["ended"]["text"].endswith("the surfaces are apart")
+
+
+@pytest.mark.parametrize("viewing", [SHIPPED], indirect=True)
+def test_the_acquisition_killed_where_the_configuration_names_no_devices(viewing):
+    assert "parts" not in SHIPPED
+    console, page, devices = viewing
+    loaded(page, devices)
+    (child,) = [pid for pid in children_of(console.process.pid) if b"session_process" in command_of(pid)]
+    os.kill(child, signal.SIGKILL)
+    apart(devices)
+    page.until(
+        lambda: page.state["ended"] is not None and "took over: the surfaces are apart" in page.state["ended"]["text"]
+    )
 
 
 def children_of(pid: int) -> list[int]:

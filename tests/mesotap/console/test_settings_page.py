@@ -20,12 +20,18 @@ def test_a_wrong_value_is_told_and_a_right_one_saved(chromium, tmp_path):
         page.press("[name='mesotap.dwell_s']", "Tab")
         shows(page, "#outcome", r"config\.yaml, line 2: mesotap\.dwell_s is -3")
         assert page.is_disabled("#save")
+        wrong = page.locator("label:has([name='mesotap.dwell_s'][aria-invalid])")
+        assert "mesotap.dwell_s is -3" in wrong.locator(".fault").text_content()  # where one looks
         page.fill("[name='mesotap.dwell_s']", "30")
         page.press("[name='mesotap.dwell_s']", "Tab")
         shows(page, "#outcome pre", r"\+  dwell_s: 30  # rest")
+        assert page.locator(".fault, [aria-invalid]").count() == 0
+        page.fill("[name='mesotap.specimen']", "Müller: plate #7")
+        page.press("[name='mesotap.specimen']", "Tab")
+        shows(page, "#outcome pre", "Müller")
         page.click("#save:enabled")
         shows(page, "#outcome", "saved")
         if page.faults:
             raise AssertionError(page.faults)
         page.screenshot(path=str(tmp_path / "settings.png"))
-    assert console.config.read_text() == "mesotap:\n  dwell_s: 30  # rest\n"
+    assert console.config.read_text() == "mesotap:\n  specimen: 'Müller: plate #7'\n  dwell_s: 30  # rest\n"

@@ -50,7 +50,7 @@ export const sessions = {
     const opened = make("div");
     const search = make("input", { type: "search", class: "wide", id: "search", autocomplete: "off" });
     const button = make("button", { type: "button", id: "compare", disabled: true, onclick: () => compare(opened) }, `Compare those marked (at most ${MOST})`);
-    const mark = (s) => make("input", { type: "checkbox", "aria-label": `compare ${s.name}`, disabled: !s.report, onkeydown: (event) => { if (event.key === "Enter") event.target.click(); }, onchange: (event) => {
+    const mark = (s) => make("input", { type: "checkbox", "aria-label": `compare ${s.name}`, disabled: !s.report, title: s.report ? "" : "it has no report yet, so that there is nothing to compare", onkeydown: (event) => { if (event.key === "Enter") event.target.click(); }, onchange: (event) => {
       if (event.target.checked && chosen.size < MOST) chosen.add(s.id);
       else chosen.delete(s.id);
       event.target.checked = chosen.has(s.id);

@@ -21,7 +21,22 @@ async function check() {
   save.disabled = !changed.size || answer.faults.length > 0 || !driving();
 }
 
+// Beside each value what is wrong with it: the list of all faults may be far up the page.
+function mark(faults) {
+  for (const input of form.querySelectorAll("[name]")) {
+    const of = new RegExp(`(^|[^\\w.])${input.name.replaceAll(".", "\\.")}([^\\w.]|$)`);
+    const fault = faults.find((line) => of.test(line));
+    const said = input.parentNode.querySelector(".fault");
+    if (said) said.remove();
+    input.toggleAttribute("aria-invalid", false);
+    if (!fault) continue;
+    input.setAttribute("aria-invalid", "true");
+    input.after(make("span", { class: "fault", role: "alert" }, `✗ ${fault}`));
+  }
+}
+
 function show(answer) {
+  mark(answer.faults);
   outcome.replaceChildren(
     ...answer.faults.map((fault) => make("p", { class: "bad", role: "alert" }, `✗ ${fault}`)),
     ...answer.said.map((line) => make("p", { class: "small" }, line)),

@@ -40,9 +40,9 @@ function showVerdict() {
     return;
   }
   const sign = tap.accepted ? "✓ accepted" : "✗ not used";
-  put(verdict, [tap.number, tap.accepted, tap.reason, tap.by_hand], () => [
+  put(verdict, [tap.number, tap.accepted, tap.reason, tap.by_hand, tap.overruled], () => [
     make("p", { class: `verdict ${tap.accepted ? "good" : "bad"}` }, `Tap ${tap.number}: ${sign}${tap.by_hand ? " by hand" : ""}`),
-    make("p", {}, tap.accepted ? (tap.by_hand ? `reason: ${tap.by_hand}` : "") : tap.reason)]);
+    make("p", {}, tap.accepted ? (tap.by_hand ? `reason: ${tap.by_hand}${tap.overruled ? `; against it spoke: ${tap.overruled}` : ""}` : "") : tap.reason)]);
   const j = tap.judged;
   const share = j.force_ratio;
   const limit = page.parts.state.force_limit || 1;

@@ -15,7 +15,7 @@ app = typer.Typer(
     name="mesotap",
     help="Contact stiffness and damping from contact resonance: run the tester, analyse sessions, write the report.",
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
     context_settings={"max_content_width": 110},
 )
@@ -370,7 +370,7 @@ def paper_figures(
 
 @app.command("import")
 def import_(
-    file: Annotated[Path, typer.Argument(help="CSV, MAT or UFF58 file.", show_default=False)],
+    file: Annotated[Path, typer.Argument(help="CSV, MAT, UFF 58, WAV or TDMS file.", show_default=False)],
     output: Annotated[
         Path | None,
         typer.Argument(help="Session file to write; the same name with .h5 by default.", show_default=False),

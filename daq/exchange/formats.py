@@ -23,6 +23,10 @@ BUILT_IN = {
     "mat": "MATLAB 5 and 7.3",
     "uff": "universal file: time responses in data sets 58, ASCII or binary",
     "unv": "the same",
+    "uf": "the same",
+    "ufb": "the same",
+    "wav": "sound, as shares of full scale",
+    "tdms": "LabVIEW and NI-DAQmx (with the extra tdms)",
     "h5": "session of mesotap",
     "hdf5": "the same",
 }

@@ -10,7 +10,9 @@ from pathlib import Path
 from daq.errors import RecordingError
 from daq.exchange.formats import format_of
 from daq.exchange.recording import Columns, Recording, make_recording
+from daq.exchange.tdms import BEGINS as TDMS
 from daq.exchange.units import is_no_acceleration
+from daq.exchange.wav import BEGINS as WAV
 from daq.limited import read_limited
 from daq.records import Impact, RigDescription, Session
 from daq.regular import read_head, read_regular
@@ -31,8 +33,6 @@ _KNOWN_OTHERS = {
     b"%PDF": "a PDF document",
     b"PK\x03\x04": "a ZIP archive or office document",
     b"\x1f\x8b": "a gzip archive",
-    b"RIFF": "a WAV or AVI file",
-    b"TDSm": "a TDMS file",
 }
 
 
@@ -42,7 +42,7 @@ def import_recording(
     channels: Sequence[str | int] | None = None,
     unit: str | None = None,
 ) -> Recording:
-    """Read a recording from a CSV, MAT (5 to 7.3) or universal file, told apart by content.
+    """Read a recording from a CSV, MAT (5 to 7.3), universal, WAV or TDMS file, told apart by content.
 
     A file whose ending is that of another package's format (`daq.exchange.formats`) is read by that.
 
@@ -87,6 +87,25 @@ def columns_in(path: Path) -> Columns:
         from daq.exchange.matlab5 import read_mat5
 
         return read_mat5(path, content)
+    return columns_of(path, content)
+
+
+def columns_of(path: Path, content: bytes) -> Columns:
+    """Return what the content of a file holds that is neither HDF5 nor MAT.
+
+    Raises
+    ------
+    RecordingError
+        As `import_recording`.
+    """
+    if content.startswith(WAV):
+        from daq.exchange.wav import read_wav
+
+        return read_wav(path, content)
+    if content.startswith(TDMS):
+        from daq.exchange.tdms import read_tdms
+
+        return read_tdms(path, content)
     from daq.exchange.universal import BEGINS, read_universal
 
     if BEGINS.match(content):
@@ -117,7 +136,7 @@ def content_of(path: Path) -> bytes:
     head = read_head(path, _HEAD)
     if is_hdf5(head):
         return head
-    if is_mat5(path, head):
+    if is_mat5(path, head) or head.startswith((*WAV, TDMS)):
         content = read_regular(path, LARGEST_FILE, "a recording")
     else:
         content = read_regular(path, LARGEST_TEXT, "a text of numbers")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from daq.errors import RecordingError
 from daq.exchange.formats import format_of
-from daq.exchange.importing import content_of, is_hdf5, is_mat5
+from daq.exchange.importing import columns_of, content_of, is_hdf5, is_mat5
 from daq.exchange.recording import Columns
 from daq.limited import read_limited
 
@@ -58,9 +58,7 @@ def tables_in(path: Path, wanted: Sequence[str | int]) -> tuple[Table, ...]:
 
         tables = _grouped(walk_mat5(path, content).arrays)
     else:
-        from daq.exchange.text import read_text
-
-        tables = [_of_columns(read_text(path, content))]
+        tables = [_of_columns(columns_of(path, content))]
     found = []
     for table in tables:
         picked = [_pick(table, w) for w in wanted]

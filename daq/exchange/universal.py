@@ -116,12 +116,41 @@ def _read_sets(path: Path, content: bytes) -> tuple[list[tuple[int, dict[str, An
     except Exception as error:  # pyuff raises plain Exception, and whatever its parser stumbles over
         raise RecordingError(f"{path}: is a damaged or truncated universal file") from error
     if not sets:
-        raise RecordingError(f"{path}: holds no time response (data set 58); its data sets are {types[:20]}")
+        raise RecordingError(f"{path}: holds no time response (data set 58), but {_instead(types, blocks)}")
     if any(not 0 < value < math.inf for scale in scales for value in scale.values()):
         raise RecordingError(f"{path}: its data set 164 says units that are none")
     if any(scale != scales[0] for scale in scales):
         raise RecordingError(f"{path}: its data sets 164 say different units")
     return sets, others, scales[0] if scales else {}
+
+
+_FUNCTIONS = {
+    2: "auto spectrum",
+    3: "cross spectrum",
+    4: "frequency response",
+    5: "transmissibility",
+    6: "coherence",
+    7: "autocorrelation",
+    8: "cross-correlation",
+    9: "power spectral density",
+    12: "spectrum",
+}
+"""Function types of data set 58 that are no samples against time."""
+
+FROM_TIME = (
+    "modes are identified from the samples themselves, so have the program that measured them write its time records "
+    "(data sets 58 of function type 1), or as CSV or MAT"
+)
+
+
+def _instead(types: list[int], blocks: list[tuple[int, dict[str, Any]]]) -> str:
+    """Return what a file without a time response holds, and what to do about it."""
+    kinds = [_FUNCTIONS.get(int(block["func_type"]), "other function") for _, block in blocks]
+    kinds += ["mode shape" for kind in types if kind == 55]
+    if not kinds:
+        return f"data sets {', '.join(map(str, types[:20])) or 'of no kind'}"
+    counted = [f"{kinds.count(kind)} x {kind}" for kind in dict.fromkeys(kinds)]
+    return f"{', '.join(counted)}: {FROM_TIME}"
 
 
 def _text(label: object) -> str:

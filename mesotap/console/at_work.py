@@ -20,7 +20,9 @@ from rig.errors import MesotapError
 
 SESSION, ANALYST = "mesotap.console.session_process", "mesotap.console.analyst_process"
 ANALYST_NICENESS = 2
-STARTING = "Nothing to do: the devices are being connected."
+STARTING = (
+    "Nothing to do: the devices are being connected. The first time after an installation it takes a minute or two."
+)
 
 
 class Refused(MesotapError, ValueError):

@@ -56,6 +56,8 @@ AFTERWARDS = {
 FOLDER_GONE = "The session's folder is gone, so there is nothing to resume: put it back, or start a new session."
 IDLE = "No session runs. Start one, or go on with one that was not finished."
 
+APART = "the surfaces are apart"
+
 Show = Callable[[str, bytes], None]
 
 
@@ -151,7 +153,8 @@ class Board:
 
     def _hear_state(self, message: Message, numbers: bytes) -> None:
         changed = message["state"] != self.state["state"]
-        self.state.update(state=message["state"], words=message["words"], text=message["text"])
+        text = "" if message["text"] == message["words"] else message["text"]
+        self.state.update(state=message["state"], words=message["words"], text=text)
         if changed:
             self.state["next"] = self._what_to_do()
             if message["state"] in ("APPROACH", "SET_LOAD"):
@@ -325,7 +328,8 @@ class Board:
             pass
         elif code >= 0:
             how = last_safe(self.folder) or "session.log says how"
-            self._cut_off(f"the {process} ended while the console heard nothing of it: {how}", "Look at the rig")
+            look = "" if how.endswith(APART) else "Look at the rig"
+            self._cut_off(f"the {process} ended while the console heard nothing of it: {how}", look)
         elif guarded:
             guardian = "if the surfaces touched, the guardian takes them apart and says so here"
             self._cut_off(f"the {process}'s process was killed; {guardian}", "Look whether the surfaces are apart")
@@ -338,7 +342,7 @@ class Board:
         if not line.startswith(SAYS):
             return
         told = line.removeprefix(SAYS).removesuffix(f"; {GOES_ON}").removeprefix(f"{DIED}; ")
-        look = "" if told.endswith("the surfaces are apart") else "Look at the rig"
+        look = "" if told.endswith(APART) else "Look at the rig"
         self._cut_off(f"the {self._process()}'s process was killed; the guardian took over: {told}", look)
         self.show("state", "load")
 
@@ -359,7 +363,7 @@ def last_safe(folder: Path | None) -> str:
         lines = [] if folder is None else (folder / JOURNAL).read_bytes()[-JOURNAL_END:].splitlines()
         found = [json.loads(line) for line in lines if SAFE in line]
         last = found[-1]
-        return f"{last['reason']}; {'; '.join(last['troubles']) or 'the surfaces are apart'}"
+        return f"{last['reason']}; {'; '.join(last['troubles']) or APART}"
     except (OSError, ValueError, LookupError, TypeError):
         return ""
 

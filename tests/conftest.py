@@ -1,6 +1,9 @@
 """What holds for every test: one BLAS thread, as the program itself runs, and the same drawn inputs each time."""
 
 import os
+from collections.abc import Iterator
+
+import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported anywhere
 
@@ -11,3 +14,12 @@ untimed = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("same", untimed, derandomize=True)
 settings.register_profile("searching", untimed, derandomize=False)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
+
+
+@pytest.fixture
+def in_forks() -> Iterator[None]:
+    """Read files in forks of the tests; that a new process reads alike, tests of daq.limited and of commands show."""
+    from tests.fuzz.forked import reading_in_forks
+
+    with reading_in_forks():
+        yield

@@ -25,6 +25,8 @@ from tests.fuzz.forked import reading_in_forks
 
 from .same import same
 
+pytestmark = pytest.mark.usefixtures("in_forks")
+
 
 @pytest.fixture
 def file(tmp_path: Path, session: Session) -> Path:

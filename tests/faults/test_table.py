@@ -34,6 +34,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 SAFE_WITHIN_S, ROUNDING_S = 0.5, 1e-6
 ROUND_TRIPS_S = (0.0, 0.016, 0.026, 0.05)
 """Of the wires to amplifier and stage: none, a USB adapter's latency, that and a controller's 10 ms, and a slow one."""
+USUAL_ROUND_TRIP_S = ROUND_TRIPS_S[2]
 AGAINST = "gauge and stage disagree"
 BY_HAND = "back the micrometer off by hand"
 
@@ -172,6 +173,12 @@ def rig(case: Case, outcome, load_mn: float, repeated: int, waited_s: float) -> 
     return ""
 
 
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.device}-{case.name}")
+def test_a_fault_on_a_usual_wire_is_survived_and_resumed(tmp_path, case):
+    once(case, tmp_path / "s", USUAL_ROUND_TRIP_S, case.later_s)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.device}-{case.name}")
 def test_a_fault_is_told_survived_and_resumed(tmp_path, case):
     row = happen(case, tmp_path / "s")

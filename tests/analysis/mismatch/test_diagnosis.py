@@ -32,6 +32,8 @@ from tests.analysis.ring_downs import RIG, diagnosed, exact, problem_of, session
 from tests.analysis.terms import listed
 
 KNOWN = [listed(name) for name in ("hertz_stiffness", "contact_creep", "tube_spring_damping")]
+FEW = ("hunt_crossley_damping", "channel_gain", "hertz_stiffness", "quadratic_damping")
+OTHERS = tuple(name for name in catalogue() if name not in FEW)  # what a test need not wait for
 SHIPPED = files("mesotap.configuration").joinpath(TESTER_FILE).read_text(encoding="utf-8")
 
 
@@ -126,10 +128,10 @@ def written_out(session: Session) -> str:
 @pytest.mark.parametrize("numbers", [False, True], ids=["references to the header", "numbers"])
 @pytest.mark.parametrize("case", ["case-027", "case-021", "case-040"])
 def test_a_description_in_a_file_gives_the_answer_of_the_built_in_one(case: str, numbers: bool, tmp_path: Path) -> None:
-    expected = answer_of(case)
+    expected = answer_of(case, *OTHERS)
     file, written = tmp_path / "rig.yaml", tmp_path / "answer.json"
     file.write_text(written_out(practice(case)) if numbers else SHIPPED, encoding="utf-8")
-    diagnose([DATA / f"{case}.h5"], Asked(rig=file, json=written), Console(quiet=True))
+    diagnose([DATA / f"{case}.h5"], Asked(rig=file, json=written, without=OTHERS), Console(quiet=True))
     found = json.loads(written.read_text())
     assert found["verdict"] == expected.verdict
     assert [m["id"] for m in found["mechanisms"]] == [m.id for m in expected.mechanisms]

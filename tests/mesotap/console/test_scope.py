@@ -18,7 +18,6 @@ from tests.mesotap.console.pages import opened, reach, shows
 from tests.mesotap.console.plain_page import PlainPage
 from tests.mesotap.session.separate import CONFIG
 
-pytestmark = pytest.mark.slow
 READY = "Quiet enough for a session"
 PUSHED_UM, OVER_UM = 4.0, 12.0
 """How deep past the contact at 12 um somebody turns: to 0.4 N, and over the limit of 1.1 N."""
@@ -30,6 +29,7 @@ def begun(page):
     shows(page, "#next", READY)
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_the_page_from_its_beginning_to_stop(chromium, tmp_path):
     from playwright.sync_api import expect
@@ -95,6 +95,7 @@ def console_link(console, page):
     return f"http://127.0.0.1:{console.port}{page.evaluate(ask)['path']}"
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_an_upside_down_sensor_is_named_with_what_to_change(chromium, tmp_path):
     with console_in(tmp_path, "--scope", "--set", "sim_backend.sensors.b.gain=-1") as console:
@@ -108,6 +109,7 @@ def test_an_upside_down_sensor_is_named_with_what_to_change(chromium, tmp_path):
         assert page.faults == []
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_a_view_and_a_session_exclude_each_other(chromium, tmp_path):
     with console_in(tmp_path, "--speed", "20", "--set", "mesotap.dwell_s=100") as console:
@@ -198,6 +200,7 @@ def apart(devices, longest_s=30.0):
         time.sleep(0.002)
 
 
+@pytest.mark.slow
 def test_a_load_over_the_limit_is_an_alarm_and_taken_off(viewing):
     _, page, devices = viewing
     loaded(page, devices)
@@ -210,6 +213,7 @@ def test_a_load_over_the_limit_is_an_alarm_and_taken_off(viewing):
     page.until(lambda: page.state["words"] == "live view")
 
 
+@pytest.mark.slow
 def test_the_console_killed(viewing):
     console, page, devices = viewing
     loaded(page, devices)
@@ -217,6 +221,7 @@ def test_the_console_killed(viewing):
     apart(devices)
 
 
+@pytest.mark.slow
 def test_the_console_hung(viewing):
     """STOP does not pass through it, so what runs ends by itself."""
     console, page, devices = viewing
@@ -228,6 +233,7 @@ def test_the_console_hung(viewing):
         console.process.send_signal(signal.SIGCONT)
 
 
+@pytest.mark.slow
 def test_the_acquisition_killed(viewing):
     console, page, devices = viewing
     assert page.post("view/check", {"side": "middle"})[0] == 200  # with the drivers, before there is a load

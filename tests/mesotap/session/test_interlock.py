@@ -12,6 +12,8 @@ from rig import GaugeScale, InterlockRefusal, LoadReading, RigError, StaleReadin
 from rig.interlock import Interlock
 from tests.mesotap.benches import new_runner, small_config
 
+pytestmark = pytest.mark.usefixtures("in_forks")
+
 STATES = [
     State.PRE_CALIBRATION,
     State.APPROACH,

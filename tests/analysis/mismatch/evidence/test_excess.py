@@ -34,6 +34,7 @@ def humming(session: Session) -> Session:
     return replace(session, impacts=tuple(impacts))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("found", [map_by_frequency, map_by_time])
 def test_what_is_explained_leaves_the_noise_everywhere(found: Callable[[RingDownFit], ExcessMap]) -> None:
     power = found(fitted()).power
@@ -51,6 +52,7 @@ def test_a_tone_is_found_at_its_load_frequency_and_time() -> None:
     assert frequency[int(np.argmax(power[1]))] == pytest.approx(TONE_HZ, abs=30.0)
 
 
+@pytest.mark.slow
 def test_impacts_are_told_by_strength_and_order() -> None:
     found = by_impact(fitted())
     assert found.order.tolist() == list(range(len(LOADS_N) * len(RATIOS)))

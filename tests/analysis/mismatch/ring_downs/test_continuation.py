@@ -42,6 +42,7 @@ def test_running_backward_leads_to_where_the_segment_began() -> None:
         assert np.abs(earlier(later, i, skipped) - began).max() < 0.02 * np.abs(began).max()
 
 
+@pytest.mark.slow
 def test_surfaces_that_part_are_fitted_without_any_recording() -> None:
     session = session_of(with_law("contact_loss"), noise=0.02, ratios=(1.2, 1.5, 1.8))
     problem = problem_of(session)

@@ -153,6 +153,7 @@ def test_what_is_written_is_read_by_a_diagnosis(tmp_path: Path) -> None:
             assert recording.rate_hz == pytest.approx(truth["rate_hz"], rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0005, 1.3])
 def test_a_refit_takes_up_what_its_constants_can_do(factor: float) -> None:
     tried = 0

@@ -117,10 +117,8 @@ class RingDownModel:
         modes, to = self.added.modes(self.constants(point))
         point = replace(point, modes=tuple(modes), to=tuple(to))
         last = len(self.added.terms) - 1
-        strength = [
-            (k, q) for k, q in enumerate(self.added.free)
-            if q.owner == last and q.name == self.added.terms[last].mechanism.strength
-        ]  # fmt: skip
+        name = self.added.terms[last].mechanism.strength if self.added.terms else None
+        strength = [(k, q) for k, q in enumerate(self.added.free) if q.owner == last and q.name == name]
         for tries_left in reversed(range(MOST_WEAKENINGS)):
             found = self.evaluate(self._amplitudes_first(point, amplitudes))
             if not tries_left or not strength or found.objective <= OVERSTATED * without:
@@ -203,9 +201,8 @@ class RingDownModel:
             slopes[:, :, : self.common] = slopes[:, :, : self.common] @ basis
             common = np.concatenate([slopes, changes[:, :, :free]], axis=2).reshape(segment.y.size, -1)
             if self.mass is not None:
-                common = without_scale(
-                    common, growth(added, basis, point.rig, point.load[segment.group], point.free), self.mass
-                )
+                grown = growth(added, basis, point.rig, point.load[segment.group], point.free)
+                common = without_scale(common, grown, self.mass)
             if added.has_second_impact:
                 own = np.concatenate([own, delayed[i][:, :, None]], axis=2)
             kept = not (exact and changed) and not added.has_second_impact

@@ -13,7 +13,7 @@ from analysis.mismatch.answer import SetAside
 from analysis.mismatch.chi_squared import evidence
 from analysis.mismatch.problem import Constants, OnProgress
 from analysis.mismatch.ring_downs.apart import apart, follow_strength, no_law_explains, set_aside, without
-from analysis.mismatch.ring_downs.fit import fit
+from analysis.mismatch.ring_downs.fit import Start, fit
 from analysis.mismatch.ring_downs.judge import ImpactJudge
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
 from analysis.mismatch.selection import Selection, State, screened_baseline, select
@@ -75,8 +75,12 @@ def _begun(problem: RingDowns, known: Sequence[Mechanism], on_progress: OnProgre
     if baseline.screening.p_value >= problem.policy.level or not scattered(baseline.current):
         return ((judge, baseline),)
     on_progress("again, with constants of its own for every impact")
-    other = ImpactJudge.of(problem.per_impact_constants(), known, on_progress)
-    return (judge, baseline), (other, screened_baseline(other))
+    return (judge, baseline), _begun_for_each_impact(judge)
+
+
+def _begun_for_each_impact(judge: ImpactJudge) -> Begun:
+    other = ImpactJudge.of(judge.problem.per_impact_constants(), judge.known, judge.on_progress)
+    return other, screened_baseline(other)
 
 
 def _consistent(begun: tuple[Begun, ...]) -> bool:
@@ -85,9 +89,20 @@ def _consistent(begun: tuple[Begun, ...]) -> bool:
 
 
 def _selected(begun: tuple[Begun, ...]) -> tuple[Selection[RingDownFit], Selection[RingDownFit]]:
-    """Select with constants of each load first, then with those of each impact; return what counts, and the last."""
+    """Select with constants of each load first, then with those of each impact; return what counts, and the last.
+
+    A strong effect hides at first that the constants scatter: what it leaves beyond noise may be that.
+    """
+    judge = begun[0][0]
     plain = select(*begun[0])
-    if plain.chosen is not None or len(begun) == 1:
+    if plain.chosen is not None:
+        if plain.left.p_value >= judge.problem.policy.level or not scattered(plain.chosen):
+            return plain, plain
+        judge.on_progress("again, with constants of its own for every impact")
+        again = select(*(begun[1] if len(begun) > 1 else _begun_for_each_impact(judge)))
+        better = again.chosen is not None and again.left.p_value > plain.left.p_value
+        return (again, again) if better else (plain, plain)
+    if len(begun) == 1:
         return plain, plain
     again = select(*begun[-1])
     return (plain if again.chosen is None else again), again
@@ -99,10 +114,11 @@ def scattered(baseline: RingDownFit) -> bool:
     That is not missing physics: what differs must not follow the strength of the tap.
     """
     policy, segments = baseline.problem.policy, baseline.problem.experiment.segments
-    if baseline.constants.load.shape[1] == 0:
+    if baseline.constants.load.shape[1] == 0 or baseline.problem.scattered:
         return False
     own = replace(baseline, constants=_own_constants(baseline))
-    free = fit(baseline.problem.per_impact_constants(), begin=own)
+    start = Start(amplitudes=baseline.amplitudes if baseline.nonlinear else ())
+    free = fit(baseline.problem.per_impact_constants(), baseline.terms, own, start)
     freed = (len(segments) - len(baseline.constants.load)) * baseline.constants.load.shape[1]
     if evidence(baseline.objective - free.objective, freed) < policy.scatter_evidence:
         return False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -52,6 +52,8 @@ class ImpactJudge(Judge[RingDownFit]):
     ----------
     held_out
         Numbers of the segments that take no part in fitting.
+    hints
+        Fits with constants of the training's groups: what they name is fitted in any case, from there as well.
     """
 
     problem: RingDowns
@@ -59,6 +61,7 @@ class ImpactJudge(Judge[RingDownFit]):
     held_out: tuple[int, ...]
     known: Sequence[Mechanism]
     on_progress: OnProgress = silent
+    hints: tuple[RingDownFit, ...] = ()
 
     @classmethod
     def of(cls, problem: RingDowns, known: Sequence[Mechanism], on_progress: OnProgress = silent) -> ImpactJudge:
@@ -73,7 +76,8 @@ class ImpactJudge(Judge[RingDownFit]):
     def candidates(self, state: State[RingDownFit]) -> Candidates:
         """Fit the best screened mechanisms in full, each with those already accepted."""
         current, policy = state.current, self.problem.policy
-        by_id = _by_mechanism(state)
+        hinted = {t.key: (t, hint) for hint in self.hints for t in hint.terms} if state.first else {}
+        by_id = _by_mechanism(state, hinted)
         ranked = _each_mechanism_first([scores[0] for scores in by_id.values()])
         found: list[Candidate[RingDownFit]] = []
         explained, best = False, 0.0
@@ -84,12 +88,13 @@ class ImpactJudge(Judge[RingDownFit]):
             promising = certain and (close or screened_evidence(score) > best)  # more than has been gained so far
             fitted = {mechanism for mechanism, _ in tried} | {score.term.mechanism.id}
             enough = len(fitted) > (policy.finalists if explained else policy.most_finalists)
-            if tried and (enough or not promising or self.exhausted()):
+            if tried and _key(score) not in hinted and (enough or not promising or self.exhausted()):
                 found.append(Candidate(score, None, screened_evidence(score)))
                 continue
             self.on_progress(f"fitting {name_of(score.term.mechanism)}")
             tried.add(_key(score))
             starts = [(started(s), current) for s in variants(by_id[_key(score)], policy.hopeful)]
+            starts += [hinted[_key(score)]] if _key(score) in hinted else []
             one = fitted_candidate(current, score, starts, current.objective - policy.serious * best)
             best = max(best, one.evidence)
             explained = explained or explains(one)
@@ -247,12 +252,14 @@ def _key(score: Score) -> tuple[str, tuple[int, ...]]:
     return score.term.key
 
 
-def _by_mechanism(state: State[RingDownFit]) -> dict[tuple[str, tuple[int, ...]], list[Score]]:
-    """Return the scores of each mechanism in each place that promises anything, best first."""
+def _by_mechanism(
+    state: State[RingDownFit], hinted: Collection[tuple[str, tuple[int, ...]]] = ()
+) -> dict[tuple[str, tuple[int, ...]], list[Score]]:
+    """Return the scores of each mechanism in each place that promises anything or is hinted at, best first."""
     present = {t.key for t in state.current.terms}
     found: dict[tuple[str, tuple[int, ...]], list[Score]] = {}
     for score in sorted(state.screening.scores, key=lambda s: -screened_evidence(s)):
-        if _key(score) not in present and screened_evidence(score) > 0:
+        if _key(score) not in present and (screened_evidence(score) > 0 or _key(score) in hinted):
             found.setdefault(_key(score), []).append(score)
     return found
 

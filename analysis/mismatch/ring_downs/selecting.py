@@ -99,7 +99,9 @@ def _selected(begun: tuple[Begun, ...]) -> tuple[Selection[RingDownFit], Selecti
         if plain.left.p_value >= judge.problem.policy.level or not scattered(plain.chosen):
             return plain, plain
         judge.on_progress("again, with constants of its own for every impact")
-        again = select(*(begun[1] if len(begun) > 1 else _begun_for_each_impact(judge)))
+        other, baseline = begun[1] if len(begun) > 1 else _begun_for_each_impact(judge)
+        hint = replace(plain.chosen, constants=_own_constants(plain.chosen, judge.problem))
+        again = select(replace(other, hints=(hint,)), baseline)
         better = again.chosen is not None and again.left.p_value > plain.left.p_value
         return (again, again) if better else (plain, plain)
     if len(begun) == 1:
@@ -116,7 +118,7 @@ def scattered(baseline: RingDownFit) -> bool:
     policy, segments = baseline.problem.policy, baseline.problem.experiment.segments
     if baseline.constants.load.shape[1] == 0 or baseline.problem.scattered:
         return False
-    own = replace(baseline, constants=_own_constants(baseline))
+    own = replace(baseline, constants=_own_constants(baseline, baseline.problem))
     start = Start(amplitudes=baseline.amplitudes if baseline.nonlinear else ())
     free = fit(baseline.problem.per_impact_constants(), baseline.terms, own, start)
     freed = (len(segments) - len(baseline.constants.load)) * baseline.constants.load.shape[1]
@@ -131,6 +133,7 @@ def scattered(baseline: RingDownFit) -> bool:
     return float(pearsonr(stiffness, strength).pvalue) > policy.level
 
 
-def _own_constants(fitted: RingDownFit) -> Constants:
-    groups = [s.group for s in fitted.problem.experiment.segments]
+def _own_constants(fitted: RingDownFit, problem: RingDowns) -> Constants:
+    """Return a fit's constants with those of its loads for every impact of a problem."""
+    groups = [s.group for s in problem.experiment.segments]
     return replace(fitted.constants, load=fitted.constants.load[groups])

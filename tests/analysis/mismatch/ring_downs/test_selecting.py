@@ -1,0 +1,34 @@
+"""Selections of a session: constants of its own for every impact where these scatter, beneath a strong effect too."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim_backend.adopted import adopted
+from sim_backend.pulses import Pulse
+from sim_backend.recorder import analog_filter
+from sim_backend.twin import twin_record
+from sim_backend.two_mass import TwoMass
+from tests.analysis.ring_downs import FILTER, ONSET_S, RATE_HZ, SAMPLES, diagnosed, session_of
+from tests.analysis.terms import listed
+
+FRICTION_N = 2e-3
+
+
+@pytest.mark.slow
+def test_scatter_beneath_a_strong_effect_is_not_left_over() -> None:
+    rng = np.random.default_rng(3)
+
+    def record(rig: TwoMass, load_n: float, pulse: Pulse) -> np.ndarray:
+        own = replace(rig, kc=rig.kc * (1 + 4e-4 * rng.standard_normal()))
+        found = [adopted("guide_friction", {"friction_force_n": FRICTION_N})]
+        return twin_record(own, load_n, found, pulse, ONSET_S, SAMPLES, RATE_HZ, analog_filter(FILTER))[0]
+
+    found = diagnosed([session_of(record, ratios=(0.3, 0.4, 0.5))], [listed("guide_friction")]).answer
+    assert [m.id for m in found.mechanisms] == ["guide_friction"]
+    force = found.mechanisms[0].parameters["friction_force_n"]
+    assert force.low < FRICTION_N < force.high
+    assert force.high - force.low < 0.01 * FRICTION_N

@@ -77,8 +77,9 @@ def udev(
         Path | None,
         typer.Option("--output", "-o", help="New file, or its folder, instead of printing.", show_default=False),
     ] = None,
+    json: JsonPath = None,
 ) -> None:
     """Write udev rules that let the person at this machine open the recorder and the serial ports."""
     from mesotap.commands.udev import udev as write
 
-    write(output, console(None))
+    write(output, json, console(json))

@@ -205,6 +205,36 @@ def damaged_mat_73(place: Path) -> Target:
     return damaged_files(place / "damaged73.mat", (mat73(place / "sound73.mat"),))
 
 
+# --- WAV and TDMS
+
+
+def wav(dtype: str) -> bytes:
+    from scipy.io import wavfile  # here, as scipy.io
+
+    buffer = io.BytesIO()
+    wavfile.write(buffer, 1000, np.stack([RING, -RING], axis=1).astype(dtype))
+    return Content(buffer.getvalue())
+
+
+def damaged_wav(place: Path) -> Target:
+    return damaged_files(place / "damaged.wav", [wav(dtype) for dtype in ("i2", "u1", "f4")])
+
+
+def tdms() -> bytes:
+    from nptdms import ChannelObject, TdmsWriter  # here, as scipy.io
+
+    buffer = io.BytesIO()
+    with TdmsWriter(buffer) as writer:
+        for _ in range(2):
+            properties = {"wf_increment": 1e-3, "unit_string": "g"}
+            writer.write_segment([ChannelObject("g", name, RING, properties) for name in "ab"])
+    return Content(buffer.getvalue())
+
+
+def damaged_tdms(place: Path) -> Target:
+    return damaged_files(place / "damaged.tdms", (tdms(),))
+
+
 TARGETS = (
     damaged_tables,
     any_table,
@@ -214,4 +244,6 @@ TARGETS = (
     damaged_mat_5_behind_its_header,
     damaged_universal_files,
     damaged_mat_73,
+    damaged_wav,
+    damaged_tdms,
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
@@ -58,6 +59,8 @@ def test_it_is_printed_or_written_with_what_to_do(tmp_path: Path) -> None:
     assert file.read_text() == rules()
     assert f"sudo install -m 644 {file} /etc/udev/rules.d/" in said
     assert "sudo udevadm control --reload" in said
+    answer = json.loads(mesotap("udev", "--json", "-").stdout)
+    assert (answer["file"], answer["rules"], answer["install"][1]) == (None, rules(), "sudo udevadm control --reload")
     assert "exists already" in refused("udev", "-o", file)
 
 

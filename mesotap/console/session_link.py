@@ -33,11 +33,19 @@ class SessionLink:
         Called by the reading thread with each message; returns at once.
     lost
         Called by it once, when the other end has gone, or says nothing any more.
+    silent_s
+        For how long it may say nothing; None for as long as it likes.
     """
 
-    def __init__(self, connection: socket.socket, heard: Callable[[Message], None], lost: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        connection: socket.socket,
+        heard: Callable[[Message], None],
+        lost: Callable[[], None],
+        silent_s: float | None = SILENT_S,
+    ) -> None:
         self._socket = connection
-        self._socket.settimeout(SILENT_S)
+        self._socket.settimeout(silent_s)
         self._heard, self._lost = heard, lost
         self._waiting: deque[bytes] = deque(maxlen=MOST_WAITING)
         self._news = threading.Condition()

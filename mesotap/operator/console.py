@@ -1,4 +1,4 @@
-"""The operator's terminal: what goes on, what to do, and the keys that pause and end a session."""
+"""The operator's terminal: what to do, and the keys that pause and end a session."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from daq.records import Impact
 from mesotap.operator.terminal import escape
@@ -28,62 +27,30 @@ POLL_S = HEED_S
 PAUSE_KEY, ABORT_KEY, ENTER = "p", "q", "\n"
 
 
-class SessionDisplay:
-    """Shows a session as it runs: a line for the state, a bar for the impacts of the whole plan.
+class SessionLines:
+    """Prints how a session goes on, a line a state and a rejected tap: for whoever reads it later.
 
     Parameters
     ----------
-    impacts
-        Accepted impacts that the whole plan asks for.
-    done
-        How many there are already.
     console
         Where to.
     """
 
-    def __init__(self, impacts: int, done: int, console: Console) -> None:
+    def __init__(self, console: Console) -> None:
         self._console = console
-        self._progress = Progress(
-            SpinnerColumn(),
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("good taps"),
-            TimeElapsedColumn(),
-            console=console,
-            transient=True,
-        )
-        self._task = self._progress.add_task("starting", total=impacts, completed=done)
         self._state: State | None = None
 
     def progress(self, state: State, text: str) -> None:
-        """Show where the session is."""
+        """Print where the session is, when that changes."""
         if state is not self._state:
             self._state = state
-            if not self._console.is_terminal:
-                self._console.print(f"{state.value} ...", highlight=False)
-        self._progress.update(self._task, description=f"{state.value}: {escape(text)}")
+            self._console.print(f"{state.value} ...", highlight=False)
 
     def impact(self, impact: Impact, accepted: int, wanted: int) -> None:
-        """Show the verdict on one tap."""
-        where = f"load {impact.target_load_mn:.0f} mN"
-        if impact.accepted:
-            self._progress.advance(self._task)
-            self._progress.update(self._task, description=f"{where}: tap {accepted} of {wanted}")
-        else:
-            self._console.print(
-                f"{where}: tap {impact.number} not used: {escape(impact.reject_reason)}", highlight=False
-            )
-
-    def __enter__(self) -> SessionDisplay:
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        with suppress(OSError):  # the terminal was closed: what ended the session says more
-            self._progress.stop()
+        """Print why a tap is not used."""
+        if not impact.accepted:
+            where = f"load {impact.target_load_mn:.0f} mN: tap {impact.number} not used"
+            self._console.print(f"{where}: {escape(impact.reject_reason)}", highlight=False)
 
 
 class Keyboard:

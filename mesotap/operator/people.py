@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -11,8 +11,8 @@ from rich.console import Console
 
 from daq.journal import SessionFolder
 from mesotap.configuration.config import Config
-from mesotap.operator.console import KeyControl, SessionDisplay, TerminalOperator
-from mesotap.session.hand_verdicts import HandVerdict, accepted_in
+from mesotap.operator.console import KeyControl, SessionLines, TerminalOperator
+from mesotap.session.hand_verdicts import HandVerdict
 from mesotap.session.runner import Observer
 from mesotap.session.watching import GaugeWatch
 from rig import Operator
@@ -62,11 +62,12 @@ class People:
 
 
 def at_terminal(console: Console) -> People:
-    """Return the person at the terminal, who works, watches and controls."""
+    """Return the person at the terminal, who works, watches and controls; lines alone where nobody sees a screen."""
     operator = TerminalOperator(console)
+    control = KeyControl(console, operator.keyboard)
+    if not console.is_terminal:
+        return People(operator, control, lambda folder, config: nullcontext(SessionLines(console)), console)
+    from mesotap.operator.session_screen import SessionScreen  # with what it needs to talk to the analysis
 
-    def display(folder: SessionFolder, config: Config) -> SessionDisplay:
-        wanted = config.mesotap.impacts_per_load * len(config.mesotap.load_plan_mn)
-        return SessionDisplay(wanted, len(accepted_in(folder.events())), console)
-
-    return People(operator, KeyControl(console, operator.keyboard), display, console)
+    screen = SessionScreen(console, operator.keyboard.there)
+    return People(operator, control, screen.watching, console, screen)

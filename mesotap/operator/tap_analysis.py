@@ -1,0 +1,67 @@
+"""What each tap came to, while the session runs: worked out by a process of its own, so that nobody waits for it."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from daq.records import Impact
+from mesotap.console.frames import Message
+from mesotap.console.session_link import SessionLink
+from mesotap.console.session_people import tap_message
+
+ANALYST = "mesotap.console.analyst_process"
+NICENESS = 5
+"""By how much it gives way to the session, whose load watch comes first."""
+
+
+class TapAnalysis:
+    """The analysis of a session that runs at the terminal.
+
+    Parameters
+    ----------
+    begun
+        What the session is: ``config`` as text, ``created``, ``simulated``.
+    found
+        Called by a thread with the number of a tap and its modes: ``f2_hz``, ``zeta2`` and ``k_c``, each a mapping with
+        ``value``.
+    """
+
+    def __init__(self, begun: Message, found: Callable[[int, dict[str, Any]], None]) -> None:
+        self._found = found
+        ours, theirs = socket.socketpair()
+        command = ["nice", "-n", str(NICENESS), sys.executable, "-m", ANALYST, str(theirs.fileno())]
+        nowhere = subprocess.DEVNULL
+        try:
+            self._process = subprocess.Popen(
+                command,
+                stdin=nowhere,
+                stdout=nowhere,
+                stderr=nowhere,
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,  # Ctrl-C at the terminal is for the session
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            )
+        finally:
+            theirs.close()
+        self._link = SessionLink(ours, self._heard, lambda: None, silent_s=None)
+        self._link.start()
+        self._link.tell({"kind": "begun", **begun})
+
+    def tap(self, impact: Impact) -> None:
+        """Have a tap analysed; returns at once."""
+        self._link.tell(*tap_message(impact))
+
+    def end(self) -> None:
+        """End it, whatever it is at."""
+        self._process.kill()
+        self._process.wait()
+        self._link.end()
+
+    def _heard(self, message: Message) -> None:
+        if message.get("kind") == "modes":
+            self._found(message["number"], message["modes"])

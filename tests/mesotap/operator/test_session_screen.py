@@ -1,0 +1,137 @@
+"""The screen of a session at the terminal: what it shows of each thing that it is told, and a whole session on it."""
+
+from __future__ import annotations
+
+import doctest
+import fcntl
+import io
+import os
+import pty
+import re
+import struct
+import sys
+import termios
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from mesotap.operator import session_screen
+from mesotap.operator.session_screen import SessionScreen, sparkline
+from mesotap.session.states import State
+from tests.mesotap.report.test_report import make_session
+
+TAP = replace(make_session(loads=1)[0].impacts[0], extra={"force_ratio": 0.51})
+MODES = {"f2_hz": {"value": 1406.65}, "zeta2": {"value": 0.02756}, "k_c": {"value": 3.9288e6}}
+
+
+@pytest.fixture
+def screen():
+    shown = SessionScreen(Console(force_terminal=True, width=150, record=True), keys=True)
+    shown._plan, shown._limit_mn, shown._force_limit, shown._wanted = [300.0, 900.0], 1100.0, 0.8, 8
+    return shown
+
+
+def lines(screen: SessionScreen) -> list[str]:
+    console = Console(width=150, file=io.StringIO(), record=True)
+    console.print(screen.lines())
+    return console.export_text().splitlines()
+
+
+def test_before_anything_is_known(screen):
+    where, load, row, tap, _, keys = [*lines(screen)[:4], "", lines(screen)[-1]]
+    assert where.strip() == "starting"
+    assert load.split()[0] == "–"
+    assert "□□□□□□□□ 0 of 8 good taps; 0 of 16 in all" in row
+    assert tap.strip() == "no tap yet"
+    assert keys.strip() == "p pause   q end, with the surfaces apart"
+
+
+def test_load_taps_and_what_the_last_came_to(screen):
+    screen.progress(State.TAP, "waiting for tap 3")
+    screen.load(-0.2)
+    assert lines(screen)[1].split()[0] == "0"
+    screen.load(550.0)
+    screen.aim(1, 900.0)
+    screen.impact(TAP, 3, 8)
+    screen._found(TAP.number, MODES)
+    where, load, row, tap, spectrum, _ = lines(screen)
+    assert "waiting for tap 3" in where
+    assert load.startswith(" 550 mN " + "━" * 11 + "┃" + "━" * 8 + "·" * 20)  # half of the limit
+    assert "target 300" in load  # the tap is of the first load
+    assert "■■■□□□□□ 3 of 8" in row
+    assert "✓ used" in tap
+    assert "51 % of the force that lifts off (limit 80 %)" in tap
+    assert "f2 1406.7 Hz  zeta2 2.76 %  k_c 3.929 MN/m" in tap
+    assert spectrum.startswith("100 ")
+
+
+def test_a_tap_that_is_not_used_is_told_above(screen):
+    screen.impact(replace(TAP, accepted=False, reject_reason="a second [impact]\x1b[2J"), 0, 8)
+    assert "✗ not used" in lines(screen)[3]
+    said = screen._console.export_text()
+    assert "tap 0 not used: a second [impact]" in said
+    assert "\x1b[2J" not in said
+
+
+def test_the_spectrum_has_its_peak_where_the_mode_is():
+    t = np.arange(5000) / 25000
+    for f in (356.0, 1406.0, 5000.0):
+        line = sparkline(np.exp(-20 * t) * np.sin(2 * np.pi * f * t), 25000.0)
+        letters = line.removeprefix("100 ").removesuffix(" 10000 Hz")
+        assert len(letters) == 56
+        assert letters.index("█") == pytest.approx(56 * np.log10(f / 100) / 2, abs=1.0)
+    assert sparkline(np.zeros(100), 25000.0) == ""
+
+
+def test_the_example():
+    assert doctest.testmod(session_screen).failed == 0
+
+
+@pytest.mark.slow
+def test_a_session_on_a_terminal(tmp_path):
+    changes = [
+        "mesotap.load_plan_mn=[300]", "mesotap.impacts_per_load=3", "mesotap.dwell_s=1", "calibration.averaging_s=0.05",
+        "calibration.repeats=1", "rig.limits.expected_contact_um=12", "sim_backend.contact_position_um=12",
+        "sim_backend.gauge.weight_settling_s=0.1",
+    ]  # fmt: skip
+    options = [word for change in changes for word in ("--set", change)]
+    pid, terminal = pty.fork()
+    if pid == 0:
+        command = [
+            sys.executable,
+            "-m",
+            "mesotap",
+            "run",
+            "--simulate",
+            "--realtime",
+            *options,
+            "-o",
+            str(tmp_path / "s"),
+        ]
+        os.execve(sys.executable, command, {**os.environ, "TERM": "xterm", "COLUMNS": "150", "LINES": "40"})
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 150, 0, 0))
+    seen = b""
+    while True:
+        try:
+            piece = os.read(terminal, 65536)
+        except OSError:  # it has ended
+            break
+        if not piece:
+            break
+        seen += piece
+    os.close(terminal)
+    assert os.waitpid(pid, 0)[1] == 0
+    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", seen.decode(errors="replace"))
+    for words in (
+        "p pause   q end",
+        "■■■ 3 of 3 good taps",
+        "✓ used",
+        "k_c",
+        "target 300, limit 1100 mN",
+        "MN/m",
+        "Hz",
+    ):
+        assert words in text
+    assert (tmp_path / "s" / "report.html").is_file()

@@ -83,7 +83,7 @@ export const loads = {
     const headings = ["step", "load, mN", "taps", "f2, Hz", "ζ_c, %", "k_c, MN/m", "c_c, N s/m"];
     root.append(
       make("div", { class: "two" }, sheet("Contact stiffness against theory", stiffness.box, key), sheet("Damping of the contact mode", damping.box)),
-      sheet("Loads: combined taps with 95 % intervals", told, make("div", { class: "scroll" }, make("table", { id: "loads" }, make("thead", {}, make("tr", {}, ...headings.map((h) => make("th", { scope: "col" }, h)))), table)), soFar),
+      sheet("Loads: combined taps with 95 % intervals", make("p", { class: "small" }, "Loads are those of the calibration before the test; the report follows the gauge to each tap."), told, make("div", { class: "scroll" }, make("table", { id: "loads" }, make("thead", {}, make("tr", {}, ...headings.map((h) => make("th", { scope: "col" }, h)))), table)), soFar),
       documents);
     show();
   },

@@ -57,6 +57,7 @@ def test_the_examples_are_short_and_those_of_the_docs(module: str) -> None:
     assert text in (ROOT / "docs" / "plugins.md").read_text()
 
 
+@pytest.mark.slow
 def test_they_are_listed_and_hold(installed: Packages, tmp_path: Path) -> None:
     assert "{driver: line-gauge, port: ..., baud_rate: ...}" in installed.mesotap("drivers", cwd=tmp_path).stdout
     assert ".blk: block files of an example recorder, of mesotap-example 1.0" in (
@@ -68,6 +69,7 @@ def test_they_are_listed_and_hold(installed: Packages, tmp_path: Path) -> None:
         assert len(said.splitlines()) >= 9
 
 
+@pytest.mark.slow
 def test_the_driver_answers_where_the_configuration_names_it(installed: Packages, tmp_path: Path) -> None:
     with module_of(MODULES / "line_gauge.py", "tried").stand_in(None) as reached:
         change = GAUGE % reached["port"]
@@ -80,6 +82,7 @@ def test_the_driver_answers_where_the_configuration_names_it(installed: Packages
     }
 
 
+@pytest.mark.slow
 def test_its_settings_are_validated_and_kept(installed: Packages, tmp_path: Path) -> None:
     said = installed.refused("config", "check", "--set", "rig.parts.load_cell={driver: line-gauge}", cwd=tmp_path)
     assert "rig.parts.load_cell.port is missing" in said
@@ -95,6 +98,7 @@ def test_its_settings_are_validated_and_kept(installed: Packages, tmp_path: Path
     assert "line-gauge is a driver of rig.parts.load_cell" in said
 
 
+@pytest.mark.slow
 def test_a_rig_with_it_is_simulated_but_not_emulated(installed: Packages, tmp_path: Path) -> None:
     change = ("--set", GAUGE % "/dev/ttyUSB7")
     installed.mesotap("check", "--simulate", "--no-touch", *change, cwd=tmp_path)
@@ -102,6 +106,7 @@ def test_a_rig_with_it_is_simulated_but_not_emulated(installed: Packages, tmp_pa
     assert "rig.parts.load_cell: nothing is emulated for line-gauge" in said
 
 
+@pytest.mark.slow
 def test_a_session_keeps_its_rig_where_its_driver_is_not_installed(installed: Packages, tmp_path: Path) -> None:
     changes = ("--set", GAUGE % "/dev/ttyUSB7", "--set", "rig.masses.m1_kg=0.110", "--set", "rig.filter.lowpass_hz=9e3")
     installed.mesotap("simulate", "tap.h5", *changes, cwd=tmp_path)
@@ -109,6 +114,7 @@ def test_a_session_keeps_its_rig_where_its_driver_is_not_installed(installed: Pa
     assert (kept.masses.m1_kg, kept.filter.lowpass_hz, kept.parts.load_cell) == (0.110, 9e3, "simulated")
 
 
+@pytest.mark.slow
 def test_the_format_is_read_by_every_command(installed: Packages, tmp_path: Path) -> None:
     content, _ = module_of(MODULES / "block_file.py", "tried").example()
     (tmp_path / "r.BLK").write_bytes(content)

@@ -26,7 +26,7 @@ from tests.fuzz.session_folders import DAMAGES
 WHOLE = bool(os.environ.get("MESOTAP_WHOLE_COMMANDS"))
 """Whether sessions that can be opened are analysed and reported too, which takes 5 s each."""
 
-LONGEST_S = 60
+LONGEST_S = 600
 
 ROOT = {"format", "format_version", "created", "operator", "specimen", "title", "software", "complete"}
 RIG = {"m1_kg", "m2_kg", "k1_n_per_m", "k2_n_per_m", "sample_rate_hz"}

@@ -248,6 +248,7 @@ def test_the_acquisition_killed(viewing):
     assert page.state["ended"]["text"].endswith("the surfaces are apart")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("viewing", [SHIPPED], indirect=True)
 def test_the_acquisition_killed_where_the_configuration_names_no_devices(viewing):
     assert "parts" not in SHIPPED

@@ -78,7 +78,7 @@ def run_with(tmp_path, config, state, reading, fault):
 
 @pytest.mark.parametrize("fault", FAULTS, ids=str)
 @pytest.mark.parametrize("state", STATES, ids=lambda s: s.name)
-@pytest.mark.parametrize("higher_um", [0.0, HIGH_UM])
+@pytest.mark.parametrize("higher_um", [0.0, pytest.param(HIGH_UM, marks=pytest.mark.slow)])
 def test_limit_holds_whatever_the_gauge_does(tmp_path, state, fault, higher_um):
     config = small_config(f"sim_backend.contact_position_um={150.0 - higher_um}")
     for reading in (0, 3):

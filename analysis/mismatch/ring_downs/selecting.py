@@ -107,7 +107,8 @@ def _selected(begun: tuple[Begun, ...]) -> tuple[Selection[RingDownFit], Selecti
     if len(begun) == 1:
         return plain, plain
     again = select(*begun[-1])
-    return (plain if again.chosen is None else again), again
+    # where nothing is named, what is said is said of the linear rig that explains more: scatter is not missing physics
+    return (again if again.chosen is not None or again.p_value > plain.p_value else plain), again
 
 
 def scattered(baseline: RingDownFit) -> bool:

@@ -214,11 +214,13 @@ def working(path: Path) -> tuple[int, IO[str]]:
 def test_kills_lose_at_most_the_impact_in_flight(tmp_path: Path) -> None:
     path = tmp_path / "run"
     reported = -1
-    for round_ in range(20):
+    round_ = 0
+    while round_ < 20 or reported <= 20:  # a machine that is busy writes less between two kills
+        round_ += 1
         child, said = working(path)
         with said:
             assert said.readline() == "ready\n"
-            time.sleep(0.003 + 0.0023 * round_)
+            time.sleep(0.0007 + 0.0023 * round_)
             os.kill(child, signal.SIGKILL)
             assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
             lines = said.read().split("\n")[:-1]

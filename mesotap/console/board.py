@@ -335,7 +335,7 @@ class Board:
             self._cut_off(f"the {process}'s process was killed; {guardian}", "Look whether the surfaces are apart")
         else:
             self._cut_off(f"the {process}'s process was killed, and the simulated rig with it", "")
-        self.show("state", "load")
+        self.show("state")
 
     def said(self, line: str) -> None:
         """Hear a line of the process, or of the guardian after it: what came of the load."""
@@ -344,7 +344,7 @@ class Board:
         told = line.removeprefix(SAYS).removesuffix(f"; {GOES_ON}").removeprefix(f"{DIED}; ")
         look = "" if told.endswith(APART) else "Look at the rig"
         self._cut_off(f"the {self._process()}'s process was killed; the guardian took over: {told}", look)
-        self.show("state", "load")
+        self.show("state")
 
     def _process(self) -> str:
         return "view" if self.state["viewed"] else "session"
@@ -353,6 +353,7 @@ class Board:
         """Show that the process ended without a word, and what is known of the load since."""
         then = "begin the view again" if self.state["viewed"] else "resume the session"
         self.load = {"mn": None, "at": None}
+        self.show("load")
         self.state.update(ended={"how": "failed", "text": text}, ask=None, paused=False, words="ended", text="")
         self.state["next"] = f"{look}, then {then}." if look else f"{then.capitalize()}."
 

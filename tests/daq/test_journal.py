@@ -237,7 +237,6 @@ def test_kills_lose_at_most_the_impact_in_flight(tmp_path: Path) -> None:
             impact, checkpoint = run.read_impact(number)
             assert checkpoint == {"n": number}
             assert (impact.acceleration == number).all()
-    assert reported > 20
 
 
 def test_the_disk_is_waited_for_twice_an_impact_however_many_there_are(

@@ -95,7 +95,8 @@ def test_two_sessions_are_compared(chromium, tmp_path):
         (folder / "report.html").write_text("<p>a report</p>")
         value = {"value": k_c, "low": k_c - 1e4, "high": k_c + 1e4}
         zeta = {"value": 0.02, "low": 0.01, "high": 0.03}
-        load = {"target_load_mn": 300.0, "load_mn": {"value": 299.0}, "contact_stiffness_n_per_m": value, "zeta2": zeta}
+        around = {"value": 299.0, "low": 298.0, "high": 300.0}
+        load = {"target_load_mn": 300.0, "load_mn": around, "contact_stiffness_n_per_m": value, "zeta2": zeta}
         (folder / "results.json").write_text(json.dumps({"loads": [load]}))
     with console_in(tmp_path) as console:
         page = opened(chromium, console)

@@ -7,24 +7,20 @@ Parts: ``state`` (where the session is, what to do), ``load``, ``calibration``, 
 from __future__ import annotations
 
 import hashlib
-import json
 import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mesotap.console.frames import Message, frame
+from mesotap.console.last_words import APART, last_safe
+from mesotap.console.records import record_frame
 from mesotap.session.guardian import DIED, GOES_ON, SAYS
 
 REPORT, DIAGNOSIS = "report.html", "diagnosis.html"
 RECORDS_KEPT = 64
 LINES_KEPT = 30
-JOURNAL, JOURNAL_END, SAFE = "journal.jsonl", 1 << 16, b'"event": "safe"'
-"""Of a session's folder: the journal, how many bytes of its end are looked through, and what begins such a line."""
 
 WHAT_TO_DO = {
     "CONNECT": "Nothing to do: the devices are being connected.",
@@ -55,8 +51,6 @@ AFTERWARDS = {
 }
 FOLDER_GONE = "The session's folder is gone, so there is nothing to resume: put it back, or start a new session."
 IDLE = "No session runs. Start one, or go on with one that was not finished."
-
-APART = "the surfaces are apart"
 
 Show = Callable[[str, bytes], None]
 
@@ -356,33 +350,3 @@ class Board:
         self.show("load")
         self.state.update(ended={"how": "failed", "text": text}, ask=None, paused=False, words="ended", text="")
         self.state["next"] = f"{look}, then {then}." if look else f"{then.capitalize()}."
-
-
-def last_safe(folder: Path | None) -> str:
-    """Return what a session's journal says of the surfaces at its end; empty if nothing."""
-    try:
-        lines = [] if folder is None else (folder / JOURNAL).read_bytes()[-JOURNAL_END:].splitlines()
-        found = [json.loads(line) for line in lines if SAFE in line]
-        last = found[-1]
-        return f"{last['reason']}; {'; '.join(last['troubles']) or APART}"
-    except (OSError, ValueError, LookupError, TypeError):
-        return ""
-
-
-def record_frame(message: Message, numbers: bytes) -> bytes:
-    """Return what a page draws of a tap: accelerations A and B and the spectrum of their mean, float32."""
-    acceleration = np.frombuffer(numbers, dtype=np.float64).reshape(2, message["samples"])
-    spectrum = amplitude_spectrum(acceleration.mean(axis=0)[message["pretrigger"] :], message["rate_hz"])
-    told: Message = {
-        "part": "record",
-        **{k: v for k, v in message.items() if k != "kind"},
-        "bins": len(spectrum),
-        "bin_hz": message["rate_hz"] / max(1, message["samples"] - message["pretrigger"]),
-    }
-    drawn = np.concatenate([acceleration.ravel(), spectrum]).astype("<f4")
-    return frame(told, drawn.tobytes())
-
-
-def amplitude_spectrum(y: NDArray[np.float64], rate_hz: float) -> NDArray[np.float64]:
-    """Amplitude spectrum, m/s2 per Hz, of a transient from its trigger on (Fig. 6b)."""
-    return np.abs(np.fft.rfft(y)) / rate_hz if y.size else np.zeros(0)

@@ -156,17 +156,22 @@ def _agreement(loads: Sequence[LoadResult]) -> Trust:
     if without:
         where = ", ".join(f"{load.target_load_mn:.4g}" for load in without)
         again = "Read the notes beneath Table 1: they say why there is no contact mode."
-        return Trust("Contact mode", Light.BAD, f"Missing at {where} mN.", "#results", again)
+        return Trust("Each load", Light.BAD, f"No contact mode at {where} mN.", "#results", again)
     if noted:
         words = f"Notes at {len(noted)} of {len(loads)} loads."
         return Trust(
-            "Contact mode",
+            "Each load",
             Light.DOUBT,
             words,
             "#results",
             "Read the notes beneath Table 1 before the numbers are used.",
         )
-    return Trust("Contact mode", Light.GOOD, "Found at every load; no note speaks against it.", "#results")
+    return Trust(
+        "Each load",
+        Light.GOOD,
+        "A contact mode was found at all of them, and nothing was noted against it.",
+        "#results",
+    )
 
 
 def _physics(session: Session, folder: Path) -> Trust:

@@ -118,7 +118,18 @@ def validated(content: dict[str, Any]) -> Config:
 
 def remarks(config: Config) -> list[str]:
     """Return in sentences what is unusual about a valid configuration, and to what its loads can be set."""
-    return [*unusual(config.model_dump(mode="json")), *_settable_loads(config)]
+    return [*unusual(config.model_dump(mode="json")), *_aliased(config.rig), *_settable_loads(config)]
+
+
+def _aliased(rig: RigSettings) -> list[str]:
+    """Say where the recorder sees motions at wrong frequencies: its filter lets through more than it can tell."""
+    highest_hz = rig.wiring.sample_rate_hz / 2
+    if rig.filter.lowpass_hz <= highest_hz:
+        return []
+    return [
+        f"rig.wiring.sample_rate_hz tells nothing above {highest_hz:g} Hz, and rig.filter.lowpass_hz "
+        f"({rig.filter.lowpass_hz:g}) lets more through, which is then seen at other frequencies"
+    ]
 
 
 def _settable_loads(config: Config) -> list[str]:

@@ -64,9 +64,9 @@ def test_few_taps_many_rejected_and_taps_by_hand():
 
 
 def test_a_load_without_a_contact_mode_and_one_with_notes():
-    assert line("Contact mode", results=RESULTS).light is Light.DOUBT
+    assert line("Each load", results=RESULTS).light is Light.DOUBT
     lost = replace(PLAIN, loads=(PLAIN.loads[0], replace(PLAIN.loads[1], contact_stiffness_n_per_m=None)))
-    assert "Missing at 350 mN" in line("Contact mode", results=lost).words
+    assert "No contact mode at 350 mN" in line("Each load", results=lost).words
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,14 @@ def test_a_value_in_another_unit_is_told_first(change, says):
     assert says in told(change)[0]
 
 
+def test_a_filter_that_lets_through_more_than_the_rate_can_tell():
+    assert any(
+        "nothing above 1500 Hz, and rig.filter.lowpass_hz (10000)" in line
+        for line in told("rig.wiring.sample_rate_hz=3000")
+    )
+    assert not any("lets more through" in line for line in told())
+
+
 def test_nothing_is_unusual_about_what_is_shipped_nor_about_the_paper_s_loads():
     assert not [line for line in told() if "usual" in line]
     assert not [line for line in told("mesotap.load_plan_mn=[70, 1000]") if "usual" in line]

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import tempfile
+import unicodedata
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +18,7 @@ from numpy.typing import NDArray
 from daq.durable import write_whole
 from daq.errors import RecordingError
 from daq.exchange.recording import Recording
+from daq.exchange.universal import RATE_LINE
 
 UNIVERSAL = (".uff", ".unv", ".uf", ".ufb")
 SUFFIXES = (*UNIVERSAL, ".csv", ".mat")
@@ -25,6 +28,15 @@ Shape = tuple[complex, NDArray[np.complex128]]
 
 _KINDS = {"m": 8, "m/s": 11, "m/s2": 12, "N": 13}
 """Specific data types of data sets 55 and 58 by unit; 0 is unknown."""
+
+_PARTS = {"k": 1e3, "c": 1e-2, "m": 1e-3, "u": 1e-6, "\u00b5": 1e-6, "\u03bc": 1e-6, "n": 1e-9}
+"""Factors of the letters before a unit; the micro sign and the Greek letter look alike."""
+
+_SPELLED = str.maketrans(
+    {"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss", "æ": "ae", "Æ": "Ae", "ø": "oe"}
+    | {"Ø": "Oe", "å": "aa", "Å": "Aa", "\u00b5": "u", "\u03bc": "u", "ł": "l", "Ł": "L", "°": "deg"}
+)
+"""How letters that ASCII has not are spelled, where that is more than leaving an accent out."""
 
 _TIME, _TIME_RESPONSE, _COMPLEX_EIGENVALUE = 17, 1, 3
 _ENTITY = 10  # letters of the name of a component in data set 58
@@ -77,9 +89,11 @@ def _universal(recording: Recording, binary: bool, modes: Sequence[Shape]) -> by
     sets: list[dict[str, Any]] = [
         pyuff.prepare_164(1, "SI: m, N, K", 2, length=1.0, force=1.0, temp=1.0, temp_offset=273.15)
     ]
-    times, kinds = _times(recording), [_KINDS.get(unit, 0) for unit in _units(recording)]
-    for number, (name, unit, kind, samples) in enumerate(
-        zip(recording.names, _units(recording), kinds, recording.data, strict=True), start=1
+    times = _times(recording)
+    scaled = [in_si(unit) for unit in _units(recording)]  # data set 164 says SI of values with a data type
+    kinds = [_KINDS.get(unit, 0) for unit, _ in scaled]
+    for number, (name, (unit, factor), kind, samples) in enumerate(
+        zip(recording.names, scaled, kinds, recording.data, strict=True), start=1
     ):
         sets.append(
             pyuff.prepare_58(
@@ -87,6 +101,7 @@ def _universal(recording: Recording, binary: bool, modes: Sequence[Shape]) -> by
                 func_type=_TIME_RESPONSE,
                 id1=_line(name),
                 id2=_line(recording.source),
+                id3=f"{RATE_LINE}{float(recording.rate_hz)} Hz",
                 rsp_ent_name=_line(name)[:_ENTITY] or "NONE",
                 rsp_node=number,
                 rsp_dir=1,
@@ -100,7 +115,7 @@ def _universal(recording: Recording, binary: bool, modes: Sequence[Shape]) -> by
                 ordinate_axis_units_lab=_line(unit)[:20] or "NONE",
                 orddenom_spec_data_type=0,
                 z_axis_spec_data_type=0,
-                data=samples,
+                data=samples * factor if factor != 1.0 else samples,
                 x=times,
             )
         )
@@ -111,6 +126,8 @@ def _universal(recording: Recording, binary: bool, modes: Sequence[Shape]) -> by
             pyuff.prepare_55(
                 model_type=1,
                 id1=f"mode {number} of {_line(recording.source)}"[:80],
+                id2=f"pole {float(pole.real)} {float(pole.imag):+}j 1/s",
+                id3=f"{float(abs(pole)) / (2 * math.pi)} Hz, damping ratio {float(-pole.real / abs(pole))}",
                 analysis_type=_COMPLEX_EIGENVALUE,
                 data_ch=2,
                 spec_data_type=kinds[0] if len(set(kinds)) == 1 else 0,
@@ -132,9 +149,50 @@ def _universal(recording: Recording, binary: bool, modes: Sequence[Shape]) -> by
         return place.read_bytes()
 
 
+def in_si(unit: str) -> tuple[str, float]:
+    """Return the SI unit of lengths, velocities, accelerations and forces, and the factor there; others stay.
+
+    Examples
+    --------
+    >>> in_si("mm/s"), in_si("kN"), in_si("V")
+    (('m/s', 0.001), ('N', 1000.0), ('V', 1.0))
+    """
+    letter, plain = unit[:1], unit[1:]
+    if unit not in _KINDS and letter in _PARTS and plain in _KINDS:
+        return plain, _PARTS[letter]
+    return unit, 1.0
+
+
+def rewritten(recording: Recording) -> tuple[str, ...]:
+    """Return what a universal file holds otherwise than the recording, a sentence each: letters and units."""
+    said = []
+    for name, unit in zip(recording.names, _units(recording), strict=True):
+        written, (si, _) = _line(name), in_si(unit)
+        if written != name:
+            said.append(f"channel {name} is called {written}: a universal file has ASCII letters, 80 a name")
+        if si != unit:
+            said.append(f"channel {name} is written in {si} instead of {unit}: a universal file is in SI units")
+    return tuple(said)
+
+
+def as_ascii(text: str) -> str:
+    """Return text in the letters of a universal file: printable ASCII.
+
+    Umlauts are written as in German, other letters without their accents, Greek mu as u; "?" stands for the rest.
+
+    Examples
+    --------
+    >>> as_ascii("Gehäuse oben, 5 µm, près")
+    'Gehaeuse oben, 5 um, pres'
+    """
+    spelled = unicodedata.normalize("NFKD", unicodedata.normalize("NFC", text).translate(_SPELLED))
+    letters = (letter for letter in spelled if not unicodedata.combining(letter))
+    return "".join(letter if letter.isascii() and letter.isprintable() else "?" for letter in letters)
+
+
 def _line(text: str) -> str:
     """Return text that fits into a line of a universal file: printable ASCII, 80 letters."""
-    return "".join(letter if letter.isascii() and letter.isprintable() else "?" for letter in text)[:80]
+    return as_ascii(text)[:80]
 
 
 def _csv(recording: Recording) -> bytes:

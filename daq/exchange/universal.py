@@ -28,6 +28,12 @@ SAME_START = 0.5
 SAME_UNIT = 1e-6
 """Relative difference of two factors between units that is put down to the digits they are written with."""
 
+RATE_LINE = "sampling rate: "
+"""How the third line of a data set 58 begins where this program wrote it: the step between samples has 6 digits."""
+
+SAME_RATE = 1e-5
+"""Relative difference of a rate from the step beside it that is put down to the step's digits."""
+
 _KINDS = {8: ("m", "length"), 11: ("m/s", "length"), 12: ("m/s2", "length"), 13: ("N", "force")}
 """Unit of a kind of data (the specific data type of data set 58), and which units of data set 164 it is written in."""
 
@@ -67,8 +73,19 @@ def read_universal(path: Path, content: bytes) -> Columns:
                 f"{path}: data set {number} begins {time[0] - first[0]:g} s after the first one: "
                 "they are no channels of one recording"
             )
-    columns.time, columns.time_name = first, "abscissa"
+    columns.rate_hz = _written_rate([block for _, block in sets], first)
+    columns.time, columns.time_name = None if columns.rate_hz else first, "abscissa"
     return columns
+
+
+def _written_rate(blocks: list[dict[str, Any]], time: np.ndarray[Any, np.dtype[np.float64]]) -> float | None:
+    """Return the rate, Hz, that this program wrote beside each data set, if it is the one of the abscissa."""
+    lines = {_text(block.get("id3")) for block in blocks}
+    found = re.fullmatch(re.escape(RATE_LINE) + r"([0-9.]{1,25}(?:e[+-]?\d{1,3})?) Hz", lines.pop())
+    if lines or found is None or time.size < 2 or found[1].count(".") > 1 or not found[1][0].isdigit():
+        return None
+    rate, span = float(found[1]), float(time[-1] - time[0])
+    return rate if abs(rate * span - (time.size - 1)) <= SAME_RATE * (time.size - 1) else None
 
 
 def _unit(path: Path, number: int, block: dict[str, Any], scales: dict[str, float]) -> tuple[str, float]:
@@ -109,6 +126,7 @@ def _read_sets(path: Path, content: bytes) -> tuple[list[tuple[int, dict[str, An
             responses = [(number, block) for number, block in blocks if block["func_type"] in TIME_RESPONSE]
             sets = [(number, block) for number, block in responses if not np.iscomplexobj(block["data"])]
             others = [f"data set {n} (complex)" for n, block in responses if np.iscomplexobj(block["data"])]
+            others += _left_out(types, blocks)
             units = [file.read_sets(i) for i, kind in enumerate(types) if kind == 164]
             scales = [{measure: float(block[measure]) for measure in ("length", "force")} for block in units]
             for _, block in sets:
@@ -141,6 +159,27 @@ FROM_TIME = (
     "modes are identified from the samples themselves, so have the program that measured them write its time records "
     "(data sets 58 of function type 1), or as CSV or MAT"
 )
+
+
+def _left_out(types: list[int], blocks: list[tuple[int, dict[str, Any]]]) -> list[str]:
+    """Return what stands beside the time responses, an item for each kind, with the numbers of its data sets."""
+    found: dict[str, list[int]] = {}
+    for number, block in blocks:
+        if block["func_type"] not in TIME_RESPONSE:
+            found.setdefault(_FUNCTIONS.get(int(block["func_type"]), "other function"), []).append(number)
+    why = "modes are identified from time records alone"
+    said = [f"{_counted(kind, numbers)} ({why})" for kind, numbers in found.items()]
+    shapes = [number for number, kind in enumerate(types, start=1) if kind == 55]
+    return said + ([f"{_counted('mode shape', shapes)} (modes are identified anew)"] if shapes else [])
+
+
+def _counted(kind: str, numbers: list[int]) -> str:
+    """Return how many there are of a kind, and in which data sets."""
+    first, last = numbers[0], numbers[-1]
+    if len(numbers) == 1:
+        return f"a {kind}, data set {first}"
+    joined = "to" if last - first == len(numbers) - 1 else "..."
+    return f"{len(numbers)} x {kind}, data sets {first} {joined} {last}"
 
 
 def _instead(types: list[int], blocks: list[tuple[int, dict[str, Any]]]) -> str:

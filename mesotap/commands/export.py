@@ -8,12 +8,15 @@ import numpy as np
 from rich.console import Console
 
 from daq.errors import RecordingError
-from daq.exchange.exporting import Shape, export_recording
+from daq.exchange.exporting import UNIVERSAL, Shape, export_recording, rewritten
 from daq.exchange.recording import Recording
 from daq.records import Session
 from mesotap.commands.outputs import make_ready, refuse_to_overwrite, write_json
-from mesotap.commands.recordings import opened
+from mesotap.commands.recordings import opened, show_left_out
 from mesotap.operator.terminal import escape
+
+MOST_SAID = 10
+"""Lines that are printed about names and units; `--json` has all."""
 
 
 def export(
@@ -32,14 +35,20 @@ def export(
     if isinstance(found, Session) and with_modes:
         raise RecordingError(f"{source}: is a session, whose modes at each load are in its results.json")
     recording = accepted_impacts(found) if isinstance(found, Session) else found
+    show_left_out(recording, console)
     modes = _modes(recording) if with_modes else []
     export_recording(output, recording, binary=not text, modes=modes)
     channels, samples = recording.data.shape
     shapes = f", {len(modes)} modes" if with_modes else ""
     said = f"{escape(output)}: {channels} channels, {samples} samples at {recording.rate_hz:g} Hz{shapes}"
     console.print(said, highlight=False, soft_wrap=True)
+    changed = rewritten(recording) if output.suffix.lower() in UNIVERSAL else ()
+    for line in changed[:MOST_SAID]:
+        console.print(f"- {escape(output)}: {escape(line)}", highlight=False, soft_wrap=True)
+    if len(changed) > MOST_SAID:
+        console.print(f"- {escape(output)}: and {len(changed) - MOST_SAID} more such", highlight=False, soft_wrap=True)
     answer = {"written": str(output), "channels": list(recording.names), "samples": samples, "modes": len(modes)}
-    write_json(json_path, {**answer, "rate_hz": recording.rate_hz})
+    write_json(json_path, {**answer, "rate_hz": recording.rate_hz, "notes": list(changed)})
 
 
 def accepted_impacts(session: Session) -> Recording:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -102,6 +103,8 @@ def _analyze_one(
     config = load_config(config_path, changes)
     modes = modes_of(recording, config.analysis.method)
     _show_modes(modes, console)
+    # said already; the answer and the page hold it too
+    modes = replace(modes, notes=(*modes.notes, *(f"left out of the file: {what}" for what in recording.left_out)))
     if report is not None:
         from mesotap.report.report import recording_report
 

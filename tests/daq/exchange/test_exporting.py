@@ -12,7 +12,7 @@ from scipy.io import loadmat
 
 from daq.errors import RecordingError
 from daq.exchange import import_recording
-from daq.exchange.exporting import export_recording
+from daq.exchange.exporting import as_ascii, export_recording, rewritten
 from daq.exchange.recording import Recording
 
 RNG = np.random.default_rng(55)
@@ -62,7 +62,7 @@ def test_a_universal_file_is_read_by_three_readers(tmp_path, binary):
     ours = import_recording(file)
     assert ours.data == pytest.approx(RECORDING.data, rel=digits, abs=digits)
     assert ours.rate_hz == pytest.approx(25000.0, rel=1e-9)
-    assert (ours.names, ours.unit) == (("A", "B, quoted", "tip ?"), "m/s2")
+    assert (ours.names, ours.unit) == (("A", "B, quoted", "tip u"), "m/s2")
     sets = pyuff.UFF(str(file)).read_sets()
     assert [s["type"] for s in sets] == [164, 58, 58, 58, 55, 55]
     for found, samples in zip(sets[1:4], RECORDING.data, strict=True):
@@ -75,6 +75,68 @@ def test_a_universal_file_is_read_by_three_readers(tmp_path, binary):
     assert np.array(responses) == pytest.approx(RECORDING.data, rel=digits, abs=digits)
     assert modes[0][0] == pytest.approx(POLE, rel=1e-5)
     assert np.array(modes[1][1]) == pytest.approx(SHAPE.conj(), rel=1e-5)
+
+
+@pytest.mark.parametrize("binary", [True, False])
+@pytest.mark.parametrize("rate_hz", [44100.0, 25000.0 / 3.0, 1e5 / 7.0])
+def test_a_rate_whose_step_has_more_digits_comes_back_as_it_was(tmp_path, rate_hz, binary):
+    recording = Recording(RECORDING.data, rate_hz, RECORDING.names, "m/s2", "made.h5")
+    export_recording(tmp_path / "out.uff", recording, binary=binary)
+    assert import_recording(tmp_path / "out.uff").rate_hz == rate_hz
+    others = 1.0 / np.diff(pyuff.UFF(str(tmp_path / "out.uff")).read_sets(1)["x"]).mean()
+    assert others == pytest.approx(rate_hz, rel=1e-5)
+
+
+def test_a_rate_in_words_that_is_not_that_of_the_samples_counts_for_nothing(tmp_path):
+    export_recording(tmp_path / "out.uff", RECORDING, binary=False)
+    text = (tmp_path / "out.uff").read_text()
+    (tmp_path / "other.uff").write_text(text.replace("rate: 25000.0 Hz", "rate: 24000.0 Hz"))
+    assert import_recording(tmp_path / "other.uff").rate_hz == pytest.approx(25000.0, rel=1e-9)
+
+
+def test_poles_have_all_their_digits_in_words_beside_the_six_of_the_format(tmp_path):
+    pole = complex(-12.345678901234567, 2200.123456789012)
+    export_recording(tmp_path / "out.uff", RECORDING, modes=[(pole, SHAPE)])
+    mode = pyuff.UFF(str(tmp_path / "out.uff")).read_sets(4)
+    assert mode["eig"] == pytest.approx(pole, rel=5e-6)
+    assert complex(mode["id2"].split(" ", 1)[1].removesuffix(" 1/s").replace(" ", "")) == pole
+    frequency, ratio = mode["id3"].split(" Hz, damping ratio ")
+    assert float(frequency) == pytest.approx(abs(pole) / (2 * np.pi), rel=1e-14)
+    assert float(ratio) == pytest.approx(-pole.real / abs(pole), rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("unit", "kind", "si", "factor"),
+    [
+        ("mm/s", 11, "m/s", 1e-3),
+        ("m/s", 11, "m/s", 1.0),
+        ("um", 8, "m", 1e-6),
+        ("µm", 8, "m", 1e-6),
+        ("mm", 8, "m", 1e-3),
+        ("kN", 13, "N", 1e3),
+        ("mN", 13, "N", 1e-3),
+        ("mV", 0, "mV", 1.0),
+        ("", 0, "", 1.0),
+    ],
+)
+def test_data_types_come_with_si_units(tmp_path, unit, kind, si, factor):
+    recording = Recording(RECORDING.data[:1], 25000.0, ("v",), unit, "made.h5")
+    export_recording(tmp_path / "out.uff", recording)
+    block = pyuff.UFF(str(tmp_path / "out.uff")).read_sets(1)
+    assert (block["ordinate_spec_data_type"], block["ordinate_axis_units_lab"].strip()) == (kind, si or "NONE")
+    assert block["data"] == pytest.approx(factor * RECORDING.data[0], rel=1e-15)
+    ours = import_recording(tmp_path / "out.uff")
+    assert (ours.unit, ours.data[0]) == (si, pytest.approx(factor * RECORDING.data[0], rel=1e-15))
+    assert len(rewritten(recording)) == int(si != unit)
+
+
+def test_letters_that_ascii_has_not_are_spelled_and_told():
+    names = ("Gehäuse außen", "Ölpumpe", "dessus près", "5 µm", "φ", "plain")
+    recording = Recording(np.zeros((6, 20)), 1000.0, names, "m/s2", "made.h5")
+    assert [as_ascii(name) for name in names] == ["Gehaeuse aussen", "Oelpumpe", "dessus pres", "5 um", "?", "plain"]
+    assert as_ascii("Gehäuse") == "Gehaeuse"  # a letter and its dots apart, as macOS writes file names
+    said = rewritten(recording)
+    assert [line.split(" is called ")[0] for line in said] == [f"channel {name}" for name in names[:5]]
 
 
 def test_csv_keeps_every_digit(tmp_path):

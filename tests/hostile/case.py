@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import os
-import resource
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 LARGEST_MEMORY = 2_000_000_000
 """Bytes of addresses that any process of the command may have."""
@@ -23,6 +20,8 @@ KILLED_S = 120.0
 """Time of the clock after which a command is killed: a machine that is busy runs it at a fifth of its speed."""
 
 REFUSED = 2
+
+WITHIN_LIMITS = Path(__file__).with_name("within_limits.py")
 
 Make = Callable[[Path], Sequence[str | Path]]
 """Writes the input into an empty folder, in which the command then runs; returns the command."""
@@ -67,39 +66,31 @@ class Outcome:
     """Bytes that its largest process had at most."""
 
 
-def run(
-    arguments: Sequence[str | Path],
-    folder: Path,
-    longest_s: float = KILLED_S,
-    alone: AbstractContextManager[Any] | None = None,
-) -> Outcome:
+def run(arguments: Sequence[str | Path], folder: Path, longest_s: float = KILLED_S) -> Outcome:
     """Run ``mesotap`` within limits. A command that has not ended in time is killed, and its status is -9."""
-    limit = f'ulimit -v {LARGEST_MEMORY // 1000}; exec "$@"'
     began = time.monotonic()
-    out, err = folder.parent / f"{folder.name}.out", folder.parent / f"{folder.name}.err"
+    out, err, report = (folder.parent / f"{folder.name}.{name}" for name in ("out", "err", "usage"))
+    limits = [report, LARGEST_MEMORY, longest_s]
     with out.open("wb") as to_out, err.open("wb") as to_err:
-        command = ["/bin/sh", "-c", limit, "sh", sys.executable, "-m", "mesotap", *map(os.fspath, arguments)]
+        command = [sys.executable, "-I", "-S", WITHIN_LIMITS, *limits, sys.executable, "-m", "mesotap", *arguments]
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(Path(__file__).parents[2])}
-        # a process begins with the memory of the one that starts it, and its largest counts
-        with alone or nullcontext():
-            child = subprocess.Popen(
-                command, cwd=folder, stdin=subprocess.DEVNULL, stdout=to_out, stderr=to_err, env=environment
-            )
-        ended, status, usage = 0, 0, resource.getrusage(resource.RUSAGE_SELF)
-        while not ended:
-            ended, status, usage = os.wait4(child.pid, os.WNOHANG)
-            if not ended:
-                if time.monotonic() - began > longest_s:
-                    child.kill()
-                time.sleep(0.01)
-        child.returncode = os.waitstatus_to_exitcode(status)
+        subprocess.run(
+            [*map(str, command)],
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=to_out,
+            stderr=to_err,
+            env=environment,
+            check=True,
+        )
+    status, processor_s, memory = report.read_text(encoding="ascii").split()
     return Outcome(
-        child.returncode,
+        int(status),
         out.read_bytes(),
         err.read_bytes(),
         time.monotonic() - began,
-        usage.ru_utime + usage.ru_stime,
-        1024 * usage.ru_maxrss,
+        float(processor_s),
+        int(memory),
     )
 
 

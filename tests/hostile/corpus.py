@@ -15,7 +15,7 @@ from pathlib import Path
 from tests.hostile import folders, hdf5_files, places, recordings, settings
 from tests.hostile.case import LARGEST_MEMORY, LONGEST_S, Case, Outcome, fault, run
 
-MAKING = threading.Lock()  # HDF5 writes one file of a name at a time; and what is made is not a memory of a command
+MAKING = threading.Lock()  # HDF5 writes one file of a name at a time
 PAGE = Path(__file__).parents[2] / "docs" / "hostile.md"
 
 
@@ -31,7 +31,7 @@ def tried(case: Case) -> tuple[Case, Outcome, str]:
         folder.mkdir()
         with MAKING:
             command = case.make(folder)
-        outcome = run(command, folder, alone=MAKING)
+        outcome = run(command, folder)
     return case, outcome, fault(case, outcome)
 
 

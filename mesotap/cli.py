@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from mesotap.cli_campaigns import commands as campaign_commands
 from mesotap.cli_options import Changes, ConfigPath, JsonPath
 from mesotap.cli_options import console as _console
 from mesotap.cli_plugins import commands as plugin_commands
@@ -521,6 +522,7 @@ def prove(
         try_out(seed, sessions or 24, only, output, jobs, own_folders(config), _console(json), subject, json)
 
 
+app.add_typer(campaign_commands)
 app.add_typer(plugin_commands)
 
 

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from mesotap.campaigns.engine import Processes
 from mesotap.commands.outputs import make_ready, write_json
+from mesotap.commands.progress import progress
 from mesotap.operator.terminal import escape
 from mesotap.proof import page, sealed
 from mesotap.proof.entries import Entry, entry_of
@@ -57,20 +58,18 @@ def prove(
     if only is not None and only not in KINDS:
         raise ProofError(f"--only {only}: expected one of {', '.join(KINDS)}")
     make_ready(json_path, None)
-    with _progress(console) as shown:
-        hashes = sealed.seal(output, seed, sessions, only, jobs, _on_progress(shown, "sealing"), subject.maker)
+    with progress(console, "sealing") as shown:
+        hashes = sealed.seal(output, seed, sessions, only, jobs, shown, subject.maker)
     console.print(hashes, highlight=False, soft_wrap=True, end="")
     files = {name: sealed.files_of(output, name) for name in sealed.names(output)}
     answers = output / sealed.ANSWERS
-    with _progress(console) as shown:
-        sealed.diagnose_all(files, sealed.excluded(output), answers, jobs, _on_progress(shown, "diagnosing"), folders)
+    with progress(console, "diagnosing") as shown:
+        sealed.diagnose_all(files, sealed.excluded(output), answers, Processes(jobs), shown, folders)
     truths = sealed.unseal(output)
     entries, failures = _entries(truths, answers)
     if subject is TESTER:
-        with _progress(console) as shown:
-            entries = with_likeness(
-                entries, seed, len(files), only, output / "likeness.json", _on_progress(shown, "look-alikes")
-            )
+        with progress(console, "look-alikes") as shown:
+            entries = with_likeness(entries, seed, len(files), only, output / "likeness.json", shown)
     command = hashes.splitlines()[0][2:]
     origin = (
         f"Made by `{command}`. Truths and session files were hashed before the first diagnosis "
@@ -94,10 +93,8 @@ def prove_practice(
     files, truths = sealed.practice_sessions(folder)
     chosen = list(sealed.chosen(sorted(files), sessions))
     answers = output / sealed.ANSWERS
-    with _progress(console) as shown:
-        sealed.diagnose_all(
-            {n: [files[n]] for n in chosen}, {}, answers, jobs, _on_progress(shown, "diagnosing"), folders
-        )
+    with progress(console, "diagnosing") as shown:
+        sealed.diagnose_all({n: [files[n]] for n in chosen}, {}, answers, Processes(jobs), shown, folders)
     entries, failures = _entries({n: truths[n] for n in chosen}, answers)
     origin = f"{len(chosen)} of {len(files)} sessions that another program made, with its truths beside them."
     proof = Proof("The diagnosis, tried on another program's sessions", origin, tuple(entries), failures)
@@ -121,23 +118,3 @@ def _write(proof: Proof, output: Path, json_path: Path | None, console: Console)
     console.print(written.read_text(encoding="utf-8"), highlight=False, markup=False)
     console.print(f"written: {escape(written)}", highlight=False)
     write_json(json_path, page.scored(proof))
-
-
-def _progress(console: Console) -> Progress:
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    return Progress(*columns, console=console)
-
-
-def _on_progress(shown: Progress, description: str) -> sealed.OnProgress:
-    task = shown.add_task(description, total=None)
-
-    def on_progress(done: int, total: int) -> None:
-        shown.update(task, completed=done, total=total)
-
-    return on_progress

@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from daq.durable import write_whole
+from mesotap.campaigns.campaign import OnProgress
 from mesotap.proof.entries import Entry
 from mesotap.proof.generator.effects import LISTED
 from mesotap.proof.generator.scenarios import draw_scenarios, likeness
-from mesotap.proof.sealed import OnProgress
 
 
 def with_likeness(

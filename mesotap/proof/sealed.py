@@ -5,7 +5,8 @@
                      recordings and the description of their rig
 `truths.sealed`      compressed truths, opened into `truths.json` after the last diagnosis
 `hashes.txt`         seed and SHA-256 of `truths.json` and of every file (`sha256sum -c`)
-`answers/*.json`     what was answered, as it comes: an interrupted run resumes from there
+`answers/campaign`   the diagnoses as tasks: an interrupted run resumes from there
+`answers/*.json`     what was answered
 ===================  ==================================================================
 """
 
@@ -15,31 +16,30 @@ import gzip
 import hashlib
 import json
 import multiprocessing
-import os
 import shutil
-import subprocess
-import sys
-import tempfile
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from daq.durable import write_whole
+from daq.durable import make_folder, write_whole
 from daq.errors import RecordingError
 from daq.regular import read_regular
+from mesotap.campaigns.campaign import Campaign, OnProgress
+from mesotap.campaigns.engine import Engine
+from mesotap.campaigns.one_task import Limits
+from mesotap.campaigns.task import Task, content_sha256
 from mesotap.proof.errors import ProofError
 from mesotap.proof.generator import scenarios as of_the_tester
 
-SESSIONS, ANSWERS, PARTS = "sessions", "answers", "parts"
+SESSIONS, ANSWERS, PARTS, CAMPAIGN = "sessions", "answers", "parts", "campaign"
+ANSWER = "answer.json"
 HASHES, SEALED, TRUTHS = "hashes.txt", "truths.sealed", "truths.json"
 CONTRACT = 2  # version of the answers
-LONGEST_S = 900.0  # that a diagnosis may take
+LIMITS = Limits(time_s=900.0)  # of a diagnosis
 LARGEST_TRUTHS = 50_000_000  # bytes; those of 300 sessions have a million
 LONGEST_ERROR = 300  # characters kept of the error of a failed diagnosis
-PACKAGE_ROOT = Path(__file__).resolve().parents[2]
 
 RIG = "rig.yaml"
 
@@ -72,8 +72,6 @@ class Maker:
 
 
 TESTER = Maker("mesotap prove", of_the_tester.draw_scenarios, of_the_tester.make)
-OnProgress = Callable[[int, int], None]
-"""Called with how many are done, and how many there are."""
 
 
 def seal(
@@ -202,33 +200,46 @@ def unseal(folder: Path) -> dict[str, dict[str, Any]]:
 
 def diagnose_all(
     sessions: Mapping[str, Sequence[Path]],
-    without: dict[str, str],
+    without: Mapping[str, str],
     answers: Path,
-    jobs: int,
+    engine: Engine,
     on_progress: OnProgress,
     folders: Sequence[str] = (),
 ) -> None:
-    """Have every session diagnosed by a process of its own that is given its files only.
+    """Have every session diagnosed by a process of its own that is given its files only: a campaign.
 
-    Each runs in an empty folder with copies of them. Answers that are there are kept; failures are tried again.
-    ``folders`` hold a user's own mechanisms.
+    Answers that this program gave before are kept. ``folders`` hold a user's own mechanisms.
     """
-    answers.mkdir(parents=True, exist_ok=True)
-    missing = [name for name in sessions if "verdict" not in answer_of(answers, name)]
-    there = len(sessions) - len(missing)
-    on_progress(there, len(sessions))
-    with ThreadPoolExecutor(jobs) as pool:
-        running: list[Future[None]] = [
-            pool.submit(_diagnose, sessions[name], without.get(name), answers / f"{name}.json", folders)
-            for name in missing
-        ]
-        try:
-            for done, future in enumerate(as_completed(running), start=1):
-                future.result()
-                on_progress(there + done, len(sessions))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    make_folder(answers)
+    files: dict[str, Path | bytes] = {}
+    tasks = {name: _diagnosis(given, without.get(name), folders, files) for name, given in sessions.items()}
+    campaign = Campaign.plan(answers / CAMPAIGN, "diagnoses of a proof", tasks, files)
+    campaign.retry()
+    campaign.carry_out(engine, LIMITS, on_progress)
+    for name in tasks:
+        result = campaign.result(name)
+        failed = [] if result else campaign.failures(name)
+        answer = result["answers"][ANSWER] if result else {"failed": failed[-1][-LONGEST_ERROR:]}
+        write_whole(answers / f"{name}.json", (json.dumps(answer, indent=1) + "\n").encode())
+
+
+def _diagnosis(
+    session: Sequence[Path], without: str | None, folders: Sequence[str], files: dict[str, Path | bytes]
+) -> Task:
+    """Return the task of one diagnosis, and put what it is given into ``files``."""
+    given: dict[str, Path | bytes] = (
+        {"session.h5": session[0]} if len(session) == 1 else {file.name: file for file in session}
+    )
+    if folders:
+        own = {"analysis": {"mechanisms": [str(Path(folder).absolute()) for folder in folders]}}
+        given["config.yaml"] = json.dumps(own).encode()
+    inputs = {name: content_sha256(source) for name, source in given.items()}
+    files.update({inputs[name]: source for name, source in given.items()})
+    arguments = ["diagnose", *(name for name in given if name not in (RIG, "config.yaml"))]
+    arguments += ["--rig", RIG] if RIG in given else []
+    arguments += ["--json", ANSWER, "--contract", str(CONTRACT)]
+    arguments += ["--without", without] if without else []
+    return Task(tuple(arguments), inputs, (ANSWER,))
 
 
 def answer_of(answers: Path, name: str) -> dict[str, Any]:
@@ -240,41 +251,6 @@ def answer_of(answers: Path, name: str) -> dict[str, Any]:
     if not isinstance(found, dict):
         return {}
     return found if found.get("version") == CONTRACT or "failed" in found else {}
-
-
-def _diagnose(session: Sequence[Path], without: str | None, answer: Path, folders: Sequence[str]) -> None:
-    began = time.monotonic()
-    with tempfile.TemporaryDirectory(prefix="mesotap-proof-") as place:
-        given = ["session.h5"] if len(session) == 1 else [f.name for f in session]
-        for file, name in zip(session, given, strict=True):
-            shutil.copyfile(file, Path(place, name))
-        if folders:
-            own = {"analysis": {"mechanisms": [str(Path(folder).absolute()) for folder in folders]}}
-            Path(place, "config.yaml").write_text(json.dumps(own), encoding="utf-8")
-        command = [sys.executable, "-m", "mesotap", "diagnose", *(f for f in given if f != RIG)]
-        command += ["--rig", RIG] if RIG in given else []
-        command += ["--json", "answer.json", "--contract", str(CONTRACT)]
-        command += ["--without", without] if without else []
-        path = os.pathsep.join(filter(None, [str(PACKAGE_ROOT), os.environ.get("PYTHONPATH", "")]))
-        said = ""
-        try:
-            ended = subprocess.run(
-                command,
-                cwd=place,
-                env={**os.environ, "PYTHONPATH": path},
-                capture_output=True,
-                text=True,
-                timeout=LONGEST_S,
-            )
-            said = ended.stderr.strip()[-LONGEST_ERROR:]
-            content = Path(place, "answer.json").read_bytes() if ended.returncode == 0 else None
-        except subprocess.TimeoutExpired:
-            content, said = None, f"no answer within {LONGEST_S:.0f} s"
-        except OSError as error:
-            content, said = None, str(error)
-    if content is None:
-        content = json.dumps({"failed": said or "no answer", "seconds": time.monotonic() - began}).encode()
-    write_whole(answer, content)
 
 
 def practice_sessions(folder: Path) -> tuple[dict[str, Path], dict[str, dict[str, Any]]]:

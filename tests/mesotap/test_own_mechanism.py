@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mesotap.campaigns.engine import Processes
 from mesotap.configuration.config import load_config
 from mesotap.proof.sealed import answer_of, diagnose_all
 from sim_backend.mechanisms.catalogue import catalogue
@@ -97,5 +98,5 @@ def test_it_is_named_in_a_described_rig(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_a_proof_knows_it(folder: Path, session: Path, tmp_path: Path) -> None:
-    diagnose_all({"own": [session]}, {}, tmp_path, 1, lambda done, total: None, [str(folder / "mine")])
+    diagnose_all({"own": [session]}, {}, tmp_path, Processes(1), lambda done, total: None, [str(folder / "mine")])
     assert [m["id"] for m in answer_of(tmp_path, "own")["mechanisms"]] == [ID]

@@ -13,6 +13,8 @@ from rich.console import Console
 
 from daq.session_file import read_session
 from mesotap.__main__ import _sentence
+from mesotap.campaigns import one_task
+from mesotap.campaigns.engine import Processes
 from mesotap.commands.prove import prove, prove_practice
 from mesotap.proof import sealed
 from mesotap.proof.errors import ProofError
@@ -92,7 +94,7 @@ def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: str) -> None
     root = tmp_path / "stand-in"
     (root / "mesotap").mkdir(parents=True)
     (root / "mesotap" / "__main__.py").write_text(body, encoding="utf-8")
-    monkeypatch.setattr(sealed, "PACKAGE_ROOT", root)
+    monkeypatch.setattr(one_task, "PACKAGE_ROOT", root)
 
 
 def test_diagnosis_sees_a_copy_of_the_session_and_what_is_struck(
@@ -106,7 +108,9 @@ json.dump(answer, open('answer.json', 'w'))
     stand_in(tmp_path, monkeypatch, body)
     files = {n: sealed.files_of(folder, n) for n in sealed.names(folder)}
     seen: list[tuple[int, int]] = []
-    sealed.diagnose_all(files, sealed.excluded(folder), folder / "answers", 2, lambda a, b: seen.append((a, b)))
+    sealed.diagnose_all(
+        files, sealed.excluded(folder), folder / "answers", Processes(2), lambda a, b: seen.append((a, b))
+    )
     plain, excluded = (sealed.answer_of(folder / "answers", n) for n in files)
     assert plain["arguments"] == ["diagnose", "session.h5", "--json", "answer.json", "--contract", "2"]
     assert plain["files"] == ["session.h5"]
@@ -117,19 +121,25 @@ json.dump(answer, open('answer.json', 'w'))
 def test_answers_are_kept_and_failures_tried_again(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stand_in(tmp_path, monkeypatch, "import sys; sys.exit('it broke')")
+    answering = f"json.dump({ANSWER!r}, open('answer.json', 'w'))"
+    body = f"""
+import json, sys
+if open('session.h5').read() == 'session-0000':
+    {answering}
+else:
+    sys.exit('it broke')
+"""
+    stand_in(tmp_path, monkeypatch, body)
     files = {n: sealed.files_of(folder, n) for n in sealed.names(folder)}
     answers = folder / "answers"
-    answers.mkdir()
-    (answers / "session-0000.json").write_text(json.dumps(ANSWER), encoding="utf-8")
-    sealed.diagnose_all(files, {}, answers, 1, quiet)
+    sealed.diagnose_all(files, {}, answers, Processes(2), quiet)
     assert sealed.answer_of(answers, "session-0000") == ANSWER
-    assert sealed.answer_of(answers, "session-0001")["failed"] == "it broke"
-    (sealed.PACKAGE_ROOT / "mesotap" / "__main__.py").write_text(
-        f"import json; json.dump({ANSWER!r}, open('answer.json', 'w'))", encoding="utf-8"
-    )
-    sealed.diagnose_all(files, {}, answers, 1, quiet)
-    assert sealed.answer_of(answers, "session-0001")["verdict"] == "consistent"
+    assert sealed.answer_of(answers, "session-0001")["failed"] == "exit code 1: it broke"
+    changed = body.replace("sys.exit('it broke')", answering).replace(answering, "sys.exit('asked again')", 1)
+    (one_task.PACKAGE_ROOT / "mesotap" / "__main__.py").write_text(changed, encoding="utf-8")
+    sealed.diagnose_all(files, {}, answers, Processes(2), quiet)
+    assert sealed.answer_of(answers, "session-0000") == ANSWER
+    assert sealed.answer_of(answers, "session-0001") == ANSWER
 
 
 @pytest.mark.parametrize(

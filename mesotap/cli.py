@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from mesotap.cli_campaigns import commands as campaign_commands
+from mesotap.cli_catalogue import commands as catalogue_commands
 from mesotap.cli_options import Changes, ConfigPath, JsonPath
 from mesotap.cli_options import console as _console
 from mesotap.cli_plugins import commands as plugin_commands
@@ -523,6 +524,7 @@ def prove(
 
 
 app.add_typer(campaign_commands)
+app.add_typer(catalogue_commands)
 app.add_typer(plugin_commands)
 
 

@@ -84,7 +84,7 @@ def loads_csv(results: SessionResults) -> str:
         ]
         for load in results.loads
     ]
-    return _csv(header, rows)
+    return table_csv(header, rows)
 
 
 def impacts_csv(results: SessionResults) -> str:
@@ -101,12 +101,12 @@ def impacts_csv(results: SessionResults) -> str:
         ]
         for impact in results.impacts
     ]
-    return _csv(header, rows)
+    return table_csv(header, rows)
 
 
 def budgets_csv(results: SessionResults) -> str:
     """Return a table of one row for each source of uncertainty of each number of each load."""
-    return _csv(COLUMNS, budget_rows(results))
+    return table_csv(COLUMNS, budget_rows(results))
 
 
 def _number(value: float | None) -> float | None:
@@ -247,7 +247,8 @@ def _cell(value: object) -> object:
     return f"'{text}" if any(begins) else text
 
 
-def _csv(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+def table_csv(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """Return a table as CSV in which no spreadsheet finds a formula."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(header)

@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import RecordingError
-from daq.journal import HEADER, JOURNAL
 from daq.regular import read_regular
+from mesotap.catalogue.entry import Entry
+from mesotap.catalogue.folders import read_folder
+from mesotap.catalogue.known import catalogued
 from mesotap.commands.recordings import SESSION_FILE
 from mesotap.console.board import DIAGNOSIS, REPORT, session_id
-from mesotap.session.hand_verdicts import IMPACT, accepted_in
-from mesotap.session.progress import Progress, progress_of
 from mesotap.session.states import State
 
-LARGEST_HEADER, LARGEST_JOURNAL = 2**20, 64 * 2**20
 LARGEST_RESULTS = 64 * 2**20
 MOST_SESSIONS = 2000
 RESULTS = "results.json"
@@ -43,13 +42,14 @@ def sessions_in(root: Path) -> list[PastSession]:
     if not root.is_dir():
         return []
     found = []
-    for path in sorted(root.iterdir(), key=lambda p: p.name, reverse=True)[:MOST_SESSIONS]:
-        if path.is_symlink() or not path.is_dir():
-            continue
-        try:
-            found.append(PastSession(path, _summary(path)))
-        except (RecordingError, ValueError, KeyError, TypeError, LookupError, OSError):
-            continue  # no session, or one that 'mesotap recover' is for
+    with catalogued() as entry_at:
+        for path in sorted(root.iterdir(), key=lambda p: p.name, reverse=True)[:MOST_SESSIONS]:
+            if path.is_symlink() or not path.is_dir():
+                continue
+            try:
+                found.append(PastSession(path, _summary(path, entry_at(path))))
+            except (RecordingError, ValueError, KeyError, TypeError, LookupError, OSError):
+                continue  # no session, or one that 'mesotap recover' is for
     return sorted(found, key=lambda s: s.summary["created"], reverse=True)
 
 
@@ -108,47 +108,30 @@ def _has_drifted(path: Path) -> bool:
     return isinstance(calibration, dict) and calibration.get("drifted") is True
 
 
-def goes_on(progress: Progress) -> str:
-    """Return in words where a session that has ended goes on when it is resumed."""
-    if progress.state is State.DONE:
-        return ""
-    if progress.state in (State.APPROACH, State.SET_LOAD, State.LOCK, State.TAP):
-        return f"goes on at step {progress.load_set + 1} of the load plan ({progress.state.value})"
-    return f"goes on with {progress.state.value}"
-
-
-def _summary(path: Path) -> dict[str, Any]:
-    header = json.loads(read_regular(path / HEADER, LARGEST_HEADER, "a session's header"))
-    lines = b""
-    if (path / JOURNAL).exists():
-        lines = read_regular(path / JOURNAL, LARGEST_JOURNAL, "a journal")
-    events = [json.loads(line) for line in lines.split(b"\n") if line.startswith(b"{") and line.endswith(b"}")]
-    progress = progress_of(events)
-    names = _names(str(header["config"]))
+def _summary(path: Path, entry: Entry | None) -> dict[str, Any]:
+    """What is said of a session: by the catalogue where it knows the folder as it is now, else by the folder itself."""
+    told = {**_by_folder(path), "drifted": _has_drifted(path)} if entry is None else _told(entry)
     return {
         "id": session_id(path),
         "name": path.name,
-        "created": str(header["created"]),
-        "simulated": bool(header.get("simulated")),
-        **names,
-        "state": progress.state.value,
-        "done": progress.state is State.DONE,
-        "goes_on": goes_on(progress),
-        "drifted": _has_drifted(path),
-        "taps": sum(e["event"] == IMPACT for e in events),
-        "accepted": len(accepted_in(events)),
+        **told,
         "report": (path / REPORT).is_file(),
         "diagnosis": (path / DIAGNOSIS).is_file(),
         "file": (path / SESSION_FILE).is_file(),
     }
 
 
-def _names(config: str) -> dict[str, str]:
-    """Specimen, title and operator of a session's configuration."""
-    from mesotap.configuration.yaml_text import NOT_YAML, parsed
+def _by_folder(path: Path) -> dict[str, Any]:
+    return {key: said for key, said in read_folder(path).items() if key != "software"}
 
-    try:
-        section = (parsed(config)[1] or {}).get("mesotap", {})
-        return {key: str(section.get(key, "")) for key in ("specimen", "title", "operator")}
-    except NOT_YAML:
-        return dict.fromkeys(("specimen", "title", "operator"), "")
+
+def _told(entry: Entry) -> dict[str, Any]:
+    names = ("created", "simulated", "specimen", "title", "operator", "goes_on", "taps", "accepted")
+    return {
+        **{name: getattr(entry, name) for name in names},
+        "state": entry.stands,
+        "done": entry.stands == State.DONE.value,
+        "drifted": entry.drifted is True,
+        "verdict": entry.verdict,
+        "mechanisms": [m.id for m in entry.mechanisms],
+    }

@@ -7,7 +7,8 @@ import json
 import pytest
 
 from daq.journal import SessionFolder
-from mesotap.console.past import goes_on, results_of, sessions_in
+from mesotap.catalogue.folders import goes_on
+from mesotap.console.past import results_of, sessions_in
 from mesotap.session.progress import Progress
 from mesotap.session.states import State
 from tests.mesotap.benches import header_of, small_config

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.table import Table
 
-from mesotap.answers.results_files import _csv
+from mesotap.answers.results_files import table_csv
 from mesotap.operator.terminal import SafeConsole, escape, plain_lines
 
 HOSTILE = st.text(st.characters() | st.sampled_from("\x1b\x07\r\n\t\x9b\u202e\u2066[]\\/a"))
@@ -50,8 +50,8 @@ def test_lines_stay_lines() -> None:
 
 @pytest.mark.parametrize("text", ["=1+1", "+1", "-1+2", "@SUM(A1)", "\t=1", "\r=1", " =1"])
 def test_a_text_is_no_formula(text: str) -> None:
-    assert _csv(["note"], [[text]]).splitlines()[1].lstrip('"').startswith("'")
+    assert table_csv(["note"], [[text]]).splitlines()[1].lstrip('"').startswith("'")
 
 
 def test_a_negative_number_stays_a_number() -> None:
-    assert _csv(["load"], [[-1.5]]) == "load\n-1.5\n"
+    assert table_csv(["load"], [[-1.5]]) == "load\n-1.5\n"

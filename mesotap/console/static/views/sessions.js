@@ -66,7 +66,7 @@ export const sessions = {
     const cut = (text) => make("td", { class: "text" }, make("span", { class: "cut", title: text }, text));
     const list = () => {
       const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
-      const hits = found.filter((s) => words.every((w) => `${s.name} ${s.specimen} ${s.title} ${s.operator} ${stateOf(s)}`.toLowerCase().includes(w)));
+      const hits = found.filter((s) => words.every((w) => `${s.name} ${s.specimen} ${s.title} ${s.operator} ${stateOf(s)} ${s.verdict || ""} ${(s.mechanisms || []).join(" ")}`.toLowerCase().includes(w)));
       chosen.clear();
       button.disabled = true;
       rows.replaceChildren(...hits.map((s) => make("tr", {},

@@ -1,0 +1,77 @@
+"""The commands about many sessions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mesotap.cli_options import JsonPath, console
+
+commands = typer.Typer()
+
+Where = Annotated[
+    str,
+    typer.Option(
+        "--where",
+        metavar="QUESTION",
+        help="Which sessions, such as 'specimen:steel load:300..500 -verdict:consistent' (docs/catalogue.md).",
+        show_default=False,
+    ),
+]
+Index = Annotated[
+    Path | None,
+    typer.Option(
+        "--index",
+        metavar="FILE",
+        help="Index to use; catalogue.sqlite in ~/.cache/mesotap by default.",
+        show_default=False,
+    ),
+]
+
+
+def _asks(option: str, what: str) -> object:
+    return typer.Option(option, help=what, show_default=False)
+
+
+@commands.command()
+def catalog(
+    folders: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            help="Folders of sessions, at any depth; without any, what was indexed earlier.", show_default=False
+        ),
+    ] = None,
+    specimen: Annotated[str | None, _asks("--specimen", "Words of the specimen; the last may be cut short.")] = None,
+    material: Annotated[str | None, _asks("--material", "Words of specimen or title.")] = None,
+    operator: Annotated[str | None, _asks("--operator", "Words of the operator.")] = None,
+    since: Annotated[str | None, _asks("--since", "Date, such as 2026-03-01, from which on (UTC).")] = None,
+    until: Annotated[str | None, _asks("--until", "Date up to which, that day included (UTC).")] = None,
+    load: Annotated[str | None, _asks("--load", "Load in mN: 300..500, 300.. or ..500, or a number.")] = None,
+    kc: Annotated[str | None, _asks("--kc", "Contact stiffness in MN/m, at such a load.")] = None,
+    zeta: Annotated[str | None, _asks("--zeta", "Damping ratio of the contact mode in %, at such a load.")] = None,
+    verdict: Annotated[
+        str | None, _asks("--verdict", "consistent, missing_physics, new_physics or unexplained.")
+    ] = None,
+    mechanism: Annotated[str | None, _asks("--mechanism", "Mechanism that the diagnosis names.")] = None,
+    text: Annotated[str | None, _asks("--text", "Words anywhere: names, title, what the diagnosis says.")] = None,
+    where: Where = "",
+    index: Index = None,
+    csv: Annotated[
+        Path | None, typer.Option("--csv", help="Also write a row for each load.", show_default=False)
+    ] = None,
+    parquet: Annotated[
+        Path | None, typer.Option("--parquet", help="The same as Parquet (needs pyarrow).", show_default=False)
+    ] = None,
+    json: JsonPath = None,
+) -> None:
+    """Index the sessions of folders, and list those that are asked for; damaged and moved ones with the reason."""
+    from mesotap.commands.catalog import Asked
+    from mesotap.commands.catalog import catalog as look
+
+    options = {
+        **{"specimen": specimen, "material": material, "operator": operator, "since": since, "until": until},
+        **{"load": load, "kc": kc, "zeta": zeta, "verdict": verdict, "mechanism": mechanism, "text": text},
+    }
+    look(Asked(folders or (), where, options, index), json, csv, parquet, console(json))

@@ -14,13 +14,21 @@ BEFORE = "73-seat-late.rules"
 """What systemd reads the tag in; rules are read in the order of the files' names."""
 
 ADAPTERS = {
-    "0403": "FTDI: most RS-232 and RS-485 adapters, and the SMC100CC with USB",
+    "0403": "FTDI: most RS-232 and RS-485 adapters",
     "104d": "Newport: CONEX-CC, an FTDI chip under Newport's own number",
     "067b": "Prolific PL2303",
     "10c4": "Silicon Labs CP210x",
     "1a86": "QinHeng CH340 and CH341",
+    "4348": "QinHeng CH341, older ones",
 }
-"""Makers of the chips behind a serial port, by the numbers in the Linux kernel's ftdi_sio, pl2303, cp210x and ch341."""
+"""Makers of the chips behind a serial port, by USB vendor number.
+
+Each was read in the sources of the Linux kernel's drivers, in drivers/usb/serial: ``ftdi_sio_ids.h`` (FTDI_VID 0x0403;
+NEWPORT_VID 0x104D with NEWPORT_CONEX_CC_PID 0x3002), ``pl2303.h`` (PL2303_VENDOR_ID 0x067b), ``cp210x.c`` (0x10C4,
+0xEA60: Silicon Labs' factory default) and ``ch341.c`` (0x1a86, 0x7523; 0x4348, 0x5523). Under which of the first two an
+SMC100CC with USB answers was not found; both are in the rules. The recorder's 0x09DB, 0x00EA is that of W. Jasper's
+Linux driver (``usb-1608FS-Plus.h``); usb.ids has 09db as Measurement Computing Corp.
+"""
 
 INSTALL = (
     f"sudo install -m 644 {FILE} {FOLDER}/",

@@ -15,8 +15,17 @@ author = "the mesotap authors"
 copyright = author  # noqa: A001 - Sphinx wants this name
 release = version = __version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "generated"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "generated"]
 exclude_patterns = ["_site"]
+
+# notebooks are stored without results and executed at each build, in a folder of their own; a cell that fails ends it
+nb_execution_mode = "force"
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_execution_timeout = 600  # s a cell, of a machine that has other work
+nb_execution_show_tb = True
+nb_merge_streams = True
+nb_ipywidgets_js = {}  # it would be fetched from elsewhere
 html_theme = "furo"
 html_title = f"mesotap {release}"
 html_static_path = ["_site/site.css"]

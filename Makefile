@@ -159,7 +159,7 @@ package: $(VENV)/.tested
 
 # the documentation as a site in site/, from the pages in docs/ and the docstrings; links and examples are checked
 docs: $(VENV)/.documented
-	rm -rf site
+	rm -rf site jupyter_execute
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m sphinx -q -W --keep-going -b html -d build/docs docs site
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python docs/_site/check.py site
 	@echo "$(CURDIR)/site/index.html"
@@ -169,4 +169,4 @@ $(VENV)/.documented: $(VENV)/.tested
 	touch $@
 
 clean:
-	rm -rf $(VENV) site .venv-bench .venv-witness .venv-package $(DEMO) build dist *.egg-info .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) site jupyter_execute .venv-bench .venv-witness .venv-package $(DEMO) build dist *.egg-info .mypy_cache .ruff_cache .hypothesis .import_linter_cache

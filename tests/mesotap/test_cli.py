@@ -118,6 +118,7 @@ def test_several_files_give_a_list(session, tmp_path):
     assert len(json.loads(out.read_text())) == 2
 
 
+@pytest.mark.slow
 def test_resume_of_a_finished_session_answers_again(session):
     before = (session / "session.h5").read_bytes()
     mesotap("resume", session)
@@ -126,6 +127,7 @@ def test_resume_of_a_finished_session_answers_again(session):
     assert len((session / "session.h5").read_bytes()) == len(before)
 
 
+@pytest.mark.slow
 def test_report_of_a_folder_and_of_a_file(session, tmp_path):
     mesotap("report", session, "-o", tmp_path / "a")
     mesotap("report", session / "session.h5", "-o", tmp_path / "b")

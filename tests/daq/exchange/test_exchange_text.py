@@ -54,6 +54,7 @@ def test_quoted_decimal_commas_are_decimal(tmp_path: Path, delimiter: str) -> No
     assert (recording.names, recording.rate_hz) == (("a", "b"), 1000.0)
 
 
+@pytest.mark.slow
 def test_many_quoted_lines_are_read_as_few_are(tmp_path: Path) -> None:
     lines = [f'"{german(a)}","{german(b)}"' for a, b in zip(A, B, strict=True)] * 1000
     columns = columns_in(written(tmp_path, "\n".join(lines)))

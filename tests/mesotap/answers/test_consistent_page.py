@@ -16,6 +16,7 @@ from daq.session_file import read_session
 from sim_backend.mechanisms.catalogue import catalogue
 from tests.mesotap.test_cli import mesotap, refused
 
+pytestmark = pytest.mark.slow
 LOADS_MN = (150.0, 400.0)
 IMPACTS = 4
 DOI = "10.1115/1.1857920"

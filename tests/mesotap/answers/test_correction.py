@@ -73,6 +73,7 @@ def ended(session: Session, folder: Path, config: Config) -> str:
     return said.getvalue()
 
 
+@pytest.mark.slow
 def test_a_session_is_diagnosed_at_its_end(tmp_path: Path, monkeypatch) -> None:
     few = {name: (listed(name),) for name in ("hertz_stiffness", "channel_gain")}
     monkeypatch.setattr("mesotap.commands.diagnose.known_mechanisms", lambda folders: few)

@@ -49,7 +49,7 @@ def linear() -> Diagnosis:
     return diagnosed(0.0)
 
 
-@pytest.mark.parametrize("case", ["hardening", "linear"])
+@pytest.mark.parametrize("case", [pytest.param("hardening", marks=pytest.mark.slow), "linear"])
 def test_it_fits_the_contract(case: str, request: pytest.FixtureRequest) -> None:
     content = json.loads(json.dumps(diagnosis_json(request.getfixturevalue(case).answer, 1.0), allow_nan=False))
     jsonschema.Draft202012Validator(SCHEMA).validate(content)

@@ -63,7 +63,8 @@ def test_surface_of_a_scan_table(scan):
     assert "R_q, nm" in console.file.getvalue()
 
 
-@pytest.mark.parametrize("which", [pytest.param("flat", marks=pytest.mark.slow), "sphere"])
+@pytest.mark.slow
+@pytest.mark.parametrize("which", ["flat", "sphere"])
 def test_published_gap_is_written(which, tmp_path):
     console = quiet()
     published_gap(which, tmp_path / "gap.json", tmp_path / "page", console)
@@ -80,6 +81,7 @@ def test_published_gap_of_nothing(tmp_path):
         published_gap("cube", None, None, quiet())
 
 
+@pytest.mark.slow
 def test_figures_of_the_paper(tmp_path):
     mesotap("figures", "-o", tmp_path / "f", "--json", tmp_path / "quoted.json")
     assert {p.stem for p in (tmp_path / "f").glob("*.svg")} == {
@@ -123,6 +125,7 @@ def test_three_loads_explain_nothing():
     assert explain(replace(results, loads=results.loads[:3]), FlatContact(), RIG) is None
 
 
+@pytest.mark.slow
 def test_words_for_parameters_and_probabilities():
     k = np.array([4e6, 7e6, 8e6, 9.5e6, 10.3e6])
     explained = explain(session(k, np.full(5, 0.01)), FlatContact(), RIG)

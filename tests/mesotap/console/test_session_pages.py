@@ -67,6 +67,7 @@ def test_the_page_says_what_is_worked_out_and_stop_leaves_the_diagnosis_out(chro
         assert page.faults == []
 
 
+@pytest.mark.slow
 def test_stop_by_the_space_bar_and_resume(chromium, tmp_path):
     with console_in(tmp_path, "--speed", "20", "--set", "mesotap.dwell_s=100") as console:
         page = opened(chromium, console)

@@ -90,6 +90,10 @@ class Account(ABC, Generic[FitOf]):
         """Say in a sentence how a rival compares with the best candidate."""
 
     @abstractmethod
+    def despite_its_error(self, candidate: Candidate[FitOf], best: Candidate[FitOf]) -> str:
+        """Say why a candidate whose held-out error is smaller is not the one that is named."""
+
+    @abstractmethod
     def next_experiment(self, named: Sequence[Named]) -> NextExperiment | None:
         """Return what would part the best explanations."""
 
@@ -110,6 +114,11 @@ class Account(ABC, Generic[FitOf]):
     def far_off(self) -> bool:
         """Whether the rig as declared misses most of the motion, so that its own constants must be wrong."""
         return False
+
+    @property
+    def worse_than_zero(self) -> str:
+        """Say that the linear rig predicts worse than zero does, and what to leave free; nothing where it does not."""
+        return ""
 
     @property
     def decay(self) -> tuple[AtAmplitude, ...]:

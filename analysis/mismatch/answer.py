@@ -289,6 +289,9 @@ class Answer:
         Of a free decay of one body: frequency and damping against amplitude.
     set_aside
         Impacts that took no part.
+    worse_than_zero
+        That the linear rig predicts the recordings worse than zero does, and what to leave free; empty where it does
+        not.
     """
 
     recordings: tuple[RecordingFile, ...]
@@ -308,6 +311,7 @@ class Answer:
     fitted: FittedRig | None = None
     decay: tuple[AtAmplitude, ...] = ()
     set_aside: tuple[SetAside, ...] = ()
+    worse_than_zero: str = ""
 
 
 def group_labels(loads_n: Sequence[float]) -> dict[str, float]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,7 +32,7 @@ from analysis.mismatch.ring_downs.load_drift import with_load_drift
 from analysis.mismatch.ring_downs.problem import RingDowns
 from analysis.mismatch.ring_downs.selecting import select_for_impacts
 from analysis.mismatch.ring_downs.sessions import ring_downs
-from analysis.mismatch.selection import Candidate, Selection, screened_baseline, select
+from analysis.mismatch.selection import Candidate, Selection, name_of, screened_baseline, select
 from analysis.session import AnalysisError
 from daq.exchange import Recording
 from daq.records import Session
@@ -189,6 +190,7 @@ def answer_of(account: Account[Any], recordings: Sequence[RecordingFile] = ()) -
         far_off=far_off,
         fitted=account.fitted(),
         decay=account.decay,
+        worse_than_zero=account.worse_than_zero,
     )
 
 
@@ -229,7 +231,7 @@ def _rivals(account: Account[Any]) -> tuple[Rival, ...]:
         if account.far_off:
             return ()  # the description is wrong: what would take away most of the residual says nothing
         gains = [(s.term.mechanism.id, screened_evidence(s)) for s in selection.screening.scores]
-        return rivals_of_nothing(gains, selection.p_value)
+        return tuple(_fitted(account, rival) for rival in rivals_of_nothing(gains, selection.p_value))
     step = selection.steps[0]
     named = step.accepted if selection.chosen is not None else None
     others: dict[str, Candidate[Any]] = {}
@@ -238,6 +240,25 @@ def _rivals(account: Account[Any]) -> tuple[Rival, ...]:
             others.setdefault(c.id, c)
     found = [_rival(account, c, i == 0) for i, c in enumerate(list(others.values())[:RIVALS]) if i == 0 or c.fit]
     return tuple(sorted(found, key=lambda r: -r.probability))
+
+
+def _fitted(account: Account[Any], rival: Rival) -> Rival:
+    """Return the rival of a rig in which nothing is missing with the error of its full fit on what was held out."""
+    selection = account.selection
+    own = [s for s in selection.screening.scores if s.term.mechanism.id == rival.ids[0]]
+    place = max(own, key=screened_evidence).term.place
+    scores = sorted((s for s in own if s.term.place == place), key=lambda s: -screened_evidence(s))
+    selection.judge.on_progress(f"fitting {name_of(scores[0].term.mechanism)}, the runner-up")
+    with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
+        fitted = selection.judge.fitted_alone(selection.baseline, scores)
+        error = math.nan if fitted is None else account.held_out_rms(selection.judge.to_the_end(fitted))
+        if math.isfinite(error):
+            before = account.held_out_rms(selection.baseline)
+            beside = f" Fitted in full its error on what was held out is {error:.5g}; the linear rig's is {before:.5g}."
+            if error < before:
+                beside += " What was held out does not choose: the overall test says that nothing is missing."
+            return replace(rival, heldout_rms=error, why=rival.why + beside)
+    return replace(rival, why=f"{rival.why} Fitted in full it is not admissible.")
 
 
 def _rival(account: Account[Any], candidate: Candidate[Any], runner_up: bool) -> Rival:
@@ -250,8 +271,13 @@ def _rival(account: Account[Any], candidate: Candidate[Any], runner_up: bool) ->
     probability = min(weights.of.get(candidate.id, 0.0) / total, 1.0) if total > 0 else 0.0
     error: float | None = None
     if candidate.fit is not None and (runner_up or probability > LIKELY):
-        error = account.held_out_rms(candidate.fit)
+        error = account.held_out_rms(selection.judge.to_the_end(candidate.fit))
         error = error if math.isfinite(error) else None
     best = step.accepted or step.candidates[0]
-    why = "It explains more than any other, but leaves too much over to be named."
-    return Rival((candidate.id,), probability, error, why if candidate is best else account.compared(candidate, best))
+    if candidate is best:
+        why = "It explains more than any other, but leaves too much over to be named."
+        return Rival((candidate.id,), probability, error, why)
+    why = account.compared(candidate, best)
+    if error is not None and selection.chosen is not None and error < account.held_out_rms(selection.chosen):
+        why = f"{why} {account.despite_its_error(candidate, best)}"
+    return Rival((candidate.id,), probability, error, why)

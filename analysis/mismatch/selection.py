@@ -181,6 +181,14 @@ class Judge(ABC, Generic[FitOf]):
     def outcome(self, baseline: State[FitOf], state: State[FitOf]) -> Selection[FitOf]:
         """Return a selection that ends here: explained, or not."""
 
+    @abstractmethod
+    def fitted_alone(self, baseline: FitOf, scores: Sequence[Score]) -> FitOf | None:
+        """Return the full fit of one mechanism beside the linear rig, from its scores; None if not admissible."""
+
+    @abstractmethod
+    def to_the_end(self, fitted: FitOf) -> FitOf:
+        """Return a candidate's fit as the fit of what is named is made, so that their held-out errors compare."""
+
     def tested(self, fitted: FitOf, screening: Screening) -> Screening:
         """Return a screening whose p-value counts what was held out, too, where errors on that have a test."""
         return screening

@@ -39,6 +39,42 @@ _OTHERS = re.compile(
 """Units that are certainly of no acceleration."""
 
 
+_SYMBOL = (
+    r"(?:[YZEPTGMkhdcmuµnpfa]|da)?(?:m|g|s|N|A|V|Pa|Hz|J|W|C|F|T|K|rad|L|eV|B|ohm|Ω|bar|strain|eps|g_?[n0])"
+    r"|deg|°C?|h|min|in|inch|ft|mil|lb|lbf|kgf|psi|dB|rpm|counts?|cts|lsb|LSB|FS|volts?|newtons?|ppm|%|1|-"
+)
+_KNOWN = re.compile(rf"(?:{_SYMBOL})(?:(?:\^|\*\*)?[-−⁻]?[\d²³⁴]+)?", re.IGNORECASE)
+_JOINED = re.compile(r"[\s*·⋅./()]+")
+
+
+def is_known_unit(unit: str) -> bool:
+    """Return whether a unit is one, or a product or ratio of such, that people of this field write; empty is, too.
+
+    Examples
+    --------
+    >>> is_known_unit("m/s2"), is_known_unit("mV/(m/s^2)"), is_known_unit("counts"), is_known_unit("furlongs")
+    (True, True, True, False)
+    """
+    words = [w for w in _JOINED.split(_plain(unit).replace("**", "^")) if w]
+    return all(_KNOWN.fullmatch(word) or is_time_unit(word) for word in words)
+
+
+def kind_of_motion(unit: str) -> str:
+    """Return ``displacement``, ``velocity`` or ``acceleration`` where a unit is certainly of it; else nothing.
+
+    Examples
+    --------
+    >>> kind_of_motion("um"), kind_of_motion("mm/s"), kind_of_motion("g"), kind_of_motion("V")
+    ('displacement', 'velocity', 'acceleration', '')
+    """
+    if to_si(unit)[0] == "m/s2":
+        return "acceleration"
+    text = _plain(unit).replace(" ", "")
+    if text in _METRES or text in ("nm", "inch"):
+        return "displacement"
+    return "velocity" if text.removesuffix("/s") != text and text.removesuffix("/s") in (*_METRES, "nm") else ""
+
+
 def _plain(unit: str) -> str:
     return unit.strip().rstrip(".").replace("μ", "µ")
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from analysis.mismatch.remainder import p_words
+from analysis.mismatch.ring_downs.candidates import with_stiffness
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.selection import Candidate, Selection
 from mesotap.answers.diagnosis_page import Table
@@ -78,12 +79,21 @@ def _outcome(
     if p is None:
         return UNSEEN if selection.steps else "not needed"
     if tried_one is not None and tried_one.fit is not None and best is not None:
-        return f"full fit: {best.evidence - tried_one.evidence:.0f} less than {words(best.id)}"
+        return _beside(tried_one, best)
     if p > selection.problem.policy.level:
         return f"nothing of it in the residual (p = {p:.2g})"
     if best is not None:
-        return f"score test: far less than {words(best.id)}; not fitted in full"
+        promised = UNKNOWN if tried_one is None else f"{tried_one.evidence:.0f}"
+        return f"not fitted in full: score test promises {promised}, {words(best.id)} has {best.evidence:.0f} in full"
     return "not fitted in full"
+
+
+def _beside(one: Candidate[RingDownFit], best: Candidate[RingDownFit]) -> str:
+    """Say what decided against a candidate that was fitted in full; how k_c grows with the load counts, too."""
+    own, first = with_stiffness(one), with_stiffness(best)
+    said = f"full fit: {first - own:.0f} less than {words(best.id)}"
+    against = one.evidence - own
+    return f"{said}, {against:.0f} of it by how k_c grows with the load" if against >= 1 else said
 
 
 def candidate_table(selection: Selection[RingDownFit], known: Mapping[str, tuple[Mechanism, ...]]) -> Table:

@@ -106,6 +106,8 @@ def _version_2(answer: Answer, seconds: float) -> dict[str, Any]:
         "seconds": seconds,
         "fitted": None if answer.fitted is None else _fitted(answer.fitted),
     }
+    if answer.worse_than_zero:
+        said["fit"]["worse_than_zero"] = answer.worse_than_zero
     if answer.set_aside:
         said["set_aside"] = [{"segment": a.name, "group": a.group, "statement": a.statement} for a in answer.set_aside]
     if answer.decay:

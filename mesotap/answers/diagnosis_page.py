@@ -15,6 +15,7 @@ from daq.records import Session
 from mesotap.answers.diagnosis_text import (
     linear_rig,
     next_words,
+    no_rival,
     probability_words,
     verdict_sentence,
     what_was_recorded,
@@ -119,6 +120,7 @@ def write_page(
         svg={name: Markup(svg) for name, svg in drawn.items()},
         held_out=_held_out(answer),
         next_words=next_words,
+        no_rival=no_rival,
         pdf_figures=pdf_figures,
     )  # fmt: skip
     return written(folder / "diagnosis.html", html)

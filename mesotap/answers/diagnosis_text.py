@@ -37,6 +37,8 @@ def what_was_recorded(answer: Answer) -> str:
 def verdict_sentence(answer: Answer) -> str:
     """Say the answer in a sentence; where something remains beyond what is named, in two; then what was set aside."""
     count = len(answer.set_aside)
+    if answer.worse_than_zero:
+        return answer.worse_than_zero if answer.far_off else f"{answer.worse_than_zero} {_verdict(answer)}"
     if not count:
         return _verdict(answer)
     what = "One tap shows what no other does and is" if count == 1 else f"{count} taps show what no other does and are"
@@ -115,6 +117,8 @@ def print_answer(answer: Answer, console: Console) -> None:
     _print_held_out(answer, console)
     if answer.rivals:
         console.print(_rivals(answer))
+    else:
+        console.print(f"  {no_rival(answer)}")
     if answer.upper_limits:
         console.print(_limits(answer))
     then = answer.next_experiment
@@ -162,6 +166,13 @@ def _print_held_out(answer: Answer, console: Console) -> None:
         before, later = fit.steady_error
         then = "" if later is None else f", then {100 * later:.3g} %"
         console.print(f"  steady responses held out: force off by {100 * before:.3g} %{then}")
+
+
+def no_rival(answer: Answer) -> str:
+    """Say why there is no runner-up."""
+    if answer.far_off:
+        return "No runner-up: where the description is far off, what mechanisms take away says nothing of them."
+    return "No runner-up: no other mechanism that took part takes away more of the residual than chance would."
 
 
 def _rivals(answer: Answer) -> Table:

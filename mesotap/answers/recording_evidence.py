@@ -10,6 +10,7 @@ from markupsafe import Markup
 from analysis.mismatch.recordings.account import BlockAccount
 from analysis.mismatch.recordings.blocks import mean_of
 from analysis.mismatch.recordings.fit import SimulatedFit
+from analysis.mismatch.recordings.reasons import reason
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.selection import SelectionStep
 from mesotap.answers.diagnosis_page import Evidence, Picture, Table
@@ -67,11 +68,15 @@ def _constants(account: BlockAccount) -> Table:
 def _step(step: SelectionStep[SimulatedFit], account: BlockAccount, *, first: bool) -> Table:
     missed = math.sqrt(mean_of(step.before.by_block(CHOOSE)))
     nothing = "nothing" if first else "what was accepted before"
-    rows: list[tuple[str | Markup, ...]] = [(nothing, "", f"{missed:.5f}")]
+    rows: list[tuple[str | Markup, ...]] = [(nothing, "", f"{missed:.5f}", "")]
     for c in sorted((c for c in step.candidates if c.fit is not None), key=lambda c: mean_of(c.losses)):
         name = Markup("<strong>{}</strong>").format(c.id) if c is step.accepted else c.id
         place = c.mechanism.named(account.judge.problem.arrangement, c.score.term.place)
         place = account.element(c.score.term, place) or place
-        rows.append((name, place, f"{math.sqrt(mean_of(c.losses)):.5f}"))
-    caption = "Error on blocks that took no part in fitting, in units of the recording's noise."
-    return Table(caption, ("With", "In", "Error"), tuple(rows), (0, 1))
+        why = "accepted" if c is step.accepted else reason(account.judge, step, account.selection.best, c)
+        rows.append((name, place, f"{math.sqrt(mean_of(c.losses)):.5f}", why))
+    caption = (
+        "Error on blocks that took no part in fitting, in units of the recording's noise; where a smaller one was not "
+        "accepted, the reason."
+    )
+    return Table(caption, ("With", "In", "Error", "Decided by"), tuple(rows), (0, 1, 3))

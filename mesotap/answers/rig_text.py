@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from analysis.mismatch.recordings.determined import undetermined
 from analysis.mismatch.recordings.first_look import IN_SI, FirstLook
+from daq.exchange.units import is_known_unit, kind_of_motion
 from mesotap.configuration.rig_files import parse_rig
 
 ROUNDS = 8  # of declaring what the channels leave open
@@ -138,6 +139,8 @@ def _sensors(draft: Draft) -> list[str]:
         of = draft.names[min(i, draft.bodies - 1)]
         unit = f", unit: {_quoted(c.unit)}" if c.unit else ""
         comment = "" if c.told else "   # the file does not tell what it shows"
+        if not is_known_unit(c.unit) or kind_of_motion(c.unit) not in ("", c.quantity):
+            unit, comment = "", f"   # {c.quantity} is a guess: the file's unit is {_quoted(c.unit)}"
         if c.unit in IN_SI:
             unit, comment = f"{unit}, gain: {IN_SI[c.unit]:g}", f"   # {c.unit} of the file in a metre of the rig"
         lines.append(f"  - {{channel: {_quoted(c.name)}, of: {of}, shows: {c.quantity}{unit}}}{comment}")

@@ -64,13 +64,14 @@ class Asked:
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """What was read of the files: sessions of impacts, or recordings with the steady responses beside them."""
+    """What was read of the files: sessions, or recordings with steady responses; ``remarks``: what is unusual of it."""
 
     rig: DescribedRig
     files: tuple[RecordingFile, ...]
     sessions: tuple[Session, ...] = ()
     recordings: tuple[Recording, ...] = ()
     sweeps: tuple[Sweep, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 def diagnose(files: Sequence[Path], asked: Asked, console: Console) -> None:
@@ -83,6 +84,7 @@ def diagnose(files: Sequence[Path], asked: Asked, console: Console) -> None:
     began = time.monotonic()
     found = diagnosed(read, known, console)
     content = diagnosis_json(found.answer, time.monotonic() - began, asked.contract)
+    content |= {"remarks": list(read.remarks)} if read.remarks else {}
     write_json(asked.json, content)
     print_answer(found.answer, console)
     if asked.report is not None:
@@ -92,12 +94,15 @@ def diagnose(files: Sequence[Path], asked: Asked, console: Console) -> None:
 
 def read_files(files: Sequence[Path], rig_file: Path | None, console: Console) -> Read:
     """Read the files; a further file that holds steady responses of a described rig is taken for them."""
-    from mesotap.commands.recordings import show_left_out
+    from mesotap.commands.recordings import believed, show_left_out, show_remarks
+    from mesotap.configuration.usual_recordings import recording_remarks, rig_remarks, session_remarks
 
     rig = tester_rig() if rig_file is None else load_rig(rig_file)
     if rig_file is None or _is_session(files[0]):
         sessions = tuple(_session(file, rig_file is None) for file in files)
-        return Read(rig, recording_files(files), sessions)
+        unusual = [one for session in sessions for one in session_remarks(session)]
+        show_remarks(unusual, console)
+        return Read(rig, recording_files(files), sessions, remarks=tuple(unusual))
     recordings: list[Recording] = []
     sweeps: list[Sweep] = []
     for place, file in enumerate(files):
@@ -109,9 +114,11 @@ def read_files(files: Sequence[Path], rig_file: Path | None, console: Console) -
                 continue
             except NoTable:
                 pass
-        recordings.append(import_recording(file, rig.rate_hz))
+        recordings.append(believed(import_recording(file, rig.rate_hz)))
         show_left_out(recordings[-1], console)
-    return Read(rig, recording_files(files), (), tuple(recordings), tuple(sweeps))
+    unusual = [one for r in recordings for one in (*recording_remarks(r, rate=False), *rig_remarks(rig, r))]
+    show_remarks(unusual, console)
+    return Read(rig, recording_files(files), (), tuple(recordings), tuple(sweeps), tuple(unusual))
 
 
 def file_of(path: Path) -> Path:

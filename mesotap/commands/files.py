@@ -27,9 +27,10 @@ from mesotap.answers.rounding import significant, with_uncertainty
 from mesotap.commands.answers import analysed, show_session
 from mesotap.commands.outputs import write_json
 from mesotap.commands.recordings import opened as opened_file
-from mesotap.commands.recordings import show_left_out
+from mesotap.commands.recordings import show_left_out, show_remarks
 from mesotap.commands.session import partial
 from mesotap.configuration.config import Config, ConfigError, effective_text, load_config, parse_config
+from mesotap.configuration.usual_recordings import recording_remarks, session_remarks
 from mesotap.operator.terminal import escape
 from mesotap.session.header import kept_config
 
@@ -82,6 +83,8 @@ def _analyze_one(
     model: Path | None,
 ) -> dict[str, Any]:
     opened = opened_file(file, rate)
+    unusual = session_remarks(opened) if isinstance(opened, Session) else recording_remarks(opened)
+    show_remarks(unusual, console)
     if isinstance(opened, Session) and opened.rig.is_tester:
         config = config_for(opened, config_path, changes, console)
         correction = None if model is None else _corrected(opened, model, config.analysis.mechanisms, console)
@@ -104,7 +107,8 @@ def _analyze_one(
     modes = modes_of(recording, config.analysis.method)
     _show_modes(modes, console)
     # said already; the answer and the page hold it too
-    modes = replace(modes, notes=(*modes.notes, *(f"left out of the file: {what}" for what in recording.left_out)))
+    left_out = [f"left out of the file: {what}" for what in recording.left_out]
+    modes = replace(modes, notes=(*modes.notes, *left_out, *unusual))
     if report is not None:
         from mesotap.report.report import recording_report
 

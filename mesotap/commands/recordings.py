@@ -15,6 +15,7 @@ from daq.exchange import Recording, as_session, import_recording
 from daq.records import Impact, Session
 from daq.session_file import read_session, write_session
 from mesotap.commands.outputs import refuse_to_overwrite, write_json
+from mesotap.configuration.usual_recordings import recording_remarks, session_remarks
 from mesotap.operator.terminal import escape
 
 SESSION_FILE = "session.h5"
@@ -67,6 +68,8 @@ def import_file(
     target = output or file.with_suffix(".h5")
     refuse_to_overwrite(target)
     recording = believed(import_recording(file, rate_hz=rate))
+    unusual = recording_remarks(recording)
+    show_remarks(unusual, console)  # before a channel may be refused for what this explains
     session = as_session(recording, _chosen(channels))
     write_session(target, session)
     impact = session.impacts[0]
@@ -88,12 +91,18 @@ def import_file(
             soft_wrap=True,
         )
     show_left_out(recording, console)
-    write_json(json_path, _recording_info(recording, target))
+    write_json(json_path, _recording_info(recording, target) | ({"remarks": unusual} if unusual else {}))
 
 
 def _units_of_pair(recording: Recording, impact: Impact) -> list[tuple[str, str]]:
     units = dict(zip(recording.names, recording.units or (recording.unit,) * len(recording.names), strict=True))
     return [(name, units[name]) for name in impact.extra["channels_as_a_and_b"]]
+
+
+def show_remarks(remarks: Sequence[str], console: Console) -> None:
+    """Say what is unusual about a recording: it is used as it is."""
+    for remark in remarks:
+        console.print(f"- {escape(remark)}", highlight=False, soft_wrap=True)
 
 
 def show_left_out(recording: Recording, console: Console) -> None:
@@ -119,11 +128,15 @@ def _chosen(channels: Sequence[str]) -> tuple[str | int, str | int] | None:
 def info(file: Path, json_path: Path | None, console: Console) -> None:
     """Say what a file holds."""
     found = opened(file, None)
-    answer = _session_info(found, file) if isinstance(found, Session) else _recording_info(found, file)
+    if isinstance(found, Session):
+        answer, unusual = _session_info(found, file), session_remarks(found)
+    else:
+        answer, unusual = _recording_info(found, file), recording_remarks(found)
     for key, value in answer.items():
         shown = ", ".join(map(str, value)) if isinstance(value, list) else value
         console.print(f"{key.replace('_', ' ')}: {escape(str(shown))}", highlight=False)
-    write_json(json_path, answer)
+    show_remarks(unusual, console)
+    write_json(json_path, answer | ({"remarks": unusual} if unusual else {}))
 
 
 def _session_info(session: Session, file: Path) -> dict[str, Any]:

@@ -13,18 +13,17 @@ from threadpoolctl import threadpool_limits
 from analysis.mismatch.recordings.determined import Undetermined, undetermined, unknown
 from analysis.mismatch.recordings.first_look import first_look
 from analysis.mismatch.recordings.recorded import prepare
-from analysis.mismatch.recordings.start_check import NOISE, StartCheck, start_check
+from analysis.mismatch.recordings.start_check import HELPS, NOISE, StartCheck, start_check
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.session import AnalysisError
 from daq.errors import RecordingError
-from daq.exchange import import_recording
+from daq.exchange import Recording, import_recording
 from mesotap.answers.rig_text import first_rig, seen
 from mesotap.commands.outputs import write_json
-from mesotap.commands.recordings import believed, show_left_out
+from mesotap.commands.recordings import believed, show_left_out, show_remarks
 from mesotap.configuration.rig_files import load_rig
+from mesotap.configuration.usual_recordings import recording_remarks, rig_remarks
 from mesotap.operator.terminal import escape
-
-HELPS = 0.5  # of a channel's rms, that a rig with another constant may miss for the constant to be worth naming
 
 
 def begin_rig(
@@ -49,6 +48,8 @@ def begin_rig(
         if other.names != recordings[0].names:
             raise RecordingError(f"{other.source}: has other channels than {recordings[0].source}")
     show_left_out(recordings[0], console)
+    for one in recordings:
+        show_remarks(recording_remarks(one, rate=False), console)
     missing = [name for name in inputs if name not in recordings[0].names]
     if missing:
         raise RecordingError(f"{files[0]}: has no channel {missing[0]}; it holds {', '.join(recordings[0].names[:20])}")
@@ -76,7 +77,10 @@ def check_rig(file: Path, recordings: Sequence[Path], json: Path | None, console
     rig = load_rig(file)
     with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
         left_open = undetermined(rig)
-        started = _started(rig, recordings) if recordings else None
+        read = [believed(import_recording(file, rate_hz=rig.rate_hz)) for file in recordings]
+        for one in read:
+            show_remarks([*recording_remarks(one, rate=False), *rig_remarks(rig, one)], console)
+        started = _started(rig, read) if read else None
     lines = [f"{file}: valid; {_counted(rig)}", *(u.statement for u in left_open)]
     if not left_open:
         lines.append("every unknown constant can be told from such channels")
@@ -86,14 +90,13 @@ def check_rig(file: Path, recordings: Sequence[Path], json: Path | None, console
     write_json(json, _content(left_open, started))
 
 
-def _started(rig: DescribedRig, files: Sequence[Path]) -> StartCheck:
-    recordings = [believed(import_recording(file, rate_hz=rig.rate_hz)) for file in files]
+def _started(rig: DescribedRig, recordings: Sequence[Recording]) -> StartCheck:
     try:
         return start_check(rig, [prepare(r, rig) for r in recordings])
     except (np.linalg.LinAlgError, ArithmeticError) as error:
         raise AnalysisError(
-            f"{files[0]}: cannot be computed with the rig {rig.name!r} as described: its constants or its times are "
-            "far from what was recorded; check their units"
+            f"{recordings[0].source}: cannot be computed with the rig {rig.name!r} as described: its constants or its "
+            "times are far from what was recorded; check their units"
         ) from error
 
 

@@ -11,7 +11,9 @@ from pydantic import AfterValidator, Field, ValidationError, field_validator, mo
 
 from analysis.mismatch.rig_description import DescribedRig, Drive, Hold, Seen, Stretch, SweepColumns
 from daq.errors import one_line
+from daq.exchange.units import is_known_unit, kind_of_motion
 from mesotap.configuration.config import ConfigError, text_of
+from mesotap.configuration.rig_connections import unconnected, unconnected_words
 from mesotap.configuration.rig_faults import deepest
 from mesotap.configuration.yaml_text import NOT_YAML, line_of, not_yaml, parsed, sentence
 from rig.section import Section, of_a_size
@@ -70,6 +72,13 @@ def _not_zero(gain: Constant) -> Constant:
     return gain
 
 
+def _known(unit: str) -> str:
+    if not is_known_unit(unit):
+        raise ValueError(f"{unit!r:.40} is no known unit; units are such as m, um, m/s2, g, N, V, mV or counts")
+    return unit
+
+
+Unit = Annotated[str, AfterValidator(_known)]
 Gain = Annotated[Constant, AfterValidator(_not_zero)]
 Channel = Annotated[int, Field(ge=0)] | Annotated[str, Field(min_length=1)]
 Quantity = Literal["displacement", "velocity", "acceleration"]
@@ -131,8 +140,18 @@ class Sees(Section):
     shows: Quantity
     gain: Gain = 1.0
     offset: Constant = "unknown"
-    unit: str = ""
+    unit: Unit = ""
     name: str | None = None
+
+    @model_validator(mode="after")
+    def _unit_is_of_the_quantity(self) -> Sees:
+        kind = kind_of_motion(self.unit)
+        if kind not in ("", self.shows):
+            raise ValueError(
+                f"channel {self.channel} shows {self.shows}, but its unit {self.unit} is one of {kind}; "
+                f"write 'shows: {kind}', or another unit"
+            )
+        return self
 
     @field_validator("of")
     @classmethod
@@ -178,8 +197,8 @@ class Taken(Section):
 class Units(Section):
     """Units of the rig, in which its parameters are told."""
 
-    length: str = "m"
-    force: str = "N"
+    length: Unit = "m"
+    force: Unit = "N"
 
 
 class Sweeps(Section):
@@ -265,6 +284,9 @@ class RigFile(Section):
         for body in self.bodies:
             if body not in told:
                 raise ValueError(f"bodies.{body}: nothing holds, pushes or shows it; connect it or leave it out")
+        apart = unconnected(list(self.bodies), [e.between for k in ELEMENTS for e in getattr(self, k)], GROUND)
+        if apart:
+            raise ValueError(unconnected_words(apart))
         return self
 
     def _check(self, where: str, body: str, ground: bool = False) -> None:

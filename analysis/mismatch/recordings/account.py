@@ -16,11 +16,13 @@ from analysis.mismatch.recordings.blocks import held_out_rms, mean_of, together
 from analysis.mismatch.recordings.decay import decay_of
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.held_out import beyond_noise, channel_errors
-from analysis.mismatch.recordings.judge import BlockJudge, with_time
+from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.ranking import with_time
+from analysis.mismatch.recordings.reasons import decided, not_tried, reason
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.residual_band import residual_band
 from analysis.mismatch.recordings.second_impact import impulse_share, said_of, struck
-from analysis.mismatch.recordings.start_check import better_unknown
+from analysis.mismatch.recordings.start_check import far_off_words
 from analysis.mismatch.remainder import frequency_words
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.score_test import Screening
@@ -77,7 +79,12 @@ class BlockAccount(Account[SimulatedFit]):
         A rig that is far from the one recorded hardly moves where the recording does. What it misses is then the
         motion, which an autoregression takes away as it takes away noise, and the score tests see nothing.
         """
-        return self.selection.chosen is None and self.selection.best.far_off()
+        return self.selection.chosen is None and (self.selection.best.far_off() or bool(self.worse_than_zero))
+
+    @property
+    def worse_than_zero(self) -> str:
+        """Say so, with what to leave free."""
+        return self.judge.finals.worse_than_zero(self.selection.baseline, self.selection.best)
 
     @property
     def decay(self) -> tuple[AtAmplitude, ...]:
@@ -232,28 +239,15 @@ class BlockAccount(Account[SimulatedFit]):
             what = f"what is named explains {min(100 * (1 - left / missed), 99.99):.4g} % of it"
         else:
             element, component = self._suspected(self.selection.screening)
-            what = "nothing listed explains it" + self._not_tried(element)
+            what = "nothing listed explains it" + not_tried(self.judge, element)
             unexplained = self.selection.screening.p_value < self.judge.problem.policy.level
             hold = self.judge.hold_that_explains(base) if unexplained and not self.far_off else None
             if hold is not None:
                 what = f"nothing of it is left once the rig file says 'recording: {{hold: {hold}}}'"
             elif self.far_off:
-                what = "is most of the motion: check the stiffness and mass described, their units, and the channels"
-                better = next(iter(better_unknown(self.judge.problem)), None)
-                if better is not None:
-                    what += f"; the linear rig begins much better where the {better} is unknown"
+                what = far_off_words(self.judge.problem)
         why = f"The residual of the linear rig lies from {frequency[0]:.4g} to {frequency[1]:.4g} Hz, and {what}."
         return Location(component, element, channels or (seen[0],), time, frequency, (), why + self._along_the_decay())
-
-    def _not_tried(self, element: str) -> str:
-        """Say which mechanisms the element would have to be described as another one for."""
-        arrangement = self.judge.problem.arrangement
-        role = next((e.role for e in arrangement.elements if e.name == element), None)
-        laws = {m.id: m for m in self.judge.known if isinstance(m, ForceLaw) and not m.preloaded}
-        others = sorted(m.id.replace("_", " ") for m in laws.values() if role not in m.fits)
-        if role is None or not others:
-            return ""
-        return f" (not tried, because the {element} is described as a {role}: {', '.join(others)})"
 
     def _along_the_decay(self) -> str:
         decay = self.decay
@@ -286,9 +280,21 @@ class BlockAccount(Account[SimulatedFit]):
     def compared(self, candidate: Candidate[SimulatedFit], best: Candidate[SimulatedFit]) -> str:
         """Say in a sentence how a rival compares with the best candidate."""
         if not candidate.losses or not best.losses:
-            return f"Its score test promises less than {best.id.replace('_', ' ')}; it was not fitted in full."
+            return (
+                f"Its score test promises {candidate.score.gain:.4g} in chi-squared, that of "
+                f"{best.id.replace('_', ' ')} {best.score.gain:.4g}; it was not fitted in full, which can gain more."
+            )
         ratio = math.sqrt(mean_of(candidate.losses) / max(mean_of(best.losses), 1e-300))
-        return f"Its error on the blocks that choose is {ratio:.3g} times that of {best.id.replace('_', ' ')} alone."
+        said = f"Its error on the blocks that choose is {ratio:.3g} times that of {best.id.replace('_', ' ')} alone"
+        despite = reason(self.judge, self.selection.steps[0], self.selection.best, candidate) if ratio < 1 else ""
+        return f"{said}; {despite}." if despite else f"{said}."
+
+    def despite_its_error(self, candidate: Candidate[SimulatedFit], best: Candidate[SimulatedFit]) -> str:
+        """Say why a candidate whose held-out error is smaller is not the one that is named."""
+        said = "Its held-out error is smaller all the same; what is held out takes no part in choosing"
+        if mean_of(candidate.losses) < mean_of(best.losses):
+            return f"{said}."
+        return f"{said}: {decided(self.judge, self.selection.steps[0], self.selection.best, candidate)}."
 
     def next_experiment(self, named: Sequence[Named]) -> NextExperiment | None:
         """Return what would part the best explanations."""

@@ -22,6 +22,7 @@ from analysis.mismatch.recordings.model import residual, slopes, step_of
 from analysis.mismatch.recordings.motion import Own
 from analysis.mismatch.recordings.noise import NoiseModel
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD
+from analysis.mismatch.recordings.start_check import worse_than_zero
 from sim_backend.arrays import Real
 
 FEWEST: Final = 16  # samples of a block that are tested
@@ -77,12 +78,19 @@ class FinalFits:
 
     found: dict[int, tuple[SimulatedFit, SimulatedFit]] = field(default_factory=dict)
     tested: dict[int, HeldOutErrors] = field(default_factory=dict)
+    compared: dict[int, str] = field(default_factory=dict)
 
     def of(self, fitted: SimulatedFit) -> SimulatedFit:
         """Return the final fit of a model that was fitted to some blocks."""
         if id(fitted) not in self.found:
             self.found[id(fitted)] = fitted, fit(fitted.problem, fitted.terms, fitted, parts=(FIT, CHOOSE), fine=True)
         return self.found[id(fitted)][1]
+
+    def worse_than_zero(self, linear: SimulatedFit, best: SimulatedFit) -> str:
+        """Say that the linear rig predicts worse than zero, and what to leave free; see `start_check`."""
+        if id(best) not in self.compared:
+            self.compared[id(best)] = worse_than_zero(linear, best)
+        return self.compared[id(best)]
 
     def errors(self, final: SimulatedFit) -> HeldOutErrors:
         """Return the errors of a final fit."""

@@ -1,8 +1,7 @@
 """Candidates judged by blocks of the recordings: some fit, others choose, others are held out.
 
-Further mechanisms are added as long as the choosing blocks get better by more than chance and by a share of all that
-the linear rig missed; a force of any shape is always among the competitors, and where it takes away much that what is
-named leaves, nothing is named.
+Mechanisms are added as long as the choosing blocks get better by more than chance and by a share of all that the linear
+rig missed; where a force of any shape would take away much of what they leave, nothing is named.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from analysis.mismatch.recordings.blocks import independent_samples, likelihood_
 from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit, linear_fit, problem_of
 from analysis.mismatch.recordings.free_force import free_loss
 from analysis.mismatch.recordings.held_out import FinalFits
-from analysis.mismatch.recordings.ranking import Ranking
+from analysis.mismatch.recordings.ranking import Ranking, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.regression import regressed
 from analysis.mismatch.recordings.second_impact import where_it_fell
@@ -39,11 +38,6 @@ CONSTANTS = 2  # that are tried with other values where the rig as described mis
 AS_WELL = 4.0  # mean square over that of what is named, up to which another constant explains as well
 
 Candidates = tuple[Candidate[SimulatedFit], ...]
-
-
-def with_time(mechanism: Mechanism) -> bool:
-    """Whether a mechanism makes the rig change with time, not with amplitude."""
-    return isinstance(mechanism, ForceLaw) and mechanism.with_time
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +119,7 @@ class BlockJudge(Judge[SimulatedFit]):
             joined = [(score, self._joined(state.current, score, HOPELESS * best)) for score in scores]
             nearest = min(joined, key=lambda pair: pair[1].scatter)
             law = scores[0].term.mechanism
-            if isinstance(law, ForceLaw) and law.jumps:  # a jump is found from where it was rounded
+            if isinstance(law, ForceLaw) and law.jumps:  # found from where it was rounded
                 joined += [(score, self._again(nearest[1], score)) for score in scores]
             fits.append(min(joined, key=lambda pair: pair[1].scatter))
         found = self._judged(state, fits)
@@ -181,6 +175,14 @@ class BlockJudge(Judge[SimulatedFit]):
         last = fitted.terms[-1]
         variant = replace(score.term, values={**last.values, **score.term.fixed})
         return fit(self.problem, (*fitted.terms[:-1], variant), fitted)
+
+    def fitted_alone(self, baseline: SimulatedFit, scores: Sequence[Score]) -> SimulatedFit | None:
+        """Return the full fit of a mechanism beside the linear rig."""
+        return self._joined(baseline, scores[0], math.inf)
+
+    def to_the_end(self, fitted: SimulatedFit) -> SimulatedFit:
+        """Return the fit to all that is not held out."""
+        return self.finals.of(fitted)
 
     def accepts(
         self, state: State[SimulatedFit], candidates: Sequence[Candidate[SimulatedFit]]
@@ -270,7 +272,8 @@ class BlockJudge(Judge[SimulatedFit]):
             share = max(best - free, 0.0) / max(base - free, 1e-300)
         self.on_progress("fitting once more with all that is not held out")
         final, fitted = map(self.finals.of, (baseline.current, current))
-        if fitted.terms and self._otherwise_explained(baseline.current, current, final):
+        lost = bool(self.finals.worse_than_zero(final, fitted))  # what is named leaves most of it besides
+        if fitted.terms and (lost or self._otherwise_explained(baseline.current, current, final)):
             current, fitted, steps = baseline.current, final, ()
         last = self.tested(current, self.screen(fitted))
         chosen = fitted if fitted.terms and share <= policy.left_over_blocks else None

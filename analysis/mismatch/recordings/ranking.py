@@ -9,10 +9,15 @@ from itertools import zip_longest
 
 from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.score_test import Score
-from sim_backend.mechanisms.kinds import AddedBody
+from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism
 
 VARIANTS = 3  # of a mechanism in a place, with other values of what is no parameter, that are fitted
 APART = 0.2  # of the logarithms of resonances of an added body that are fitted both
+
+
+def with_time(mechanism: Mechanism) -> bool:
+    """Whether a mechanism makes the rig change with time, not with amplitude."""
+    return isinstance(mechanism, ForceLaw) and mechanism.with_time
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from analysis.mismatch.least_squares import covariance
-from analysis.mismatch.recordings.fit import SimulatedRecordings, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, problem_of
 from analysis.mismatch.recordings.model import Point, SimulationModel, residual
-from analysis.mismatch.recordings.recorded import FIT, Recorded, level
+from analysis.mismatch.recordings.recorded import FIT, UNUSED, Recorded, level
 from analysis.mismatch.recordings.simulation import Simulation
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.session import AnalysisError
+from sim_backend.arrays import Real
 
 POOR: Final = 0.7  # of a channel's rms: a linear rig that misses more has hardly begun
 MUCH_BETTER: Final = 0.7  # factor in what is missed from which on a constant is said to be better left free
+ZERO: Final = 1.05  # of a channel's rms: predicting zero, or a rig that does not move, misses 1
+HELPS: Final = 0.5  # of a channel's rms, that a rig with another constant may miss for the constant to be worth naming
+AS_GOOD: Final = 2.0  # factor in what is missed within which constants mend alike
+ALMOST: Final = 0.05  # of a channel's rms: what is missed less than that begins well, whichever constant did it
 NOISE: Final = 0.01  # of a channel's rms, for which standard errors are stated
 WEAK: Final = 0.1  # relative standard error from which on a constant counts as hardly held
 
@@ -118,3 +125,86 @@ def with_unknown(rig: DescribedRig, name: str) -> DescribedRig:
         replace(p, value=math.nan, uncertainty=math.inf) if p.name == name else p for p in rig.arrangement.parameters
     )
     return replace(rig, arrangement=replace(rig.arrangement, parameters=parameters))
+
+
+def worse_than_zero(fitted: SimulatedFit, best: SimulatedFit) -> str:
+    """Say that the linear rig predicts the recordings worse than zero would, and what to leave free; empty if not.
+
+    Parameters
+    ----------
+    fitted, best
+        The linear rig fitted, and the fit with all that was accepted: where that predicts them, nothing is said.
+
+    Returns
+    -------
+    str
+        Errors are those of the channel that is missed most, before and after the fit, over the channel's rms.
+    """
+    problem = fitted.problem
+    begins, ends = np.array(_missed(problem)), _missed_by(fitted)
+    if max(_missed_by(best)) <= POOR or not max(begins.max(), ends.max()) > ZERO:
+        return ""
+    at = int(np.argmax(np.maximum(begins, ends)))
+    said = (
+        f"The linear rig as described is worse than predicting zero: it misses {begins[at]:.3g} times the rms of "
+        f"channel {problem.rig.seen[at].channel} before its unknown constants are fitted and {ends[at]:.3g} times it "
+        "after."
+    )
+    return f"{said} {left_free(problem)}"
+
+
+def far_off_words(problem: SimulatedRecordings) -> str:
+    """Return what is said of a residual that is most of the motion."""
+    said = "is most of the motion: check the stiffness and mass described, their units, and the channels"
+    better = next(iter(better_unknown(problem)), None)
+    return said if better is None else f"{said}; the linear rig begins much better where the {better} is unknown"
+
+
+def left_free(problem: SimulatedRecordings) -> str:
+    """Say which declared constants to leave free for the linear rig to begin well, and how they are written."""
+    rig = problem.rig.arrangement
+    masses = [p.name for p in rig.parameters if p.name in rig.masses and math.isfinite(p.uncertainty)]
+    kept = masses if len(masses) == 1 else []  # one mass has to be given
+    found: dict[tuple[str, ...], float] = {
+        (n,): missed for n, missed in better_unknown(problem).items() if n not in kept
+    }
+    gains = tuple(s.gain for s in problem.rig.seen if s.gain in _declared(problem.rig))
+    if len(gains) > 1 and min(found.values(), default=1.0) > HELPS:
+        with suppress(AnalysisError, ArithmeticError, np.linalg.LinAlgError):
+            freed = functools.reduce(with_unknown, gains, problem.rig)
+            found[gains] = max(_missed(problem_of(freed, problem.recordings)))
+    # a gain is what is most often wrong: where another constant mends as much, it stands in for it
+    channels = [*(c.gain for c in problem.rig.seen), *(c.gain for c in problem.rig.drives)]
+    limit = max(AS_GOOD * min(found.values(), default=1.0), ALMOST)
+    good = [(names, missed) for names, missed in found.items() if missed <= limit]
+    names, missed = min(good, key=lambda one: (one[0][0] not in channels, one[1]), default=((), 1.0))
+    if missed > HELPS:
+        return (
+            "No constant left free alone mends that: check the units of masses, stiffnesses and channels, which "
+            "channel shows which body, and what is connected to what ('mesotap rig check')."
+        )
+    how = "; ".join(_written(problem.rig, name) for name in names)
+    return f"It begins at {missed:.2g} where the {' and the '.join(names)} is not declared: {how}."
+
+
+def _written(rig: DescribedRig, name: str) -> str:
+    """Return how a constant is left unknown in a rig file."""
+    channel = ({c.gain: c.channel for c in rig.seen} | {c.gain: c.channel for c in rig.drives}).get(name)
+    if channel is not None:
+        return f"write 'gain: unknown' for channel {channel}"
+    for kind in ("stiffness", "damping"):
+        if name.startswith(f"{kind} of "):
+            return f"write '{kind}: unknown' in {name.removeprefix(f'{kind} of ')}"
+    if name.startswith("mass of "):
+        return f"write '{name.removeprefix('mass of ')}: unknown' under bodies"
+    return f"write 'unknown' for {name}"
+
+
+def _missed_by(fitted: SimulatedFit) -> Real:
+    """Return (channels,) what a fit misses of all that is used of the recordings, over the channels' rms."""
+    squares = np.zeros(len(fitted.problem.rig.seen))
+    for number, recorded in enumerate(fitted.problem.recordings):
+        off, at = fitted.error(number, whole=True)
+        used = recorded.part[at] != UNUSED
+        squares += np.mean((off[:, used] / level(recorded)[:, None]) ** 2, axis=1)
+    return np.sqrt(squares / len(fitted.problem.recordings))

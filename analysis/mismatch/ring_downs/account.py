@@ -22,7 +22,7 @@ from analysis.mismatch.chi_squared import odds_of_nothing
 from analysis.mismatch.evidence.excess import excess_by_frequency, excess_by_time
 from analysis.mismatch.parameters import lines_of
 from analysis.mismatch.remainder import frequency_words, spread_of
-from analysis.mismatch.ring_downs.candidates import stiffness_evidence
+from analysis.mismatch.ring_downs.candidates import stiffness_evidence, with_stiffness
 from analysis.mismatch.ring_downs.corrected import contact_at_rest
 from analysis.mismatch.ring_downs.judge import ImpactJudge
 from analysis.mismatch.ring_downs.problem import RingDownFit
@@ -198,10 +198,24 @@ class ImpactAccount(Account[RingDownFit]):
 
     def compared(self, candidate: Candidate[RingDownFit], best: Candidate[RingDownFit]) -> str:
         """Say in a sentence how a rival compares with the best candidate."""
-        lead, what = best.evidence - candidate.evidence, best.id.replace("_", " ")
+        what, own, first = best.id.replace("_", " "), with_stiffness(candidate), with_stiffness(best)
         if candidate.fit is None:
-            return f"Its score test promises {lead:.0f} less evidence than {what} has; it was not fitted in full."
-        return f"Fitted in full it has {lead:.0f} less evidence, in units of chi-squared, than {what}."
+            return (
+                f"Its score test promises an evidence of {own:.0f} in units of chi-squared, where {what} has "
+                f"{first:.0f}; it was not fitted in full, which can gain more."
+            )
+        said = f"Fitted in full it has an evidence of {own:.0f} in units of chi-squared, where {what} has {first:.0f}."
+        against = candidate.evidence - own
+        if against > 0.05 * max(first - own, 1.0):
+            said += f" That counts {against:.0f} against it, as k_c does not grow with the load as it would make it."
+        return said
+
+    def despite_its_error(self, candidate: Candidate[RingDownFit], best: Candidate[RingDownFit]) -> str:
+        """Say why a candidate whose held-out error is smaller is not the one that is named."""
+        return (
+            "Its held-out error is smaller all the same: held-out impacts take no part in choosing a first mechanism, "
+            "the evidence of the impacts that were fitted decides."
+        )
 
     def next_experiment(self, named: Sequence[Named]) -> NextExperiment | None:
         """Return the load at which the two best explanations differ most per impact, with a stronger tap."""

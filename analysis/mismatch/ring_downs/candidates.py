@@ -208,6 +208,11 @@ def looked_for_again(current: RingDownFit) -> RingDownFit:
     return fitted
 
 
+def with_stiffness(candidate: Candidate[RingDownFit]) -> float:
+    """Return the evidence of the impacts and of how k_c grows with the load."""
+    return candidate.evidence + stiffness_evidence(candidate.mechanism, candidate.fit)
+
+
 def stiffness_evidence(mechanism: Mechanism, fitted: RingDownFit | None) -> float:
     """Chi-squared by which k_c(P) speaks against a force law of the contact: its exponent must be the law's."""
     exponent = stiffness_exponent(fitted) if fitted is not None else None

@@ -13,6 +13,7 @@ from analysis.mismatch.chi_squared import evidence
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.ring_downs.apart import borne_out
 from analysis.mismatch.ring_downs.candidates import (
+    Begin,
     competing,
     continued_candidate,
     converged,
@@ -22,8 +23,8 @@ from analysis.mismatch.ring_downs.candidates import (
     looked_for_again,
     screened_evidence,
     started,
-    stiffness_evidence,
     variants,
+    with_stiffness,
 )
 from analysis.mismatch.ring_downs.fit import fit
 from analysis.mismatch.ring_downs.held_out import held_out_afterwards, held_out_fit, split
@@ -39,6 +40,9 @@ from analysis.mismatch.selection import (
     name_of,
 )
 from sim_backend.mechanisms.kinds import AddedBody, Mechanism
+
+MOST_TRIED = 4  # mechanisms that are fitted until two of them are admissible
+RIVALS = 2  # mechanisms that a first step fits in full at least: the best and the runner-up
 
 Candidates = tuple[Candidate[RingDownFit], ...]
 Steps = tuple[SelectionStep[RingDownFit], ...]
@@ -88,14 +92,16 @@ class ImpactJudge(Judge[RingDownFit]):
             promising = certain and (close or screened_evidence(score) > best)  # more than has been gained so far
             fitted = {mechanism for mechanism, _ in tried} | {score.term.mechanism.id}
             enough = len(fitted) > (policy.finalists if explained else policy.most_finalists)
-            if tried and _key(score) not in hinted and (enough or not promising or self.exhausted()):
+            wanted = _key(score) in hinted or (state.first and _is_runner_up(current, score, found))
+            if tried and not wanted and (enough or not promising or self.exhausted()):
                 found.append(Candidate(score, None, screened_evidence(score)))
                 continue
             self.on_progress(f"fitting {name_of(score.term.mechanism)}")
             tried.add(_key(score))
             starts = [(started(s), current) for s in variants(by_id[_key(score)], policy.hopeful)]
             starts += [hinted[_key(score)]] if _key(score) in hinted else []
-            one = fitted_candidate(current, score, starts, current.objective - policy.serious * best)
+            to_beat = math.inf if wanted else current.objective - policy.serious * best
+            one = fitted_candidate(current, score, starts, to_beat)
             best = max(best, one.evidence)
             explained = explained or explains(one)
             found.append(one)
@@ -103,7 +109,7 @@ class ImpactJudge(Judge[RingDownFit]):
             found = self._by_continuation(current, found)
         found = self._from_elsewhere(current, found, {k: v for k, v in by_id.items() if k in tried})
         found = [c for c in found if borne_out(current, c)]
-        found.sort(key=lambda c: (c.fit is None, -_with_stiffness(c)))
+        found.sort(key=lambda c: (c.fit is None, -with_stiffness(c)))
         return tuple(found)
 
     def _by_continuation(
@@ -140,6 +146,15 @@ class ImpactJudge(Judge[RingDownFit]):
             out.append(c)
         return out
 
+    def fitted_alone(self, baseline: RingDownFit, scores: Sequence[Score]) -> RingDownFit | None:
+        """Return the full fit of a mechanism beside the linear rig."""
+        starts: list[Begin] = [(started(s), baseline) for s in variants(scores, self.problem.policy.hopeful)]
+        return fitted_candidate(baseline, scores[0], starts, math.inf).fit
+
+    def to_the_end(self, fitted: RingDownFit) -> RingDownFit:
+        """Return the fit once no step gains anything."""
+        return converged(fitted)
+
     def accepts(
         self, state: State[RingDownFit], candidates: Sequence[Candidate[RingDownFit]]
     ) -> tuple[Candidate[RingDownFit] | None, Mapping[int, float]]:
@@ -148,8 +163,8 @@ class ImpactJudge(Judge[RingDownFit]):
         if best is None or best.fit is None:
             return None, {}
         if state.first:
-            return (best if _with_stiffness(best) > self.problem.policy.first_gain else None), {}
-        enough = _with_stiffness(best) > self._least_gain(state) and self._better_held_out(state.current, best)
+            return (best if with_stiffness(best) > self.problem.policy.first_gain else None), {}
+        enough = with_stiffness(best) > self._least_gain(state) and self._better_held_out(state.current, best)
         return (best if enough else None), {}
 
     def _least_gain(self, state: State[RingDownFit]) -> float:
@@ -243,9 +258,15 @@ class ImpactJudge(Judge[RingDownFit]):
         return math.sqrt(mean), len(found.residuals)
 
 
-def _with_stiffness(candidate: Candidate[RingDownFit]) -> float:
-    """Return the evidence of the impacts and of how k_c grows with the load."""
-    return candidate.evidence + stiffness_evidence(candidate.mechanism, candidate.fit)
+def _is_runner_up(current: RingDownFit, score: Score, found: Sequence[Candidate[RingDownFit]]) -> bool:
+    """Whether a mechanism comes next while fewer than the best and its runner-up are fitted.
+
+    A score test may promise less than half of what a full fit gains: what is told of the runner-up is its full fit.
+    """
+    tried = {c.id for c in found}
+    if score.term.mechanism.id in tried or len(found) >= MOST_TRIED:
+        return False
+    return len({c.id for c in found if c.fit is not None and borne_out(current, c)}) < RIVALS
 
 
 def _key(score: Score) -> tuple[str, tuple[int, ...]]:

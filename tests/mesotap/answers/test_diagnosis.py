@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -13,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from analysis.mismatch.answer import Answer, RecordingFile
-from analysis.mismatch.diagnosis import Diagnosis
+from analysis.mismatch.diagnosis import Diagnosis, diagnose
 from daq.errors import RecordingError
 from mesotap.answers.adoption import AdoptedModel, read_diagnosis, with_model
 from mesotap.answers.candidates import candidates
@@ -26,8 +27,9 @@ from sim_backend.mechanisms.catalogue import variants
 from sim_backend.twin import twin_record
 from tests.analysis.ring_downs import FILTER, K1, M1, ONSET_S, RATE_HZ, SAMPLES, analog_filter, session_of, two_mass
 from tests.analysis.terms import listed
+from tests.mesotap.answers.test_consistent_page import ADVERBS, Page, is_rounded
 from tests.mesotap.test_cli import mesotap, refused
-from tests.mesotap.tester import diagnosed
+from tests.mesotap.tester import diagnosed, problem_of
 
 HUNT_CROSSLEY, GROWTH = "hunt_crossley_damping", "damping_growth_per_relative_approach"
 CONTEST = (HUNT_CROSSLEY, "hertz_stiffness", "squeeze_film", "quadratic_damping")
@@ -103,6 +105,29 @@ def test_the_runner_up_is_told_of(answer: dict) -> None:
     assert first["ids"] != [HUNT_CROSSLEY]
     assert first["probability"] < answer["mechanisms"][0]["probability"]
     assert first["heldout_rms"] >= answer["fit"]["heldout_rms_after"]
+
+
+def test_the_runner_up_is_fitted_in_full_even_where_its_score_promises_little(tmp_path: Path) -> None:
+    def stiffening(rig, load_n, pulse) -> np.ndarray:
+        return twin_record(rig, load_n, [adopted("hertz_stiffness", {})], pulse, ONSET_S, SAMPLES, RATE_HZ, ANALOG)[0]
+
+    problem = problem_of(session_of(stiffening))
+    strict = replace(problem, policy=replace(problem.policy, close=1.0))  # nothing comes close by its score
+    found = diagnose(strict, variants(KNOWN))
+    answer = diagnosis_json(found.answer, 1.0)
+    rival = answer["rivals"][0]
+    assert [m["id"] for m in answer["mechanisms"]] == ["hertz_stiffness"]
+    assert rival["heldout_rms"] > answer["fit"]["heldout_rms_after"]
+    assert rival["why"].startswith("Fitted in full")
+    text = write_page(tmp_path, found.answer, evidence_of(found, KNOWN), answer, pdf_figures=False).read_text()
+    page = Page()
+    page.feed(text)
+    name, _, error, _ = page.table("Instead", "Held-out rms")[1]
+    assert name == rival["ids"][0]
+    assert is_rounded(error, rival["heldout_rms"])
+    (row,) = (r for r in page.table("Mechanism", "Full fit", "Outcome")[1:] if r[0] == name)
+    assert all(cell not in ("", "–") for cell in row)
+    assert not ADVERBS.search(re.sub(r"<[^>]*>", " ", text))
 
 
 def test_the_page_says_what_where_and_why_not_and_needs_nothing_else(

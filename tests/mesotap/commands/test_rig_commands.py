@@ -127,3 +127,42 @@ def test_a_decimal_comma_in_a_rig_is_told_as_one(tmp_path):
 def test_a_recording_without_a_rig_is_told_to_need_one(driven):
     refused = run("diagnose", driven)
     assert "--rig" in str(refused.exception)
+
+
+WRONG_GAIN = (
+    "bodies: {mass: 1}\n"
+    "joints: [{between: [mass, ground]}]\n"
+    "inputs: [{channel: drive, force_on: mass, gain: 1.0e+4}]\n"
+    "sensors: [{channel: signal, of: mass, shows: displacement}]\n"
+)
+
+
+@pytest.mark.slow
+def test_a_rig_that_is_worse_than_predicting_zero_is_told_so_first_with_what_to_leave_free(driven, tmp_path):
+    rig, answer, page = tmp_path / "rig.yaml", tmp_path / "answer.json", tmp_path / "page"
+    rig.write_text(WRONG_GAIN.replace("joints", "springs").replace("ground]", "ground], stiffness: 50000"))
+    found = run("diagnose", driven, "--rig", rig, "--json", answer, "--report", page)
+    assert found.exit_code == 0
+    said = " ".join(found.stdout.split())
+    assert said.startswith("The linear rig as described is worse than predicting zero")
+    content = json.loads(answer.read_text())
+    assert (content["verdict"], content["fit"]["far_off"]) == ("unexplained", True)
+    assert content["fit"]["worse_than_zero"].split(".")[0] in " ".join(
+        page.joinpath("diagnosis.html").read_text().split()
+    )
+
+
+def test_what_is_left_free_is_written_as_the_rig_file_has_it(driven, tmp_path):
+    from analysis.mismatch.recordings.fit import problem_of
+    from analysis.mismatch.recordings.recorded import prepare
+    from analysis.mismatch.recordings.start_check import left_free
+    from daq.exchange import import_recording
+
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(WRONG_GAIN)
+    described = load_rig(rig)
+    said = left_free(problem_of(described, [prepare(import_recording(driven), described)]))
+    assert "write 'gain: unknown' for channel drive" in said
+    rig.write_text(WRONG_GAIN.replace("1.0e+4", "unknown"))
+    checked = run("rig", "check", rig, driven, "--json", "-")
+    assert json.loads(checked.stdout)["missed"]["signal"] < 0.05  # as it is said, it is mended

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.session import AnalysisError
 from daq.exchange import Recording
+from daq.exchange.units import is_known_unit
 from mesotap.cli import app
 from mesotap.configuration import rig_files
 from mesotap.configuration.config import ConfigError
@@ -60,6 +61,20 @@ def test_a_constant_with_an_uncertainty_is_held_by_it():
         ("bodies: {m: heavy}\n" + SPRING + SENSOR, "line 1: bodies.m is 'heavy'"),
         ("bodies: {m: 0}\n" + SPRING + SENSOR, "bodies.m: a mass must be above 0"),
         ("bodies: {m: 1, n: 2}\n" + SPRING + SENSOR, "bodies.n: nothing holds, pushes or shows it"),
+        ("bodies: {m: 1, n: 2}\n" + SPRING + SENSOR + "tapped: n", "bodies.n: nothing connects it to the others"),
+        (
+            "bodies: {m: 1, n: 2, p: 3}\njoints: [{between: [n, p]}]\n" + SPRING + SENSOR,
+            "bodies.n, p: nothing connects them to the others",
+        ),
+        (
+            "bodies: {m: 1}\n" + SPRING + "sensors: [{channel: 0, of: m, shows: velocity, unit: furlongs}]\n",
+            "line 3: sensors.0.unit: 'furlongs' is no known unit",
+        ),
+        (
+            "bodies: {m: 1}\n" + SPRING + "sensors: [{channel: 0, of: m, shows: displacement, unit: g}]\n",
+            "its unit g is one of acceleration; write 'shows: acceleration'",
+        ),
+        ("bodies: {m: 1}\n" + SPRING + SENSOR + "units: {length: parsecs}", "units.length: 'parsecs' is no known unit"),
         ("bodies: {m: unknown}\n" + SPRING + SENSOR, "at least one body's mass"),
         ("bodies: {ground: 1}\n" + SPRING + SENSOR, "ground is what does not move"),
         ("bodies: {m: 1}\nsprings: [{between: [x, ground]}]\n" + SENSOR, "'x', which is not a body; bodies are m"),
@@ -305,3 +320,18 @@ def test_the_list_of_mechanisms_holds_those_of_described_rigs():
     result = CliRunner().invoke(app, ["mechanisms"])
     assert result.exit_code == 0
     assert "spring_asymmetry" in result.output
+
+
+def test_bodies_that_hang_together_need_no_ground():
+    free = "bodies: {m: 1, n: 2}\njoints: [{between: [m, n]}]\n"
+    assert parse_rig(free + SENSOR).arrangement.bodies == ("m", "n")
+
+
+@pytest.mark.parametrize("unit", ["V", "mV/g", "um", "µm/s", "m/s^2", "mm s-2", "counts", "%", "N/mm", "rad", "V/s2"])
+def test_units_of_the_field_are_known(unit):
+    assert is_known_unit(unit)
+
+
+@pytest.mark.parametrize("unit", ["furlong", "m/fortnight", "volt-ish", "xyz"])
+def test_other_units_are_not(unit):
+    assert not is_known_unit(unit)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -122,6 +123,10 @@ def test_a_pendulum_with_drag_is_named_by_its_sine_and_its_drag_and_time_is_not_
     assert "amplitude and time" in found.mechanisms[0].statement
     assert found.next_experiment is not None
     assert "different strength" in found.next_experiment.why
+    (time,) = (r for r in found.rivals if r.ids == ("contact_creep",))
+    ratio = re.search(r"is (\S+) times that of tube spring cubic alone(; amplitude and time go together)?", time.why)
+    assert ratio is not None
+    assert (float(ratio[1]) < 1) == (ratio[2] is not None)  # who has the smaller error is told why it lost
 
 
 @pytest.mark.slow

@@ -113,13 +113,17 @@ def test_every_fourth_impact_is_held_out_but_never_all_of_a_load_nor_the_stronge
     assert max(range(12), key=lambda i: float(np.abs(segments[i].raw).max())) in training
 
 
-@pytest.mark.parametrize(("gain", "fitted"), [(0.0, ["channel_gain", "channel_skew"]), (0.05, ["channel_gain"])])
+@pytest.mark.parametrize(
+    ("gain", "fitted"),
+    [(0.0, ["base_strain", "channel_gain", "channel_skew"]), (0.05, ["channel_gain", "channel_skew"])],
+)
 def test_where_the_best_screened_gains_little_the_next_that_promises_more_is_fitted_too(
     gain: float, fitted: list[str]
 ) -> None:
     problem = problem_of(flawed(session_of(with_law(), noise=0.02), gain=gain)).only((0, 3, 5, 10))
     baseline = fit(problem)
-    scores = (scored("channel_gain", 5e3, strength=1e-4), scored("channel_skew", 1e3, strength=1e-4))
+    gains = {"channel_gain": 5e3, "channel_skew": 1e3, "base_strain": 900.0}  # the second one always is
+    scores = tuple(scored(name, value, strength=1e-4) for name, value in gains.items())
     scores = tuple(replace(s, term=at_work(s.term.mechanism.id, {s.term.mechanism.strength: 1.0})) for s in scores)
     judge = ImpactJudge(problem, problem, (), ())
     found = judge.candidates(State(baseline, replace(screening(), scores=scores)))

@@ -1,0 +1,155 @@
+"""Recordings whose numbers are probably not what they seem: what is usual, what else they may be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.mismatch.rig_description import DescribedRig
+from daq.exchange import Recording
+from daq.exchange.units import to_si
+from daq.records import Session
+from mesotap.configuration.usual import Usual
+from sim_backend.arrangement import LOAD
+
+SLOWEST: Final = 1000.0  # Hz, of a sampling rate below which no contact resonance of the tester is seen
+NAMED: Final = 5  # channels with the same remark that are listed
+
+ACCELERATION: Final = Usual(1e-4, 1e6, "m/s2", (("g", 9.80665), ("mm/s2", 1e-3), ("um/s2", 1e-6), ("nm/s2", 1e-9)))
+OF_UNIT: Final = {
+    "m/s2": ACCELERATION,
+    "m/s": Usual(1e-8, 1e3, "m/s", (("mm/s", 1e-3), ("um/s", 1e-6), ("nm/s", 1e-9))),
+    "m": Usual(1e-12, 10.0, "m", (("mm", 1e-3), ("um", 1e-6), ("nm", 1e-9), ("pm", 1e-12))),
+    "V": Usual(1e-7, 1e3, "V", (("mV", 1e-3), ("uV", 1e-6), ("steps of a 16-bit converter of 10 V", 20 / 2**16))),
+    "N": Usual(1e-6, 1e7, "N", (("mN", 1e-3), ("uN", 1e-6), ("kN", 1e3))),
+}
+"""Usual largest magnitudes of a channel: from the noise of good sensors to what testing machines reach."""
+ANY_UNIT: Final = Usual(1e-12, 1e12, "of its unit")
+PREFIXES: Final = {"k": 1e3, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}
+
+
+def recording_remarks(recording: Recording, rate: bool = True) -> list[str]:
+    """Return in sentences what is unusual about a recording by another program.
+
+    Parameters
+    ----------
+    rate
+        Whether a low sampling rate is told: not where a description says how fast the rig is.
+    """
+    units = recording.units or (recording.unit,) * len(recording.names)
+    said = channel_remarks(recording.names, units, [recording.data])
+    if rate and recording.rate_hz < SLOWEST:
+        said.append(slow(recording.rate_hz))
+    return [f"{recording.source}: {one}" for one in said]
+
+
+def session_remarks(session: Session) -> list[str]:
+    """Return in sentences what is unusual about the accelerations of a session."""
+    taps = [i.acceleration for i in session.impacts]
+    said = channel_remarks(("A", "B"), ("m/s2", "m/s2"), taps) if taps else []
+    rates = {i.sample_rate_hz for i in session.impacts} if session.rig.is_tester else set()
+    said += [slow(rate) for rate in sorted(rates) if rate < SLOWEST]
+    return [f"{session.source}: {one}" for one in said]
+
+
+def slow(rate_hz: float) -> str:
+    """Say what a low sampling rate cannot show."""
+    return (
+        f"is sampled at {rate_hz:g} Hz and shows nothing above {rate_hz / 2:g} Hz; contact resonances of the tester "
+        f"lie at 1 to 10 kHz, usual rates are 5 kHz to 5 MHz: if {rate_hz:g} kHz is meant, give {1e3 * rate_hz:g} Hz"
+    )
+
+
+def rig_remarks(rig: DescribedRig, recording: Recording) -> list[str]:
+    """Return in sentences which modes of a rig, as declared, a recording is sampled too slowly to show."""
+    a = rig.arrangement
+    values = {p.name: p.value for p in a.parameters if p.scope != LOAD}
+    wanted = [*a.masses, *(e.stiffness for e in a.elements if e.stiffness is not None)]
+    if any(not values.get(name, math.nan) > 0 for name in wanted):
+        return []
+    mass, _, stiffness = a.matrices({k: 0.0 if math.isnan(v) else v for k, v in values.items()})
+    modes = np.sqrt(np.abs(np.linalg.eigvals(stiffness / mass[:, None]))) / (2 * math.pi)
+    beyond = sorted(float(f) for f in modes if f > recording.rate_hz / 2)
+    if not beyond:
+        return []
+    listed = ", ".join(f"{f:.4g}" for f in beyond[:NAMED])
+    return [
+        f"{recording.source}: is sampled at {recording.rate_hz:g} Hz and shows nothing above {recording.rate_hz / 2:g} "
+        f"Hz, but {rig.name} as described has modes at {listed} Hz: if {recording.rate_hz:g} kHz is meant, give "
+        f"'recording: {{rate_hz: {1e3 * recording.rate_hz:g}}}'; else check masses (kg) and stiffnesses (N/m)"
+    ]
+
+
+def channel_remarks(names: Sequence[str], units: Sequence[str], taps: Iterable[NDArray[np.float64]]) -> list[str]:
+    """Return what is unusual about channels: their size, and whether they ever change.
+
+    Parameters
+    ----------
+    taps
+        Arrays (c, n) that belong together; what is told is true of all of them.
+    """
+    low, high = np.full(len(names), math.inf), np.full(len(names), -math.inf)
+    changes = np.zeros(len(names), np.bool_)
+    for data in taps:
+        low, high = np.minimum(low, data.min(axis=1)), np.maximum(high, data.max(axis=1))
+        changes |= np.ptp(data, axis=1) > 0
+    zero = [n for n, a, b in zip(names, low, high, strict=True) if a == b == 0]
+    still = [n for n, c in zip(names, changes, strict=True) if not c and n not in zero]
+    said = []
+    if zero:
+        said.append(f"{_channels(zero)} zero throughout: not connected, muted, or not recorded at all")
+    if still:
+        said.append(
+            f"{_channels(still)} constant: not connected, stuck at the end of its range, or a column of set values"
+        )
+    for name, unit, largest in zip(names, units, np.maximum(np.abs(low), np.abs(high)), strict=True):
+        if name not in zero and (remark := size_remark(name, unit, float(largest))):
+            said.append(remark)
+    return said
+
+
+def size_remark(name: str, unit: str, largest: float) -> str:
+    """Return what a channel's largest magnitude may mean if it is unusual; else nothing.
+
+    Examples
+    --------
+    >>> size_remark("acc", "m/s2", 3.0)
+    ''
+    >>> size_remark("acc", "m/s2", 4e7)
+    'channel acc reaches 4e+07 m/s2; usual is 0.0001 to 1e+06 m/s2: they may be mm/s2 (40000 m/s2) or um/s2 (40 m/s2)'
+    """
+    usual, factor = _usual(unit)
+    value = factor * largest
+    if usual.least <= value <= usual.most:
+        return ""
+    others = [f"{u} ({value * of:g} {usual.unit})" for u, of in usual.others if usual.least <= value * of <= usual.most]
+    shown = unit or "of its unit"
+    if others:
+        meant = f"they may be {' or '.join(others[:2])}"
+    elif value > usual.most:
+        meant = "they may be raw counts, scaled twice, or numbers read with the wrong type or byte order"
+    else:
+        meant = "they may be scaled twice, or the noise of a channel that is not connected"
+    return (
+        f"channel {name} reaches {largest:g} {shown}; usual is {usual.least / factor:g} to {usual.most / factor:g} "
+        f"{shown}: {meant}"
+    )
+
+
+def _usual(unit: str) -> tuple[Usual, float]:
+    """Return what is usual of a unit, and what one of it is in the unit of that."""
+    plain, factor = to_si(unit)
+    if plain in OF_UNIT:
+        return OF_UNIT[plain], factor
+    if plain[:1] in PREFIXES and plain[1:] in OF_UNIT:
+        return OF_UNIT[plain[1:]], PREFIXES[plain[0]]
+    return ANY_UNIT, 1.0
+
+
+def _channels(names: Sequence[str]) -> str:
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return f"channel {names[0]} is" if len(names) == 1 else f"channels {', '.join(names[:NAMED])}{more} are"

@@ -1,0 +1,139 @@
+"""Recordings whose numbers can be read and yet are told with what is usual and what else they may be."""
+
+from __future__ import annotations
+
+import doctest
+import json
+import re
+import wave
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+from typer.testing import CliRunner
+
+from daq.exchange import Recording
+from daq.session_file import write_session
+from mesotap.cli import app
+from mesotap.configuration import usual_recordings
+from mesotap.configuration.rig_files import parse_rig
+from mesotap.configuration.usual_recordings import channel_remarks, recording_remarks, rig_remarks, size_remark
+from tests.fuzz.sessions import small_session
+
+RATE, SAMPLES = 10_000.0, 3000
+T = np.arange(SAMPLES) / RATE
+DECAY = np.exp(-60 * T) * np.sin(2 * np.pi * 700 * T) + 1e-4 * np.random.default_rng(4).normal(size=SAMPLES)
+Writer = Callable[[Path, np.ndarray], Path]
+
+
+def as_csv(folder: Path, data: np.ndarray) -> Path:
+    head = "time [s],a [m/s2],b [m/s2]"
+    np.savetxt(folder / "r.csv", np.array([T, *data]).T, delimiter=",", header=head, comments="")
+    return folder / "r.csv"
+
+
+def as_mat(folder: Path, data: np.ndarray) -> Path:
+    savemat(folder / "r.mat", {"time": T, "a": data[0], "b": data[1]})
+    return folder / "r.mat"
+
+
+def as_uff(folder: Path, data: np.ndarray) -> Path:
+    assert run("export", as_mat(folder, data), folder / "r.uff").exit_code == 0
+    return folder / "r.uff"
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+@pytest.mark.parametrize("write", [as_csv, as_mat, as_uff])
+def test_data_times_1e30_is_told_by_import_with_what_is_usual(tmp_path: Path, write: Writer) -> None:
+    file = write(tmp_path, np.array([DECAY, 0.9 * DECAY]) * 1e29)
+    done = run("import", file, tmp_path / "s.h5")
+    said = " ".join(done.output.split())
+    assert re.search(r"channel \S*a reaches 9\.\d+e\+28 (m/s2|of its unit); usual is", said)
+    assert "raw counts, scaled twice, or numbers read with the wrong type or byte order" in said
+    assert not (tmp_path / "s.h5").exists()  # an acceleration that a session cannot hold is refused besides
+    assert "expected at most 1e+15" in str(done.exception)
+
+
+def test_a_described_rig_s_recording_is_told_of_too(tmp_path: Path) -> None:
+    file = as_csv(tmp_path, np.array([DECAY, np.zeros(SAMPLES)]) * 1e20)
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(
+        "bodies: {m: 1}\nsprings: [{between: [m, ground], stiffness: 1.0e+9}]\n"
+        "sensors: [{channel: a, of: m, shows: acceleration, unit: m/s2}]\n"
+    )
+    said = " ".join(run("rig", "check", rig, file).output.split())
+    assert "channel a reaches 9" in said
+    assert "usual is 0.0001 to 1e+06 m/s2: they may be raw counts, scaled twice, or numbers read with the wrong" in said
+    assert "channel b is zero throughout" in said
+    assert "has modes at 5033 Hz" in said  # above half of 10 kHz
+    assert "rate_hz: 1e+07" in said
+
+
+def test_nothing_is_unusual_about_what_is_usual() -> None:
+    fine = Recording(np.array([DECAY, DECAY]), RATE, ("a", "b"), "m/s2", "r.csv", ("m/s2", "m/s2"))
+    assert recording_remarks(fine) == []
+    for unit, largest in (("V", 5.0), ("mV", 100.0), ("g", 50.0), ("um", 3.0), ("N", 200.0), ("", 32767.0)):
+        assert size_remark("a", unit, largest) == ""
+
+
+@pytest.mark.parametrize(
+    ("unit", "largest", "meant"),
+    [
+        ("m/s2", 5e7, "they may be mm/s2 (50000 m/s2)"),
+        ("V", 2.0e4, "they may be mV (20 V)"),
+        ("m", 300.0, "they may be mm (0.3 m)"),
+        ("", 1e30, "raw counts, scaled twice"),
+        ("N", 1e-30, "noise of a channel that is not connected"),
+    ],
+)
+def test_what_else_it_could_be(unit: str, largest: float, meant: str) -> None:
+    assert meant in size_remark("x", unit, largest)
+
+
+def test_a_slow_rate_is_told_where_no_rig_says_how_fast_it_is() -> None:
+    slow = Recording(np.array([DECAY, DECAY]), 100.0, ("a", "b"), "m/s2", "r.csv")
+    (said,) = recording_remarks(slow)
+    assert said.startswith("r.csv: is sampled at 100 Hz and shows nothing above 50 Hz")
+    assert "if 100 kHz is meant, give 100000 Hz" in said
+    assert recording_remarks(slow, rate=False) == []
+    held = "bodies: {m: 0.1}\nsprings: [{between: [m, ground]}]\n"
+    rig = parse_rig(held + "sensors: [{channel: 0, of: m, shows: velocity}]")
+    assert rig_remarks(rig, slow) == []  # nobody knows how stiff it is
+
+
+def test_what_never_changes_is_told_by_name() -> None:
+    data = [np.array([DECAY, np.zeros(SAMPLES), np.full(SAMPLES, 3.0)])]
+    still, constant = channel_remarks(("a", "b", "c"), ("",) * 3, data)
+    assert still.startswith("channel b is zero throughout")
+    assert constant.startswith("channel c is constant")
+    (many,) = channel_remarks([f"c{i}" for i in range(8)], ("",) * 8, [np.zeros((8, 20))])
+    assert many.startswith("channels c0, c1, c2, c3, c4 and 3 more are zero throughout")
+
+
+def test_a_session_of_zeros_is_told_to_be_one(tmp_path: Path) -> None:
+    sound = small_session()
+    impacts = tuple(replace(i, acceleration=np.zeros_like(i.acceleration)) for i in sound.impacts)
+    write_session(tmp_path / "s.h5", replace(sound, impacts=impacts))
+    done = run("info", tmp_path / "s.h5", "--json", tmp_path / "info.json")
+    assert done.exit_code == 0
+    (said,) = json.loads((tmp_path / "info.json").read_text())["remarks"]
+    assert "channels A and B are zero throughout" in said.replace("A, B", "A and B")
+
+
+def test_an_analysis_of_a_wav_tells_a_silent_channel(tmp_path: Path) -> None:
+    with wave.open(str(tmp_path / "r.wav"), "wb") as file:
+        file.setparams((2, 2, int(RATE), SAMPLES, "NONE", "none"))
+        file.writeframes(np.array([30000 * DECAY, 0 * DECAY]).T.astype("<i2").tobytes())
+    done = run("analyze", tmp_path / "r.wav", "--json", tmp_path / "r.json")
+    assert done.exit_code == 0
+    assert any("zero throughout" in note for note in json.loads((tmp_path / "r.json").read_text())["notes"])
+
+
+def test_the_examples() -> None:
+    assert doctest.testmod(usual_recordings).failed == 0

@@ -75,3 +75,29 @@ def catalog(
         **{"load": load, "kc": kc, "zeta": zeta, "verdict": verdict, "mechanism": mechanism, "text": text},
     }
     look(Asked(folders or (), where, options, index), json, csv, parquet, console(json))
+
+
+@commands.command()
+def compare(
+    sessions: Annotated[list[Path], typer.Argument(help="Session files or folders.", show_default=False)],
+    by: Annotated[
+        str,
+        typer.Option(
+            "--by",
+            metavar="session|specimen|title|operator",
+            help="Put sessions in groups by this; a mixed model tells groups from the scatter within.",
+        ),
+    ] = "session",
+    figure: Annotated[
+        Path | None,
+        typer.Option(
+            "--figure", metavar="FILE", help="Also draw k_c and zeta: .svg, .pdf or .png.", show_default=False
+        ),
+    ] = None,
+    json: JsonPath = None,
+) -> None:
+    """Compare k_c and zeta of sessions at each load; what they have in common, such as the masses, is counted once."""
+    from mesotap.commands.compare import Wanted
+    from mesotap.commands.compare import compare as hold_together
+
+    hold_together(Wanted(sessions, by, figure), json, console(json))

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from daq.errors import RecordingError
+from daq.journal import HEADER
 from daq.regular import read_regular
+from mesotap.catalogue.comparing import comparison_json
+from mesotap.catalogue.curves import read_compared
 from mesotap.catalogue.entry import Entry
-from mesotap.catalogue.folders import read_folder
+from mesotap.catalogue.folders import LARGEST_HEADER, read_folder
 from mesotap.catalogue.known import catalogued
 from mesotap.commands.recordings import SESSION_FILE
 from mesotap.console.board import DIAGNOSIS, REPORT, session_id
+from mesotap.session.header import kept_config
 from mesotap.session.states import State
 
 LARGEST_RESULTS = 64 * 2**20
 MOST_SESSIONS = 2000
+MOST_COMPARED = 4
 RESULTS = "results.json"
 
 
@@ -83,6 +89,22 @@ def results_of(session: PastSession) -> list[dict[str, Any]]:
         ]
     except (ValueError, KeyError, TypeError) as error:
         raise RecordingError(f"{RESULTS}: is not the results of a session") from error
+
+
+def comparison_of(sessions: Sequence[PastSession]) -> dict[str, Any]:
+    """Return sessions held against each other, as `mesotap.catalogue.comparing` does.
+
+    Raises
+    ------
+    MesotapError
+        One of them has no results that tell what their uncertainty is made of.
+    """
+    told = []
+    for session in sessions:
+        header = json.loads(read_regular(session.path / HEADER, LARGEST_HEADER, "a session's header"))
+        config = kept_config(str(header["config"]), str(session.path / HEADER)).config
+        told.append(read_compared(session.path, config))
+    return comparison_json(told)
 
 
 def _read_results(path: Path) -> dict[str, Any] | None:

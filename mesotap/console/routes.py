@@ -20,7 +20,7 @@ from mesotap.console.audience import Audience
 from mesotap.console.board import DIAGNOSIS, REPORT, Board
 from mesotap.console.gate import OPEN_PATH, REPORT_POLICY, Keys
 from mesotap.console.page_sockets import PageSockets
-from mesotap.console.past import results_of, session_of, sessions_in
+from mesotap.console.past import MOST_COMPARED, comparison_of, results_of, session_of, sessions_in
 from mesotap.console.view_routes import ViewRoutes
 from mesotap.session.hand_verdicts import LONGEST_REASON
 from rig.errors import MesotapError
@@ -79,6 +79,7 @@ class Routes:
             Route("/api/settings", self._settings_form, methods=["GET"]),
             Route("/api/sessions", self._sessions, methods=["GET"]),
             Route("/api/sessions/{id:str}", self._results, methods=["GET"]),
+            Route("/api/compare", self._compare, methods=["GET"]),
             Route("/api/taps/{number:int}", self._tap, methods=["GET"]),
             Route("/sessions/{id:str}/{what:str}", self._document, methods=["GET"]),
             WebSocketRoute("/ws", self._sockets.meet),
@@ -121,6 +122,17 @@ class Routes:
         except MesotapError as error:
             return JSONResponse({"error": str(error)}, 400)
         told = {"name": session.summary["name"], "drifted": session.summary["drifted"], "loads": loads}
+        return JSONResponse(told, headers={"Cache-Control": "no-store"})
+
+    async def _compare(self, request: Request) -> Response:
+        """Past sessions against each other, as `mesotap compare` tells it."""
+        wanted = request.query_params.get("ids", "").split(",")[:MOST_COMPARED]
+        found = [await asyncio.to_thread(session_of, self._work.bench.root, name) for name in dict.fromkeys(wanted)]
+        sessions = [session for session in found if session is not None]
+        try:
+            told = await asyncio.to_thread(comparison_of, sessions)
+        except MesotapError as error:
+            return JSONResponse({"error": str(error)}, 400)
         return JSONResponse(told, headers={"Cache-Control": "no-store"})
 
     async def _tap(self, request: Request) -> Response:

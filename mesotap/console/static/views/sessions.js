@@ -16,6 +16,12 @@ function endCharts() {
 
 const marked = (s) => (s.drifted ? `${s.name} ⚠ gauge drifted` : s.name);
 
+function differences(found) {
+  const shown = (d) => (d.of === "ratio" ? [d.value, d.low, d.high].map((v) => v.toFixed(4)) : [d.value, d.low, d.high].map((v) => (100 * v).toPrecision(3)));
+  const row = (d) => { const [value, low, high] = shown(d); return make("tr", {}, make("td", { class: "text" }, `${d.b} against ${d.a}`), make("td", { class: "text" }, d.of === "ratio" ? "k_c, ratio" : "ζ2, difference in %"), make("td", {}, value), make("td", {}, `${low} to ${high}`), make("td", {}, d.p_value.toPrecision(2))); };
+  return sheet("Differences over all loads", make("div", { class: "scroll" }, make("table", { id: "differences" }, make("thead", {}, make("tr", {}, ...["sessions", "of", "value", "95 % interval", "p"].map((h) => make("th", { scope: "col", class: "text" }, h)))), make("tbody", {}, ...found.filter((d) => d.load_mn === null).map(row)))), make("p", {}, "Masses, springs, weights and clock that the sessions have in common are counted once. How much specimens scatter is not in these intervals: 'mesotap compare --by title' tells."));
+}
+
 async function compare(into) {
   endCharts();
   const taken = [];
@@ -37,6 +43,8 @@ async function compare(into) {
   const row = (target) => make("tr", {}, make("td", {}, target.toFixed(1)), ...taken.map((s) => { const l = s.loads.find((entry) => entry.target_mn === target); return make("td", {}, l ? `${within({ value: l.k_c.value, half: (l.k_c.high - l.k_c.low) / 2 }, 1e-6)} at ${within({ value: l.load_mn, half: l.load_half_mn })} mN` : "–"); }));
   into.replaceChildren(sheet("Compared", key, ...(doubt ? [doubt] : []), make("div", { class: "two" }, stiffness.box, damping.box),
     make("div", { class: "scroll" }, make("table", { id: "compared" }, make("thead", {}, make("tr", {}, make("th", { scope: "col" }, "planned load, mN"), ...taken.map((s) => make("th", { scope: "col" }, `k_c, MN/m, at the measured load: ${marked(s)}`)))), make("tbody", {}, ...targets.map(row))))));
+  const told = await get(`/api/compare?ids=${[...chosen].join(",")}`).then((r) => r.json()).catch((error) => ({ error: String(error.message) }));
+  into.append(told.error ? make("p", { class: "warning" }, `Differences cannot be tested: ${told.error}`) : differences(told.differences));
   stiffness.set([x, ...taken.map((s) => column(s, (l) => l.k_c.value * 1e-6))]);
   damping.set([x, ...taken.map((s) => column(s, (l) => l.zeta2.value * 100))]);
   into.scrollIntoView();

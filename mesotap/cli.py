@@ -285,11 +285,20 @@ def analyze(
             show_default=False,
         ),
     ] = None,
+    mac: Annotated[
+        Path | None,
+        typer.Option(
+            "--mac",
+            metavar="RECORDING",
+            help="Also give the modal assurance criterion between the modes of each recording and those of this one.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Find the modes of every impact and k_c and zeta of every load; of any other ring-down, its modes."""
     from mesotap.commands.files import analyze as answer
 
-    answer(files, method, rate, config, changes or (), report, json, _console(json), model)
+    answer(files, method, rate, config, changes or (), report, json, _console(json), model, mac)
 
 
 @app.command()

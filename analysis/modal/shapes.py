@@ -54,12 +54,14 @@ def modal_assurance(first: Complex, second: Complex) -> Real:
 def phase_collinearity(shapes: Complex) -> Real:
     """Modal phase collinearity (m,) of shapes (c, m): 1 where all channels of a mode move in one phase or against it.
 
+    NaN for shapes over one channel, of which it says nothing.
+
     References
     ----------
     Juang and Pappa, "An eigensystem realization algorithm for modal parameter identification", J. Guidance 8, 1985.
     """
     if shapes.shape[0] == 1:
-        return np.ones(shapes.shape[1])
+        return np.full(shapes.shape[1], np.nan)
     x, y = shapes.real, shapes.imag
     sxx, syy, sxy = (x * x).sum(axis=0), (y * y).sum(axis=0), (x * y).sum(axis=0)
     total = np.where(sxx + syy > 0, sxx + syy, 1.0)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
@@ -22,6 +23,7 @@ from analysis.session import AnalysisError
 from daq.errors import RecordingError
 from daq.exchange import Recording
 from daq.records import Session
+from mesotap.answers.assurance import Beside, beside, with_beside
 from mesotap.answers.results_files import modes_json, results_json
 from mesotap.answers.rounding import significant, with_uncertainty
 from mesotap.commands.answers import analysed, show_session
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
     from mesotap.answers.correction import Correction
 
 METHODS = ("ml", "era")
+ONE_CHANNEL = "there is one channel: shapes and MPC, which are between channels, say nothing"
 
 
 def analyze(
@@ -50,13 +53,18 @@ def analyze(
     json_path: Path | None,
     console: Console,
     model: Path | None = None,
+    mac: Path | None = None,
 ) -> None:
-    """Analyse each file, print its table, and write the answers: one, or a list of them for several files."""
+    """Analyse each file, print its table, and write the answers: one, or a list of them for several files.
+
+    ``mac`` is a recording beside whose modes those of each file are put.
+    """
     if method is not None and method not in METHODS:
         raise ConfigError(f"--method {method}: allowed are {' and '.join(METHODS)}")
     changes = [*changes, *([f"analysis.method={method}"] if method else [])]
+    other = None if mac is None else _other(mac, rate, load_config(config_path, changes).analysis.method)
     if len(files) == 1:
-        write_json(json_path, _analyze_one(files[0], rate, config_path, changes, report, console, model))
+        write_json(json_path, _analyze_one(files[0], rate, config_path, changes, report, console, model, other))
         return
     answers: list[dict[str, Any]] = []
     refusals: list[str] = []
@@ -64,7 +72,7 @@ def analyze(
         # session files are often all called alike: the folder's name tells them apart
         folder = None if report is None else report / f"{number:02d}-{file.resolve().parent.name}-{file.stem}"
         try:
-            answers.append(_analyze_one(file, rate, config_path, changes, folder, console, model))
+            answers.append(_analyze_one(file, rate, config_path, changes, folder, console, model, other))
         except (RecordingError, AnalysisError, FitFailure) as error:
             refusals.append(str(error))
             answers.append({"format": "mesotap-refusal", "version": 1, "source": str(file), "reason": str(error)})
@@ -81,11 +89,14 @@ def _analyze_one(
     report: Path | None,
     console: Console,
     model: Path | None,
+    other: tuple[Recording, RecordingModes] | None,
 ) -> dict[str, Any]:
     opened = opened_file(file, rate)
     unusual = session_remarks(opened) if isinstance(opened, Session) else recording_remarks(opened)
     show_remarks(unusual, console)
     if isinstance(opened, Session) and opened.rig.is_tester:
+        if other is not None:
+            raise RecordingError(f"{file}: is a session of the tester; --mac compares the modes of other recordings")
         config = config_for(opened, config_path, changes, console)
         correction = None if model is None else _corrected(opened, model, config.analysis.mechanisms, console)
         if report is not None:
@@ -109,12 +120,36 @@ def _analyze_one(
     # said already; the answer and the page hold it too
     left_out = [f"left out of the file: {what}" for what in recording.left_out]
     modes = replace(modes, notes=(*modes.notes, *left_out, *unusual))
+    compared = None if other is None else _compared(recording, modes, other, console)
     if report is not None:
         from mesotap.report.report import recording_report
 
-        page = recording_report(report, recording, modes)
+        page = recording_report(report, recording, modes, compared)
         console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
-    return modes_json(modes)
+    return with_beside(modes_json(modes), compared)
+
+
+def _other(file: Path, rate: float | None, method: str) -> tuple[Recording, RecordingModes]:
+    """Return the recording that others are compared with, and its modes."""
+    opened = opened_file(file, rate)
+    if isinstance(opened, Session) and opened.rig.is_tester:
+        raise RecordingError(f"{file}: is a session of the tester; --mac compares the modes of other recordings")
+    recording = _as_recording(opened) if isinstance(opened, Session) else opened
+    return recording, modes_of(recording, method)
+
+
+def _compared(
+    recording: Recording, modes: RecordingModes, other: tuple[Recording, RecordingModes], console: Console
+) -> Beside:
+    found = beside(modes, recording.names, other[1], other[0].names)
+    _show_mac("modal assurance criterion between the recordings", modes, found.other, found.mac, console)
+    said = f"- a row a mode of {escape(modes.source)}, a column a mode of {escape(found.other.source)}"
+    console.print(said, highlight=False, soft_wrap=True)
+    if found.matched_by_order:
+        pairs = ", ".join(f"{first} with {second}" for first, second in found.channels)
+        said = f"- channels are compared in their order: {escape(pairs)}"
+        console.print(said, highlight=False, soft_wrap=True)
+    return found
 
 
 def _corrected(session: Session, model: Path, folders: Sequence[str], console: Console) -> Correction:
@@ -134,6 +169,7 @@ def modes_of(recording: Recording, method: str) -> RecordingModes:
     except FitFailure as error:
         raise FitFailure(f"{recording.source}: {error}") from error
     poles = np.array([np.exp(m.pole / recording.rate_hz) for m in found.modes], np.complex128)
+    one = () if len(recording.data) > 1 else (ONE_CHANNEL,)
     decay = recording.data[:, found.start :] - recording.data.mean(axis=1, keepdims=True)
     return RecordingModes(
         source=recording.source,
@@ -149,7 +185,11 @@ def modes_of(recording: Recording, method: str) -> RecordingModes:
             )
             for i, m in enumerate(found.modes)
         ),
-        notes=(*found.notes, f"the modes leave {100 * found.residual_share:.2g} % of the decay's energy unexplained"),
+        notes=(
+            *found.notes,
+            *one,
+            f"the modes leave {100 * found.residual_share:.2g} % of the decay's energy unexplained",
+        ),
         diagram=found.diagram,
     )
 
@@ -267,13 +307,15 @@ def published(report: Path | None, json_path: Path | None, console: Console) -> 
     write_json(json_path, answer.as_json())
 
 
-def show_mac(title: str, first: RecordingModes, second: RecordingModes, console: Console) -> None:
+def _show_mac(
+    title: str, first: RecordingModes, second: RecordingModes, mac: NDArray[np.float64], console: Console
+) -> None:
     """Print the modal assurance criterion, a row a mode of the first recording and a column a mode of the second."""
     shown = Table(title=title)
     shown.add_column("Hz", justify="right")
     for mode in second.modes:
         shown.add_column(significant(mode.frequency_hz.value, 5), justify="right")
-    for mode, row in zip(first.modes, first.mac(second), strict=True):
+    for mode, row in zip(first.modes, mac, strict=True):
         shown.add_row(significant(mode.frequency_hz.value, 5), *(f"{value:.2f}" for value in row))
     console.print(shown)
 
@@ -288,10 +330,10 @@ def _show_modes(modes: RecordingModes, console: Console) -> None:
             with_uncertainty(mode.damping_ratio, 100),
             f"{max(mode.amplitude):.4g}",
             f"{mode.emac:.2f}",
-            f"{mode.mpc:.2f}",
+            "\N{EN DASH}" if np.isnan(mode.mpc) else f"{mode.mpc:.2f}",
         )
     console.print(shown)
     if len(modes.modes) > 1 and len(modes.modes[0].shape) > 1:
-        show_mac("modal assurance criterion between the modes (auto-MAC)", modes, modes, console)
+        _show_mac("modal assurance criterion between the modes (auto-MAC)", modes, modes, modes.mac(), console)
     for note in modes.notes:
         console.print(f"- {escape(note)}", highlight=False)

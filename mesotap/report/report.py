@@ -24,6 +24,7 @@ from calibration.estimate import LEVEL
 from daq.durable import write_error, write_whole
 from daq.errors import UnwrittenError
 from daq.records import Impact, Session
+from mesotap.answers.assurance import with_beside
 from mesotap.answers.budgets import shown_budgets, shown_load
 from mesotap.answers.comparison import N_PER_MN, Ratio, count_inside, recovered_against, spectral_check, theory_ratios
 from mesotap.answers.explanations import SHOWN, chance, explain, known
@@ -42,7 +43,8 @@ from mesotap.report import figures
 from mesotap.report.figures import Recording
 
 if TYPE_CHECKING:
-    from mesotap.answers.correction import Correction
+    from mesotap.answers.assurance import Beside
+from mesotap.answers.correction import Correction
 
 __all__ = [
     "Plate",
@@ -200,7 +202,7 @@ def _yielding(contact: SphereContact | FlatContact | None, ratios: Sequence[Rati
     return plasticity(contact, load).sentence(load)
 
 
-def recording_report(folder: Path, recording: Recording, modes: RecordingModes) -> Path:
+def recording_report(folder: Path, recording: Recording, modes: RecordingModes, compared: Beside | None = None) -> Path:
     """Write the page of a recording that is not a session: ``report.html``, ``modes.json`` and ``modes.pdf``.
 
     Where a mode could be followed along the ring-down ``amplitude.pdf`` too, and with a stabilisation diagram
@@ -214,6 +216,8 @@ def recording_report(folder: Path, recording: Recording, modes: RecordingModes) 
         Samples (c, n) with rate, names and unit.
     modes
         What was identified in it.
+    compared
+        Its modes beside those of another recording.
 
     Returns
     -------
@@ -234,13 +238,14 @@ def recording_report(folder: Path, recording: Recording, modes: RecordingModes) 
         drawn = figures.stabilisation_figure(modes)
         figures.save(drawn, folder / "stabilisation.pdf")
         diagram = Plate(Markup(figures.inline_svg(drawn, "stabilisation", LABELS["stabilisation"])))
-    written(folder / "modes.json", json_text(modes_json(modes)))
+    written(folder / "modes.json", json_text(with_beside(modes_json(modes), compared)))
     mac = modes.mac() if len(modes.modes) > 1 and len(modes.modes[0].shape) > 1 else None
     data = np.atleast_2d(np.asarray(recording.data))
     names = [str(recording.names[c]) if c < len(recording.names) else f"channel {c}" for c in range(data.shape[0])]
     html = environment().get_template("recording.html").render(
         recording=recording,
         mac=None if mac is None else mac.tolist(),
+        compared=compared,
         unit=recording.unit.replace("m/s2", "m/s²"),
         names=names,
         duration_s=data.shape[1] / recording.rate_hz,

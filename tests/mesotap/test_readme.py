@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -31,29 +32,39 @@ def test_the_blocks_are_found():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif("MESOTAP_README" not in os.environ, reason="takes ten minutes: set MESOTAP_README=1")
+@pytest.mark.skipif("MESOTAP_README" not in os.environ, reason="takes ten minutes: make readme")
 def test_every_line_runs_as_it_stands(tmp_path):
     shutil.copytree(ROOT / "docs" / "sample-files", tmp_path / "docs" / "sample-files")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "OPENBLAS_NUM_THREADS": "1", "BROWSER": "true"}
+    faults = []
     for line in commands():
-        running = subprocess.Popen(
-            ["bash", "-c", line],
-            cwd=tmp_path,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-        )
-        assert running.stdout is not None
-        said = ""
-        if line.startswith("mesotap console"):  # serves until it is told to end
-            said = running.stdout.readline()
-            assert "http://127.0.0.1" in said, line
-            os.killpg(running.pid, signal.SIGINT)
-        said += running.communicate()[0]
-        ended = (0, 130) if line.startswith("mesotap console") else (0,)
-        assert running.returncode in ended, f"{line}\n{said[-2000:]}"
+        began = time.monotonic()
+        code, said = ended(line, tmp_path, environment)
+        print(f"{time.monotonic() - began:6.1f} s  {line}", flush=True)
+        if code not in ((0, 130) if line.startswith("mesotap console") else (0,)):
+            faults.append(f"{line}\n{said[-2000:]}")
+    assert not faults, "\n\n".join(faults)
     assert "guide_friction" in (tmp_path / "adopted.yaml").read_text()
+
+
+def ended(line: str, folder: Path, environment: dict[str, str]) -> tuple[int, str]:
+    """Run a line; return its exit code and what it said. What serves until it is told to end is told so."""
+    running = subprocess.Popen(
+        ["bash", "-c", line],
+        cwd=folder,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    assert running.stdout is not None
+    said = ""
+    if line.startswith("mesotap console"):
+        said = running.stdout.readline()
+        assert "http://127.0.0.1" in said, line
+        os.killpg(running.pid, signal.SIGINT)
+    said += running.communicate()[0]
+    return running.returncode, said

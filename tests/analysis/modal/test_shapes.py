@@ -56,6 +56,10 @@ def test_collinearity_of_one_phase_and_of_a_travelling_wave():
     assert phase_collinearity(np.stack([turned, wave], axis=1)) == pytest.approx([1.0, 0.0], abs=1e-12)
 
 
+def test_collinearity_of_one_channel_is_no_number():
+    assert np.isnan(phase_collinearity(np.ones((1, 3), complex))).all()
+
+
 def test_the_largest_channel_becomes_one():
     assert scaled(np.array([1j, -2.0, 0.5])) == pytest.approx(np.array([-0.5j, 1.0, -0.25]))
     assert not scaled(np.zeros(2, complex)).any()

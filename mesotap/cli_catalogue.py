@@ -101,3 +101,33 @@ def compare(
     from mesotap.commands.compare import compare as hold_together
 
     hold_together(Wanted(sessions, by, figure), json, console(json))
+
+
+@commands.command()
+def trend(
+    folders: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Folders of sessions; without any, what was indexed earlier.", show_default=False),
+    ] = None,
+    specimen: Annotated[
+        str | None, _asks("--specimen", "Words of the check specimen, whose k_c is charted too.")
+    ] = None,
+    since: Annotated[str | None, _asks("--since", "Date from which on, such as that of the last repair.")] = None,
+    until: Annotated[str | None, _asks("--until", "Date up to which.")] = None,
+    at: Annotated[
+        float | None, typer.Option("--at", help="Load in mN at which k_c is read off; 500.", show_default=False)
+    ] = None,
+    where: Where = "",
+    index: Index = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option("--figure", metavar="FILE", help="Also draw the charts: .svg, .pdf or .png.", show_default=False),
+    ] = None,
+    json: JsonPath = None,
+) -> None:
+    """Say whether gauge, springs, f1, noise or k_c of a check specimen changed over the sessions, and since when."""
+    from mesotap.commands.catalog import Asked
+    from mesotap.commands.trend import trend as watch
+
+    options = {"specimen": specimen, "since": since, "until": until}
+    watch(Asked(folders or (), where, options, index), at, figure, json, console(json))

@@ -44,7 +44,7 @@ def compare(wanted: Wanted, json_path: Path | None, console: Console) -> None:
     if wanted.by not in BY:
         raise RecordingError(f"--by {wanted.by}: allowed are {', '.join(BY)}")
     if wanted.figure is not None:
-        _refuse_figure(wanted.figure)
+        refuse_figure(wanted.figure)
     members = read_members(wanted.sessions, wanted.by, console)
     if len(members) < 2:
         raise RecordingError("name two sessions at least to compare")
@@ -120,7 +120,14 @@ def _label(member: Member, by: str) -> str:
     return member.session.name if by == "session" else f"{member.group}: {member.session.name}"
 
 
-def _refuse_figure(file: Path) -> None:
+def refuse_figure(file: Path) -> None:
+    """Find out before anything is computed whether a figure can be written there.
+
+    Raises
+    ------
+    RecordingError
+        It cannot, or a file of something else is there.
+    """
     if file.suffix.lower() not in FIGURES:
         raise RecordingError(f"--figure {file}: a figure is written as {', '.join(FIGURES)}")
     make_ready(file, None)

@@ -281,7 +281,7 @@ def analyze(
         typer.Option(
             "--model",
             metavar="DIAGNOSIS.json",
-            help="Also give k_c and zeta_c corrected for what this diagnosis found.",
+            help="Also give k_c and zeta2 corrected for what this diagnosis found.",
             show_default=False,
         ),
     ] = None,

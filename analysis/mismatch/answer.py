@@ -38,7 +38,7 @@ class Interval:
 class ContactAtRest:
     """Contact at one load in the limit of no motion.
 
-    k_c (N/m), c_c (N s/m), and zeta_c: the damping ratio that they give the contact mode of Eq. 9.
+    k_c (N/m), c_c (N s/m), and zeta2: the damping ratio that they give the contact mode of Eq. 9.
     """
 
     load_n: float

@@ -1,4 +1,4 @@
-"""k_c and zeta_c of a session corrected for physics that a diagnosis found, beside those of Eq. 9 alone."""
+"""k_c and zeta2 of a session corrected for physics that a diagnosis found, beside those of Eq. 9 alone."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def _written(row: CorrectedLoad) -> dict[str, Any]:
 def show_correction(correction: Correction, console: Console) -> None:
     """Print plain and corrected values side by side."""
     shown = Table(title=f"Corrected for {correction.name}: at zero amplitude, 95 % intervals of the joint fit")
-    headings = ("load, mN", "k_c, MN/m, Eq. 9", "k_c, MN/m, corrected", "zeta_c, %, Eq. 9", "zeta_c, %, corrected")
+    headings = ("load, mN", "k_c, MN/m, Eq. 9", "k_c, MN/m, corrected", "zeta2, %, Eq. 9", "zeta2, %, corrected")
     for heading in headings:
         shown.add_column(heading, justify="right")
     for row in correction.loads:

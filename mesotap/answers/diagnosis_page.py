@@ -25,7 +25,8 @@ from mesotap.report import figures
 from mesotap.report.report import environment, figure_folder, is_simulated, written
 
 K_C: Final = Markup("<i>k</i><sub>c</sub>")
-ZETA_C: Final = Markup("<i>ζ</i><sub>c</sub>")
+ZETA_2: Final = Markup("<i>ζ</i><sub>2</sub>")
+C_C: Final = Markup("<i>c</i><sub>c</sub>")
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from analysis.mismatch.selection import Selection
 from analysis.results import SessionResults
 from calibration.estimate import Estimate
 from mesotap.answers.candidates import candidate_table, considered
-from mesotap.answers.diagnosis_page import K_C, ZETA_C, Evidence, Picture, Table
+from mesotap.answers.diagnosis_page import C_C, K_C, ZETA_2, Evidence, Picture, Table
 from mesotap.answers.diagnosis_text import words
 from mesotap.answers.rounding import significant, with_uncertainty
 from mesotap.report import figures
@@ -112,10 +112,11 @@ def _varying(before: RingDownFit) -> Picture:
         figures.varying_figure(contact_in_time(before), contact_by_amplitude(before)),
         "Contact stiffness and damping let free in windows of time and amplitude",
         Markup(
-            "{} (top, as change of the fitted one) and {} (bottom) let free in windows of time (left) and of the "
+            "{} (top, as change of the fitted one) and {} (bottom, over its critical value 2 √({} <i>m</i>), where "
+            "<i>m</i> is the reduced mass) let free in windows of time (left) and of the "
             "contact's own dynamic force (right), with 95 % intervals. A linear contact is flat in all four; where "
             "a constant has to vary, the flaw is."
-        ).format(K_C, ZETA_C),
+        ).format(K_C, C_C, K_C),
     )
 
 
@@ -167,7 +168,7 @@ def _contact(selection: RingDownSelection) -> Table:
     after = _augmented(selection)
     before = contact_at_rest(selection.baseline)
     corrected = () if after is None else contact_at_rest(after)
-    k, z = Markup("{} [MN/m]").format(K_C), Markup("{} [%]").format(ZETA_C)
+    k, z = Markup("{} [MN/m]").format(K_C), Markup("{} [%]").format(ZETA_2)
     rows: list[tuple[str, ...]] = []
     for place, plain in enumerate(before):
         row = [f"{1e3 * plain.load_n:.1f}"]
@@ -177,7 +178,7 @@ def _contact(selection: RingDownSelection) -> Table:
     beside = f", and with {law_name(after)} in the model, where they are those at zero amplitude" if after else ""
     mean = ", of the mean of a load's impacts where these scatter" if selection.best.problem.scattered else ""
     caption = Markup("{} and {} by Eq. 9{}; ± is half of the 95 % interval of the joint fit{}.").format(
-        K_C, ZETA_C, beside, mean
+        K_C, ZETA_2, beside, mean
     )
     models = (", Eq. 9", ", corrected") if after else (", Eq. 9",)
     return Table(caption, ("Load [mN]", *(q + m for q in (k, z) for m in models)), tuple(rows), ())

@@ -258,7 +258,7 @@ def adopt(diagnosis: Path, config_path: Path | None, output: Path, json_path: Pa
     write_adopted(output, with_model(load_config(config_path), model))
     console.print(
         f"{escape(output)}: simulated rig with {' and '.join(model.mechanisms)}"
-        + (f", k_c and zeta_c at {len(model.loads)} loads as fitted" if len(model.loads) > 1 else ""),
+        + (f", k_c and zeta2 at {len(model.loads)} loads as fitted" if len(model.loads) > 1 else ""),
         highlight=False,
         soft_wrap=True,
     )

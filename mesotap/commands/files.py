@@ -24,12 +24,13 @@ from daq.errors import RecordingError
 from daq.exchange import Recording
 from daq.records import Session
 from mesotap.answers.assurance import Beside, beside, with_beside
+from mesotap.answers.provenance import provenance
 from mesotap.answers.results_files import modes_json, results_json
 from mesotap.answers.rounding import significant, with_uncertainty
 from mesotap.commands.answers import analysed, show_session
 from mesotap.commands.outputs import write_json
 from mesotap.commands.recordings import opened as opened_file
-from mesotap.commands.recordings import show_left_out, show_remarks
+from mesotap.commands.recordings import session_file, show_left_out, show_remarks
 from mesotap.commands.session import partial
 from mesotap.configuration.config import Config, ConfigError, effective_text, load_config, parse_config
 from mesotap.configuration.usual_recordings import recording_remarks, session_remarks
@@ -104,12 +105,13 @@ def _analyze_one(
         else:
             results = analysed(opened, config, console)
         show_session(results, console)
+        answer = {**results_json(results), "provenance": provenance(opened, config, session_file(file))}
         if correction is None:
-            return results_json(results)
+            return answer
         from mesotap.answers.correction import show_correction, with_correction
 
         show_correction(correction, console)
-        return with_correction(results_json(results), correction)
+        return with_correction(answer, correction)
     if model is not None:
         raise RecordingError(f"{file}: is not a session of the tester, so no diagnosis of one corrects it")
     recording = _as_recording(opened) if isinstance(opened, Session) else opened
@@ -247,7 +249,8 @@ def write_session_report(
     default = source if source.is_dir() else source.parent / f"{source.stem}-report"
     config = config_for(opened, config_path, changes, console)
     results = _session_report(source, opened, config, output or default, console)
-    write_json(json_path, results_json(results))
+    origin = provenance(opened, config, session_file(source))
+    write_json(json_path, {**results_json(results), "provenance": origin})
 
 
 def _session_report(
@@ -271,6 +274,7 @@ def _session_report(
         truths or None,
         contact=config.analysis.contact,
         correction=correction,
+        origin=provenance(session, config, session_file(source)),
     )
     console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
     return results

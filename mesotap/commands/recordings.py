@@ -36,6 +36,11 @@ def opened(file: Path, rate: float | None) -> Session | Recording:
     return believed(import_recording(file, rate_hz=rate))
 
 
+def session_file(path: Path) -> Path:
+    """Return the session file of a folder, there or not yet; a file is itself."""
+    return path / SESSION_FILE if path.is_dir() else path
+
+
 def believed(recording: Recording) -> Recording:
     """Return a recording whose rate and samples are such that numbers come of them.
 

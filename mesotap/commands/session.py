@@ -134,7 +134,7 @@ def go_on(
             session = read_session(path / SESSION_FILE)
             session = replace(session, source=SESSION_FILE)
             results = _report(session, config, path, progress.truths, people)
-            write_json(json_path, results_json(results))
+            write_json(json_path, {**results_json(results), "provenance": _origin(session, config, path)})
             _diagnose(session, results, config, path, people)
             return
         if header.devices:
@@ -185,7 +185,7 @@ def _carry_out(
     session = replace(session, source=SESSION_FILE)
     results = _report(session, config, folder.path, runner.progress.truths, people)
     console.print(f"session file {escape(file)}", highlight=False, soft_wrap=True)
-    write_json(json_path, results_json(results))
+    write_json(json_path, {**results_json(results), "provenance": _origin(session, config, folder.path)})
     _diagnose(session, results, config, folder.path, people)
 
 
@@ -214,10 +214,17 @@ def _report(
         theory(config.analysis.contact),
         list(truths) if truths else None,
         contact=config.analysis.contact,
+        origin=_origin(session, config, folder),
     )
     show_session(results, console)
     console.print(f"report       {escape(page)}", highlight=False, soft_wrap=True)
     return results
+
+
+def _origin(session: Session, config: Config, folder: Path) -> dict[str, Any]:
+    from mesotap.answers.provenance import provenance
+
+    return provenance(session, config, folder / SESSION_FILE)
 
 
 def _diagnose(session: Session, results: SessionResults, config: Config, folder: Path, people: People) -> None:

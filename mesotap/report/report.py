@@ -95,6 +95,7 @@ def write_report(
     *,
     contact: SphereContact | FlatContact | None = None,
     correction: Correction | None = None,
+    origin: Mapping[str, Any] | None = None,
     pdf_figures: bool = True,
 ) -> Path:
     """Write ``report.html`` and beside it ``results.json``, ``results.csv``, ``impacts.csv``, ``budgets.csv`` and
@@ -114,6 +115,8 @@ def write_report(
         Surfaces for which explanations of stiffness and damping are weighed, and ``explanations.json`` written.
     correction
         The contact corrected for what a diagnosis found, if one was given.
+    origin
+        The ``provenance`` of the results, which ``results.json`` is to hold.
     pdf_figures
         Whether to write ``figures/*.pdf``, which takes longer than all the rest.
 
@@ -136,6 +139,8 @@ def write_report(
         for name, figure in drawn.items():
             figures.save(figure, figure_folder(folder) / f"{name}.pdf")
     answer = results_json(results)
+    if origin is not None:
+        answer["provenance"] = dict(origin)
     if correction is not None:
         from mesotap.answers.correction import with_correction  # compiles force laws: only where there are any
 

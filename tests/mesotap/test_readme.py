@@ -59,6 +59,8 @@ def ended(line: str, folder: Path, environment: dict[str, str]) -> tuple[int, st
         stderr=subprocess.STDOUT,
         text=True,
         start_new_session=True,
+        # what is started in the background ignores Ctrl-C, and so would its children
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     assert running.stdout is not None
     said = ""

@@ -36,7 +36,7 @@ class Varying:
     stiffness, stiffness_error
         Change of k_c over its fitted value, and standard error.
     damping_ratio, damping_ratio_error
-        zeta_c of Eq. 12 in the window, and standard error.
+        c_c over its critical value 2 sqrt(k_c m), m the reduced mass, in the window, and standard error.
     """
 
     load_n: float

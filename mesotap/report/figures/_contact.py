@@ -110,7 +110,7 @@ def damping_figure(results: SessionResults) -> Figure:
     else:
         axes.set_ylim(0, top * HEADROOM if top > 0 else None)
     load_label(axes, results)
-    axes.set_ylabel(r"Damping ratio of the contact mode $\zeta_c$ [%]")
+    axes.set_ylabel(r"Damping ratio of the contact mode $\zeta_2$ [%]")
     _legend(figure, axes)
     return figure
 

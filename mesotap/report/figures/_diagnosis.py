@@ -135,7 +135,7 @@ def excess_by_impact_figure(impacts: Impacts) -> Figure:
 
 @styled
 def varying_figure(in_time: Sequence[Varying], by_amplitude: Sequence[Varying]) -> Figure:
-    """Draw k_c and zeta_c let free in windows of (a, c) time and (b, d) amplitude, with 95 % intervals."""
+    """Draw k_c, and c_c over its critical value, free in windows of (a, c) time and (b, d) amplitude."""
     figure = blank(PAGE_MM, 110)
     panels = figure.subplots(2, 2, sharex="col", sharey="row")
     chosen = _spread(len(in_time))
@@ -174,7 +174,7 @@ def varying_figure(in_time: Sequence[Varying], by_amplitude: Sequence[Varying]) 
         [(100 * v.damping_ratio, 100 * v.damping_ratio_error) for f in (in_time, by_amplitude) for v in f],
     )
     panels[0, 0].set_ylabel("Change of $k_c$ [%]")
-    panels[1, 0].set_ylabel(r"$\zeta_c$ [%]")
+    panels[1, 0].set_ylabel("$c_c$ over critical [%]")
     panels[1, 0].set_xlabel("Time after the pulse [ms]")
     panels[1, 1].set_xlabel("Dynamic contact force over the load")
     for letter, axes in zip("abcd", panels.flat, strict=True):

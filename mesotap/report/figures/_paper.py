@@ -140,7 +140,7 @@ def _finish(figure: Figure, left: Axes, right: Axes) -> None:
         panel_letter(axes, letter)
         axes.set_xlabel("Contact load $P$ [mN]")
     left.set_ylabel("Contact stiffness $k_c$ [MN/m]")
-    right.set_ylabel(r"Contact damping ratio $\zeta_c$ [%]")
+    right.set_ylabel(r"Contact damping ratio $\zeta_2$ [%]")
     entries: dict[str, Artist] = {}
     for axes in (left, right):
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ import pytest
 
 from daq.records import Session
 from daq.session_file import read_session
+from mesotap.report import figures
 from sim_backend.mechanisms.catalogue import catalogue
 from tests.mesotap.test_cli import mesotap, refused
 
@@ -158,6 +161,32 @@ def test_specimen_operator_date_and_that_it_is_simulated_stand_at_the_head(consi
         assert wanted
         assert wanted in said
     assert "come from the simulated rig, not from a specimen" in said
+
+
+def test_the_damping_ratio_of_the_contact_mode_has_one_symbol(consistent: Consistent) -> None:
+    for file in (consistent.folder / "page" / "diagnosis.html", consistent.folder / "session" / "report.html"):
+        page = file.read_text(encoding="utf-8")
+        symbols = set(re.findall(r"ζ</i><sub>([^<]*)<", page))
+        assert symbols <= {"1", "2"}, file
+        assert "2" in symbols, file
+        assert not re.search(r"zeta_?[a-z]|ζ_?c", re.sub(r"<[^>]*>", "", page)), file
+    for module in Path(figures.__file__).parent.glob("*.py"):  # labels are drawn as curves: no text to read
+        assert not re.search(r"zeta_\{?c", module.read_text(encoding="utf-8")), module
+
+
+def test_results_say_where_they_come_from(consistent: Consistent) -> None:
+    found, session = consistent.results["provenance"], consistent.session
+    file = consistent.folder / "session" / "session.h5"
+    assert found["sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert (found["created"], found["specimen"]) == (session.created, session.specimen)
+    assert (found["rig"]["m1_kg"], found["rig"]["k2_n_per_m"]) == (session.rig.m1_kg, session.rig.k2_n_per_m)
+    assert found["configuration"]["mesotap"]["load_plan_mn"] == list(LOADS_MN)
+    assert found["configuration"]["rig"]["masses"]["uncertainty_kg"] > 0
+    for library in ("numpy", "scipy", "numba", "h5py"):
+        assert found["analysed_with"][library] == version(library)
+    assert found["analysed_with"]["mesotap"] == version("mesotap")
+    mesotap("analyze", file, "--json", consistent.folder / "again.json")
+    assert json.loads((consistent.folder / "again.json").read_text())["provenance"] == found
 
 
 def test_the_contact_of_each_load_is_one_row_that_holds_the_true_one(consistent: Consistent) -> None:

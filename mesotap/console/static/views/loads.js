@@ -71,7 +71,7 @@ export const loads = {
     const theory = (page.parts.loads || {}).theory || [];
     build(theory);
     damping = plot({
-      title: "Damping of the contact mode against load", x: "load, mN", y: "ζ_c, %", series: [{ colour: "b" }], height: 320,
+      title: "Damping of the contact mode against load", x: "load, mN", y: "ζ2, %", series: [{ colour: "b" }], height: 320,
       hooks: { draw: [(u) => boxes(u, found().map((l) => ({ x: l.load_mn, box: l.damping_box, scale: 100 })), "b")] },
       range: () => span(found().flatMap((l) => ends(l.damping_box, 100))),
     });
@@ -80,7 +80,7 @@ export const loads = {
     soFar = make("p");
     documents = make("div", { class: "documents" });
     opened = "";
-    const headings = ["step", "load, mN", "taps", "f2, Hz", "ζ_c, %", "k_c, MN/m", "c_c, N s/m"];
+    const headings = ["step", "load, mN", "taps", "f2, Hz", "ζ2, %", "k_c, MN/m", "c_c, N s/m"];
     root.append(
       make("div", { class: "two" }, sheet("Contact stiffness against theory", stiffness.box, key), sheet("Damping of the contact mode", damping.box)),
       sheet("Loads: combined taps with 95 % intervals", make("p", { class: "small" }, "Loads are those of the calibration before the test; the report follows the gauge to each tap."), told, make("div", { class: "scroll" }, make("table", { id: "loads" }, make("thead", {}, make("tr", {}, ...headings.map((h) => make("th", { scope: "col" }, h)))), table)), soFar),

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from mesotap.cli_options import JsonPath, console
+from mesotap.cli_options import Changes, ConfigPath, JsonPath, console
 
 commands = typer.Typer()
 
@@ -131,3 +131,22 @@ def trend(
 
     options = {"specimen": specimen, "since": since, "until": until}
     watch(Asked(folders or (), where, options, index), at, figure, json, console(json))
+
+
+@commands.command()
+def reanalyze(
+    folders: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Folders of sessions; without any, what was indexed earlier.", show_default=False),
+    ] = None,
+    where: Where = "",
+    index: Index = None,
+    config: ConfigPath = None,
+    changes: Changes = None,
+    json: JsonPath = None,
+) -> None:
+    """Analyse all sessions that are asked for with this version; older answers stay, and what changed is told."""
+    from mesotap.commands.catalog import Asked
+    from mesotap.commands.reanalyze import reanalyze as again
+
+    again(Asked(folders or (), where, {}, index), config, changes or (), json, console(json))

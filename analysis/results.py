@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.frequency_response.cross_check import CrossCheck
 from analysis.modal.amplitude import AmplitudePoint
 from analysis.modal.shapes import modal_assurance
 from analysis.modal.spectrum import SpectralMode
@@ -83,6 +84,8 @@ class SessionResults:
     calibration: GaugeResult | None
     springs_n_per_m: tuple[Estimate, Estimate]
     notes: tuple[str, ...] = ()
+    hammer: tuple[CrossCheck, ...] = ()
+    """Of an instrumented hammer: frequency responses and k_c from them, a load each; empty without one."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ from analysis.budgets import (
     modal_budget,
     with_clock,
 )
+from analysis.frequency_response.cross_check import cross_checks
 from analysis.modal.amplitude import AmplitudePoint, along_the_decay, combined_curve, varies
 from analysis.modal.checks import DISAGREEMENT
 from analysis.modal.clipping import clipped_samples
@@ -214,6 +215,7 @@ def analyse_session(
     )
     impacts = [_impact(impact, modes.get(impact.number), beside, rig) for impact in session.impacts]
     loads = [_load(session, load_set, modes, taps[load_set], impacts, beside) for load_set in load_sets]
+    k_c = [(load.load_set, load.contact_stiffness_n_per_m) for load in loads]
     return SessionResults(
         source=session.source,
         method=settings.method,
@@ -222,6 +224,7 @@ def analyse_session(
         calibration=history.result(),
         springs_n_per_m=(known.k1, known.k2),
         notes=(*notes, *history.notes),
+        hammer=cross_checks(session, k_c, masses, springs, beside.wiring),
     )
 
 

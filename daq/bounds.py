@@ -42,6 +42,7 @@ CORNER = Bound(1e-9, 1e12, "Hz", "a drift of decades, beyond all electronics")
 ACCELERATION = Bound(1e-30, 1e15, "m/s2", "far below thermal noise, far beyond any sensor")
 LOAD = Bound(0.0, 1e12, "mN", "the weight of a hundred thousand tonnes")
 VOLTAGE = Bound(0.0, 1e9, "mV", "a million volts")
+FORCE = Bound(1e-30, 1e12, "N", "far below thermal noise, a mountain's weight")
 ANY = Bound(1e-30, 1e30, "of its unit", "no sensor gives this; scale it")
 """Of a recording by another program, in whatever unit."""
 
@@ -64,6 +65,7 @@ BOUNDS = {
     "voltage_after_mv": VOLTAGE,
     "acceleration": ACCELERATION,
     "strain_mv": VOLTAGE,
+    "force": FORCE,
     "channels": ANY,
     "load_mn": LOAD,
     "voltage_mv": VOLTAGE,

@@ -37,7 +37,7 @@ _DIGESTED = (
 equal digests."""
 
 
-_ARRAYS = ("acceleration", "strain_mv", "channels")
+_ARRAYS = ("acceleration", "strain_mv", "channels", "force")
 _LOADS = ("target_load_mn", "load_before_mn", "load_after_mn", "voltage_before_mv", "voltage_after_mv")
 _BOUNDED = ("sample_rate_hz", *_LOADS)
 
@@ -104,6 +104,10 @@ def check_impact(impact: Impact, where: str) -> None:
         if impact.strain_mv.shape != (a.shape[1],):
             raise RecordingError(f"{where}/strain_mv has shape {impact.strain_mv.shape}, expected ({a.shape[1]},)")
         refuse_non_finite(impact.strain_mv, f"{where}/strain_mv")
+    if impact.force is not None:
+        if impact.force.shape != (a.shape[1],):
+            raise RecordingError(f"{where}/force has shape {impact.force.shape}, expected ({a.shape[1]},)")
+        refuse_non_finite(impact.force, f"{where}/force")
     if not 0 <= impact.pretrigger < a.shape[1]:
         raise RecordingError(f"{where}: pretrigger {impact.pretrigger} lies outside the {a.shape[1]} samples recorded")
     if not (math.isfinite(impact.sample_rate_hz) and impact.sample_rate_hz > 0):
@@ -130,6 +134,8 @@ def write_impact(group: h5py.Group, impact: Impact, compress: bool) -> None:
     _dataset(group, "acceleration", impact.acceleration, compress).attrs["units"] = "m/s2"
     if impact.strain_mv is not None:
         _dataset(group, "strain_mv", impact.strain_mv, compress).attrs["units"] = "mV"
+    if impact.force is not None:
+        _dataset(group, "force", impact.force, compress).attrs["units"] = "N"
     if impact.channels is not None:
         _dataset(group, "channels", impact.channels, compress)
         group.attrs["channel_names"] = to_json(list(impact.channel_names))
@@ -202,6 +208,7 @@ def read_impact(node: Node, number: int) -> Impact:
         extra=_extra(node),
         channels=node.values("channels", (len(names), samples)) if names else None,
         channel_names=names,
+        force=_force(node, samples),
     )
     _check_digest(node, impact)
     return impact
@@ -236,6 +243,14 @@ def read_json_item(node: Node, name: str) -> Any:
     if child is not None and isinstance(child.item, h5py.Dataset) and child.item.shape == ():
         text = scalar_text(child)
     return _json(text)
+
+
+def _force(node: Node, samples: int) -> NDArray[np.float64] | None:
+    """Return the hammer's force, None where there is none in N: another program may keep something else there."""
+    child = node.child("force")
+    if child is None or not isinstance(child.item, h5py.Dataset) or child.attribute("units") != "N":
+        return None
+    return node.values("force", (samples,))
 
 
 def _channel_names(node: Node) -> tuple[str, ...]:

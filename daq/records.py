@@ -100,6 +100,8 @@ class Impact:
         The verdict; a reason if rejected.
     extra
         More that is worth keeping beside (JSON types), such as the numbers behind the verdict.
+    force
+        (n,) force of an instrumented hammer on the upper mass, N, a push positive; None without one.
     channels
         For a recording that is not a tester's: all its channels, (c, n), with ``channel_names``; else None.
     """
@@ -121,6 +123,7 @@ class Impact:
     extra: dict[str, Any] = field(default_factory=dict)
     channels: NDArray[np.float64] | None = None
     channel_names: tuple[str, ...] = ()
+    force: NDArray[np.float64] | None = None
 
     @property
     def name(self) -> str:

@@ -106,7 +106,7 @@ def _check_session(path: Path, session: Session) -> None:
 
 def _samples_size(session: Session) -> int:
     """Bytes of all arrays of a session."""
-    arrays = [a for s in session.impacts for a in (s.acceleration, s.strain_mv, s.channels)]
+    arrays = [a for s in session.impacts for a in (s.acceleration, s.strain_mv, s.channels, s.force)]
     arrays += [a for p in (session.pre, session.post) if p is not None for a in (p.load_mn, p.voltage_mv)]
     return sum(8 * a.size for a in arrays if a is not None)
 

@@ -50,6 +50,8 @@ class Record:
         Sampling rate, Hz.
     time
         ISO 8601 UTC of the trigger.
+    force
+        (n,) force of an instrumented hammer, N, or None without one.
     """
 
     acceleration: NDArray[np.float64]
@@ -57,6 +59,7 @@ class Record:
     pretrigger: int
     sample_rate_hz: float
     time: str
+    force: NDArray[np.float64] | None = None
 
 
 class SampleStream:
@@ -100,6 +103,8 @@ class SampleStream:
             raise RigError("The recorder delivered a value that is not a number; check its driver.")
         if block.strain_mv is not None and block.strain_mv.shape != (samples,):
             raise RigError(f"The recorder delivered {block.strain_mv.shape} strain values for {samples} samples.")
+        if block.force is not None and block.force.shape != (samples,):
+            raise RigError(f"The recorder delivered {block.force.shape} values of the force for {samples} samples.")
         if block.first_sample > self.end:
             self.lost += block.first_sample - self.end
             self._blocks.clear()
@@ -121,7 +126,13 @@ class SampleStream:
 
     def strain(self, first: int, last: int) -> NDArray[np.float64] | None:
         """Return the strain-gauge voltage of the same samples, None where any block lacks it."""
-        parts = [block.strain_mv for block in self._blocks]
+        return self._joined([block.strain_mv for block in self._blocks], first, last)
+
+    def force(self, first: int, last: int) -> NDArray[np.float64] | None:
+        """Return the hammer's force in the same samples, None where any block lacks it."""
+        return self._joined([block.force for block in self._blocks], first, last)
+
+    def _joined(self, parts: list[NDArray[np.float64] | None], first: int, last: int) -> NDArray[np.float64] | None:
         if any(part is None for part in parts):
             return None
         joined = np.concatenate([part for part in parts if part is not None])
@@ -216,7 +227,12 @@ def record_impact(
                 raise _lost(stream)
             heed()
         return Record(
-            stream.acceleration(first, last), stream.strain(first, last), trigger.pretrigger_samples, rate, time
+            stream.acceleration(first, last),
+            stream.strain(first, last),
+            trigger.pretrigger_samples,
+            rate,
+            time,
+            stream.force(first, last),
         )
     finally:
         accelerometers.stop()

@@ -20,13 +20,16 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from mesotap.api import (
         Answer,
+        CrossCheck,
         Estimate,
+        FrequencyResponse,
         MesotapError,
         RingDownModes,
         Session,
         SessionResults,
         contact_stiffness,
         diagnose,
+        frf,
         identify,
         read_session,
         simulate,
@@ -35,7 +38,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Answer",
+    "CrossCheck",
     "Estimate",
+    "FrequencyResponse",
     "MesotapError",
     "RingDownModes",
     "Session",
@@ -43,6 +48,7 @@ __all__ = [
     "__version__",
     "contact_stiffness",
     "diagnose",
+    "frf",
     "identify",
     "read_session",
     "simulate",

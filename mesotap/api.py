@@ -15,6 +15,9 @@ from typing import Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from analysis.frequency_response.cross_check import CrossCheck
+from analysis.frequency_response.estimators import FrequencyResponse
+from analysis.frequency_response.impacts import Window, of_recording
 from analysis.mismatch.answer import Answer
 from analysis.modal.identify import RingDownModes, identify_ring_down
 from analysis.results import SessionResults
@@ -28,13 +31,16 @@ from rig.errors import MesotapError
 
 __all__ = [
     "Answer",
+    "CrossCheck",
     "Estimate",
+    "FrequencyResponse",
     "MesotapError",
     "RingDownModes",
     "Session",
     "SessionResults",
     "contact_stiffness",
     "diagnose",
+    "frf",
     "identify",
     "read_session",
     "simulate",
@@ -142,7 +148,86 @@ def identify(
         config = Config()
     settings = config.analysis.model_copy(update={"method": method})
     rig = config.rig
-    return analyse_session(recording, settings, config.calibration, rig.masses, rig.springs, on_progress)
+    return analyse_session(
+        recording, settings, config.calibration, rig.masses, rig.springs, on_progress, wiring=rig.wiring
+    )
+
+
+@overload
+def frf(recording: Session, response: None = None, sample_rate_hz: None = None) -> tuple[CrossCheck, ...]: ...
+@overload
+def frf(
+    recording: ArrayLike,
+    response: ArrayLike,
+    sample_rate_hz: float,
+    *,
+    window: Window = "auto",
+    segment_s: float | None = None,
+    unit: str = "m/s2/N",
+) -> FrequencyResponse: ...
+def frf(
+    recording: Session | ArrayLike,
+    response: ArrayLike | None = None,
+    sample_rate_hz: float | None = None,
+    *,
+    window: Window = "auto",
+    segment_s: float | None = None,
+    unit: str = "m/s2/N",
+) -> tuple[CrossCheck, ...] | FrequencyResponse:
+    """Return frequency responses H1, H2, Hv with coherence and random error, from a hammer's force or a shaker's.
+
+    Parameters
+    ----------
+    recording
+        A session with an instrumented hammer: its modes are identified for the comparison. Or a force, (n,), with any
+        number of hits, or one that lasts.
+    response
+        With a force: responses, (n,) or (channels, n).
+    sample_rate_hz
+        With a force: Hz.
+    window
+        ``"impact"``: force set to zero beyond its pulses, exponential window where the response has not died away;
+        ``"none"``: the same stretches as they are; ``"hann"``: for a force that lasts; ``"auto"`` by what it looks
+        like. `FrequencyResponse.window` says what was done.
+    segment_s
+        Length of what is averaged, s; by default up to the next hit, or an eighth of the recording.
+    unit
+        Of response over force, for labels.
+
+    Returns
+    -------
+    FrequencyResponse or tuple of CrossCheck
+        Of a session one `CrossCheck` a load: the response of the mean of A and B, Eq. 9 fitted to it, k_c beside that
+        of Eq. 11. Empty for a session without a hammer.
+
+    Raises
+    ------
+    MesotapError
+        The force is dead, no hit can be used, or the arrays do not fit together.
+
+    Examples
+    --------
+    A mass of 0.5 kg, hit once:
+
+    >>> import numpy as np
+    >>> import mesotap
+    >>> force = np.zeros(2000)
+    >>> force[100:120] = np.sin(np.pi * np.arange(20) / 20)
+    >>> response = mesotap.frf(force, force / 0.5, 10_000.0)
+    >>> round(float(abs(response.h1[0, 10])), 6)
+    2.0
+    """
+    if isinstance(recording, Session):
+        if response is not None or sample_rate_hz is not None:
+            raise TypeError("frf(): a session knows its own responses and sampling rate")
+        if all(impact.force is None for impact in recording.impacts):
+            return ()
+        return identify(recording).hammer
+    if response is None or sample_rate_hz is None:
+        raise TypeError("frf(): a force needs its response and its sample_rate_hz")
+    force, others = np.asarray(recording, np.float64), np.atleast_2d(np.asarray(response, np.float64))
+    names = [f"channel {i}" for i in range(len(others))]
+    return of_recording(force, others, sample_rate_hz, names, unit, window, segment_s)
 
 
 def contact_stiffness(

@@ -294,11 +294,34 @@ def analyze(
             show_default=False,
         ),
     ] = None,
+    force: Annotated[
+        str | None,
+        typer.Option(
+            "--force",
+            metavar="CHANNEL",
+            help="Hammer's channel of a recording; by default the one in N or lbf.",
+            show_default=False,
+        ),
+    ] = None,
+    window: Annotated[
+        str | None,
+        typer.Option(
+            "--window",
+            metavar="impact|hann|none",
+            help="Of its frequency responses; by what it is.",
+            show_default=False,
+        ),
+    ] = None,
+    segment: Annotated[
+        float | None, typer.Option("--segment", help="Length of what is averaged, in s.", show_default=False)
+    ] = None,
 ) -> None:
     """Find the modes of every impact and k_c and zeta of every load; of any other ring-down, its modes."""
     from mesotap.commands.files import analyze as answer
+    from mesotap.commands.force_channel import ForceOptions
 
-    answer(files, method, rate, config, changes or (), report, json, _console(json), model, mac)
+    options = ForceOptions(force, window, segment)
+    answer(files, method, rate, config, changes or (), report, json, _console(json), model, mac, options)
 
 
 @app.command()

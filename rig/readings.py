@@ -56,11 +56,14 @@ class Block:
         (2, n) accelerations A and B of the lower mass, m/s2, positive like x2 of Eq. 9.
     strain_mv
         (n,) strain-gauge voltage, mV, or None where the recorder does not sample it.
+    force
+        (n,) force of an instrumented hammer, N, a push positive, or None without one.
     """
 
     first_sample: int
     acceleration: NDArray[np.float64]
     strain_mv: NDArray[np.float64] | None = None
+    force: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from rig.drivers.settings import NewportStage
 from rig.parts import Parts
@@ -18,6 +19,7 @@ __all__ = [
     "Channel",
     "Filter",
     "Finite",
+    "Hammer",
     "Limits",
     "Masses",
     "NonNegative",
@@ -32,6 +34,7 @@ __all__ = [
 ]
 
 STANDARD_GRAVITY = 9.80665  # m/s2
+Row = TypeVar("Row")  # what belongs to one input
 THICKEST_WALL = 0.1  # of the outer diameter: thicker rings shear and stretch by percents of their bending
 SAFE_CLEARANCES = 2.0  # clearance over the travel that the springs need for the load limit: contacts are soft
 
@@ -136,6 +139,28 @@ class Channel(Section):
         return self.polarity * STANDARD_GRAVITY / (self.sensitivity_mv_per_g * 1e-3 * self.gain)
 
 
+class Hammer(Section):
+    """An instrumented hammer's place on the recorder; a push counts positive."""
+
+    input: Annotated[int, Field(ge=0, le=31)]
+    sensitivity_mv_per_n: Positive = 22.5
+    sensitivity_uncertainty_percent: NonNegative = 1.5  # standard; certificates of small hammers say 3 % at k = 2
+    gain: Positive = 10.0
+    polarity: Literal[1, -1] = 1
+    range_v: Positive = 5.0
+    filtered: bool = True  # whether its signal passes the band-pass of section filter too
+    largest_force_n: Positive | None = None  # what the transducer or the tip can take; the recorder's range besides
+
+    def n_per_volt(self) -> float:
+        """Force, N, that a volt at the recorder's input means."""
+        return self.polarity / (self.sensitivity_mv_per_n * 1e-3 * self.gain)
+
+    def reach_n(self) -> float:
+        """Largest force that transducer, tip and recorder can hold, N."""
+        range_n = self.range_v * abs(self.n_per_volt())
+        return range_n if self.largest_force_n is None else min(range_n, self.largest_force_n)
+
+
 class Wiring(Section):
     """Which input is which, and what a volt means."""
 
@@ -148,6 +173,7 @@ class Wiring(Section):
     bits: Annotated[int, Field(ge=8, le=32)] = 16
     sample_rate_hz: Positive = 25000.0
     clock_accuracy_ppm: Annotated[float, Field(ge=0, le=10_000)] = 50.0  # limits; usual for a crystal oscillator
+    hammer: Hammer | None = None
 
     @model_validator(mode="after")
     def _distinct(self) -> Wiring:
@@ -156,19 +182,40 @@ class Wiring(Section):
             raise ValueError(f"two sensors share one input: {used}")
         return self
 
+    @model_serializer(mode="wrap")
+    def _without_absent(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out a hammer that is not there: a file then reads as it did before there were any."""
+        written: dict[str, Any] = handler(self)
+        if written.get("hammer", "") is None:
+            del written["hammer"]
+        return written
+
     def inputs(self) -> list[int]:
-        """Inputs of accelerometers A and B, then that of the strain gauge if the recorder samples it."""
-        both = [self.accelerometer_a.input, self.accelerometer_b.input]
-        return both if self.strain_gauge_input is None else [*both, self.strain_gauge_input]
+        """Inputs of accelerometers A and B, then those of strain gauge and hammer if the recorder samples them."""
+        return [number for number, _, _ in self._wired()]
 
     def ranges_v(self) -> list[float]:
         """Range, plus and minus, of each of `inputs`, V."""
-        return [self.input_range_v, self.input_range_v, self.strain_gauge_range_v][: len(self.inputs())]
+        return [range_v for _, range_v, _ in self._wired()]
 
     def units_per_volt(self) -> list[float]:
-        """What a volt at each of `inputs` means: m/s2 for the accelerometers, mV of the bridge for the gauge."""
-        scales = [self.accelerometer_a.m_s2_per_volt(), self.accelerometer_b.m_s2_per_volt()]
-        return [*scales, 1e3 / self.strain_gauge_gain][: len(self.inputs())]
+        """What a volt at each of `inputs` means: m/s2, mV of the bridge for the gauge, N for the hammer."""
+        return [unit for _, _, unit in self._wired()]
+
+    def _wired(self) -> list[tuple[int, float, float]]:
+        """Input, range (V) and unit per volt of each sensor, in the order that `sorted_out` undoes."""
+        both = [(c.input, self.input_range_v, c.m_s2_per_volt()) for c in (self.accelerometer_a, self.accelerometer_b)]
+        if self.strain_gauge_input is not None:
+            both.append((self.strain_gauge_input, self.strain_gauge_range_v, 1e3 / self.strain_gauge_gain))
+        if self.hammer is not None:
+            both.append((self.hammer.input, self.hammer.range_v, self.hammer.n_per_volt()))
+        return both
+
+    def sorted_out(self, rows: Sequence[Row]) -> tuple[Row | None, Row | None]:
+        """Return what of a row for each of `inputs` is the strain gauge's, and what the hammer's; None for neither."""
+        strain = 2 if self.strain_gauge_input is not None else None
+        force = len(self.inputs()) - 1 if self.hammer is not None else None
+        return (None if strain is None else rows[strain]), (None if force is None else rows[force])
 
     def full_scale_m_s2(self) -> float:
         """Largest acceleration that both channels can hold, m/s2."""

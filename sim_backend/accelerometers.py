@@ -35,6 +35,7 @@ class SimulatedAccelerometers(Accelerometers):
         self.signal = signal
         self.converters = converters
         self.fault: str | None = None
+        self._wiring = wiring
         self._units_per_volt = wiring.units_per_volt()
         reach = [c.reach() * abs(u) for c, u in zip(converters, self._units_per_volt, strict=True)]
         self.full_scale_m_s2 = min(reach[:2])
@@ -67,7 +68,7 @@ class SimulatedAccelerometers(Accelerometers):
         values = np.empty_like(volts)
         for row, (convert, unit) in enumerate(zip(self.converters, self._units_per_volt, strict=True)):
             values[row] = convert(volts[row]) * unit
-        return Block(first, values[:2], values[2] if len(values) > 2 else None)
+        return Block(first, values[:2], *self._wiring.sorted_out(list(values)))
 
     def checkpoint(self) -> dict[str, Any]:
         """Return its state as JSON types; a running stream is not part of it."""

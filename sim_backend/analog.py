@@ -16,6 +16,7 @@ from rig.settings import Wiring
 from sim_backend import random_state
 from sim_backend.clock import VirtualClock
 from sim_backend.gauge import SimulatedLoadCell
+from sim_backend.hammer import HammerSignal
 from sim_backend.impactor import SimulatedImpactor
 from sim_backend.recorder import Noise
 from sim_backend.settings import SimBackendSettings
@@ -30,7 +31,9 @@ class AnalogSignal:
     Attributes
     ----------
     inputs
-        Recorder inputs that are wired, in the order A, B, strain gauge.
+        Recorder inputs that are wired, in the order A, B, strain gauge, hammer.
+    hammer
+        The instrumented hammer, None without one.
     """
 
     def __init__(
@@ -59,6 +62,8 @@ class AnalogSignal:
         self._started_s = 0.0
         self._next = 0
         self._records: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
+        self.hammer = None if wiring.hammer is None else HammerSignal(wiring.hammer, settings, analog, seed)
+        self._samples_strain = wiring.strain_gauge_input is not None
         impactor.on_tap(self._hear)
 
     @property
@@ -72,6 +77,8 @@ class AnalogSignal:
         self._started_s = self._clock.now()
         self._next = 0
         self._records = []
+        if self.hammer is not None:
+            self.hammer.forget()
         self._noise = Noise(self._settings.noise, 2, sample_rate_hz, self._rng)
         for tap in self._impactor.pending():
             self._hear(tap)
@@ -104,10 +111,12 @@ class AnalogSignal:
                 acceleration[:, low - first : high - first] += record[:, low - start : high - start]
                 dynamic_mn[low - first : high - first] += load[low - start : high - start]
         self._records = [r for r in self._records if r[0] + len(r[2]) > self._next]
-        if len(self.inputs) == len(acceleration):
-            return self._plugged(acceleration / self._units_per_volt)
-        strain_mv = self._gauge.stream(dynamic_mn, self._rng)
-        return self._plugged(np.vstack([acceleration, strain_mv]) / self._units_per_volt)
+        sensed = [acceleration]
+        if self._samples_strain:
+            sensed.append(self._gauge.stream(dynamic_mn, self._rng)[None])
+        if self.hammer is not None:
+            sensed.append(self.hammer.take(first, n)[None])
+        return self._plugged(np.vstack(sensed) / self._units_per_volt)
 
     def _plugged(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what is at each input: A and B may be the wrong way round."""
@@ -139,6 +148,8 @@ class AnalogSignal:
         pulse = self._settings.pulse
         record, load = tap_record(tap, self._truth, pulse, onset, self._rate_hz, self._analog, self._mechanisms)
         self._records.append((start, self._sensed(record), load))
+        if self.hammer is not None:
+            self.hammer.hear(tap, start, onset, self._rate_hz)
 
     def _sensed(self, record: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what the accelerometers make of a tap, (2, n)."""
@@ -151,9 +162,12 @@ class AnalogSignal:
 
     def checkpoint(self) -> dict[str, Any]:
         """Return its state as JSON types; that it is being sampled is not part of it."""
-        return random_state.state_of(self._rng)
+        state = random_state.state_of(self._rng)
+        return state if self.hammer is None else {**state, "hammer": self.hammer.checkpoint()}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Take up the state of `checkpoint`, not being sampled."""
         self.end()
-        random_state.restore(self._rng, state)
+        if self.hammer is not None:
+            self.hammer.restore(state.get("hammer"))
+        random_state.restore(self._rng, {key: value for key, value in state.items() if key != "hammer"})

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
+from pydantic import (
+    Field,
+    PrivateAttr,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    model_serializer,
+    model_validator,
+)
 
 from rig.settings import Finite, NonNegative, Positive, Section
 
@@ -132,6 +139,13 @@ class SimulatedSensors(Section):
     mains_hz: Positive = 50.0
 
 
+class SimulatedHammer(Section):
+    """What an instrumented hammer does that the section ``rig.wiring`` does not say."""
+
+    gain: Finite = 1.0  # over the declared: -1 with reversed sign, 0 dead, 4.448 declared in mV/lbf
+    noise_n: NonNegative = 0.001
+
+
 class SimulatedRecorder(Section):
     """Errors of the recorder's converters, up to so much either way; its calibration knows them."""
 
@@ -175,6 +189,15 @@ class SimBackendSettings(Section):
     gauge: SimulatedGauge = SimulatedGauge()
     stage: SimulatedStage = SimulatedStage()
     mechanisms: tuple[SimulatedMechanism, ...] = ()
+    hammer: SimulatedHammer | None = None  # only where rig.wiring declares one
+
+    @model_serializer(mode="wrap")
+    def _without_absent(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out a hammer that nobody described: a file then reads as it did before there were any."""
+        written: dict[str, Any] = handler(self)
+        if written.get("hammer", "") is None:
+            del written["hammer"]
+        return written
 
     @model_validator(mode="after")
     def _each_once(self) -> SimBackendSettings:

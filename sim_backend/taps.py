@@ -95,6 +95,17 @@ def tap_pulse(tap: Tap, settings: SimulatedPulse) -> Pulse:
     return pulse
 
 
+def tap_force(
+    tap: Tap, settings: SimulatedPulse, onset_s: float, sample_rate_hz: float, analog: StateSpace | None
+) -> NDArray[np.float64]:
+    """Return the force of a tap, N, (n,), over as long as `tap_record`, after the filter where it passes one."""
+    samples = round(RECORD_S * sample_rate_hz)
+    pulse = tap_pulse(tap, settings)
+    if analog is None:
+        return pulse(np.arange(samples) / sample_rate_hz - onset_s)
+    return np.asarray(exact_response(analog, pulse, onset_s, samples, sample_rate_hz)[0], np.float64)
+
+
 def rocking_response(
     rocking: Rocking,
     pulse: Pulse,

@@ -116,6 +116,11 @@ class FrequencyResponse:
         return size * np.maximum(0.0, 1 - error), size * (1 + error)
 
 
+def laplace(frequency_hz: Real, decay_per_s: float = 0.0) -> Complex:
+    """Return s = j 2 pi f + decay of lines, rad/s: where H was measured under an exponential window."""
+    return np.asarray(2j * math.pi * frequency_hz + decay_per_s, np.complex128)
+
+
 def transforms(force: Real, response: Real) -> Spectra:
     """Return the transforms of windowed stretches: force (d, n), response (d, c, n), without the line at 0."""
     return Spectra(

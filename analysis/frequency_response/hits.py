@@ -100,7 +100,9 @@ def hits_in(force: Real, rate_hz: float, source: str = "the force channel", leas
         left, right = _foot(f, top, -1), _foot(f, top, 1)
         if found and left <= found[-1].last + 1:  # the same pulse, with a dent
             higher = f[top] > sign * found[-1].peak
-            found[-1] = Hit(found[-1].first, max(right, found[-1].last), float(sign * f[top]) if higher else found[-1].peak)
+            found[-1] = Hit(
+                found[-1].first, max(right, found[-1].last), float(sign * f[top]) if higher else found[-1].peak
+            )
         else:
             found.append(Hit(left, right, float(sign * f[top])))
     return found
@@ -132,7 +134,9 @@ def faults_of(force: Real, hits: list[Hit], largest: float = float("inf")) -> st
     pulse = force[hit.first : hit.last + 1]
     end = pulse.max() if hit.peak > np.median(force) else pulse.min()
     if np.convolve(pulse == end, np.ones(FLAT_TOP), "valid").max(initial=0) >= FLAT_TOP:
-        return f"the hammer's channel was overloaded (flat at {abs(hit.peak):.3g} N): tap more gently, or set a wider range"
+        return (
+            f"the hammer's channel was overloaded (flat at {abs(hit.peak):.3g}): tap more gently, or set a wider range"
+        )
     if hit.samples < FEWEST_SAMPLES:
         return (
             f"the force has only {hit.samples} sample{'' if hit.samples == 1 else 's'} of its pulse, too few to know "

@@ -16,6 +16,7 @@ from analysis.frequency_response.estimators import (
     FrequencyResponse,
     Spectra,
     averaged,
+    laplace,
     transforms,
 )
 from analysis.frequency_response.hits import SECOND_SHARE, Hit, faults_of, hits_in, is_lasting
@@ -112,9 +113,9 @@ def of_hits(
         )
     force, response, decay = _stretches(taken, rate_hz, band, windows)
     spectra = transforms(force, response)
-    frequency = np.fft.rfftfreq(force.shape[1], 1 / rate_hz)[1:]
+    frequency = np.asarray(np.fft.rfftfreq(force.shape[1], 1 / rate_hz)[1:], np.float64)
     if band is not None:
-        gain = band.of_response(2j * math.pi * frequency + decay)
+        gain = band.of_response(laplace(frequency, decay))
         spectra = Spectra(spectra.force, spectra.response / gain)
     said = _window_said(decay, band, windows)
     found = averaged(spectra, frequency, 1 / rate_hz, len(taken), channels, unit, said, decay, notes)
@@ -178,7 +179,7 @@ def of_recording(
         ``"hann"``: stretches with half overlap and a Hann window, for a lasting force; ``"auto"``: the first or the
         last by what the force looks like.
     segment_s
-        Length of a stretch, s; by default up to the next hit, or a sixteenth of the recording.
+        Length of a stretch, s; by default up to the next hit, or an eighth of the recording.
 
     Raises
     ------
@@ -188,7 +189,9 @@ def of_recording(
     if window not in get_args(Window):
         raise ForceError(f"window {window!r:.40} is not known: {', '.join(get_args(Window))} are")
     if response.ndim != 2 or force.ndim != 1 or response.shape[1] != force.size or not len(response):
-        raise ForceError(f"a force of shape {force.shape} and responses of shape {response.shape} are no (n,) and (c, n)")
+        raise ForceError(
+            f"a force of shape {force.shape} and responses of shape {response.shape} are no (n,) and (c, n)"
+        )
     if not (np.isfinite(force).all() and np.isfinite(response).all()):
         raise ForceError("force or response holds a value that is not a number")
     if segment_s is not None and not (math.isfinite(segment_s) and segment_s * rate_hz >= FEWEST_LINES):
@@ -241,7 +244,7 @@ def _of_lasting(
     count = len(cut)
     # the stretches overlap by half: Welch (1967), the correlation of neighbours is 1/6 for the Hann window
     independent = count / (1 + 2 / 36 * (count - 1) / count)
-    frequency = np.fft.rfftfreq(length, 1 / rate_hz)[1:]
+    frequency = np.asarray(np.fft.rfftfreq(length, 1 / rate_hz)[1:], np.float64)
     scale = math.sqrt(2 / (rate_hz * float((hann**2).sum())))
     said = f"Hann windows of {length / rate_hz:.3g} s with half overlap, for a force that lasts"
     return averaged(transforms(f, x), frequency, scale, independent, channels, unit, said)

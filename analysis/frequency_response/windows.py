@@ -57,13 +57,13 @@ class BandPass:
         return gain
 
     def without_highpass(self, force: Real, rate_hz: float) -> Real:
-        """Return a force (n,) that begins at rest as it was before the high-pass: the inverse is 1 + a1/s + a2/s^2 ..."""
+        """Return a force (n,) that begins at rest as it was before the high-pass: its inverse is 1 + a1/s + ..."""
         if not (self.on_force and self.highpass_order):
             return force
         _, a = signal.butter(self.highpass_order, 2 * math.pi * self.highpass_hz, "highpass", analog=True)
         whole, integral = force.copy(), force
         for coefficient in a[1:]:
-            integral = cumulative_trapezoid(integral, dx=1 / rate_hz, initial=0.0)
+            integral = np.asarray(cumulative_trapezoid(integral, dx=1 / rate_hz, initial=0), np.float64)
             whole = whole + coefficient * integral
         return whole
 
@@ -86,7 +86,7 @@ def gated(force: Real, hit: Hit, rate_hz: float, band: BandPass | None = None) -
 
 
 def decay_needed(response: Real, rate_hz: float) -> float:
-    """Return the rate sigma, 1/s, of the exponential window that has (d, c, n) responses die away; 0 where they have."""
+    """Return the rate, 1/s, of the exponential window that has (d, c, n) responses die away; 0 where they have."""
     n = response.shape[-1]
     part = max(2, round(END_SHARE * n))
     left = np.sqrt(np.mean(response[..., -part:] ** 2, axis=(0, 2)))

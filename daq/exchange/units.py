@@ -136,6 +136,25 @@ def to_si(unit: str) -> tuple[str, float]:
     return text, 1.0
 
 
+_FORCES = {
+    unit: newtons
+    for newtons, units in (
+        (1.0, "n newton newtons"),
+        (1e-3, "mn millinewton millinewtons"),
+        (1e3, "kn kilonewton kilonewtons"),
+        (4.4482216152605, "lbf lb-f lbs lb pound-force"),
+        (STANDARD_GRAVITY, "kgf kp"),
+    )
+    for unit in units.split()
+}
+"""Newtons in a unit of force, by its name in small letters; a meganewton no recording of a tap holds."""
+
+
+def newtons(unit: str) -> float | None:
+    """Return newtons in a unit of force, None where it is none."""
+    return _FORCES.get(_plain(unit).lower())
+
+
 def is_gravity(unit: str) -> bool:
     """Return whether a unit is the acceleration of gravity or a part of it."""
     return unit.strip() in _GRAVITIES

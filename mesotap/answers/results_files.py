@@ -17,6 +17,7 @@ from calibration.gauge import GaugeResult
 from calibration.weights import Gravity
 from daq.errors import one_line
 from mesotap.answers.budgets import COLUMNS, budget_rows, budgets_json
+from mesotap.answers.frequency_response import cross_check_json
 
 RESULTS_FORMAT, MODES_FORMAT, VERSION = "mesotap-results", "mesotap-modes", 1
 MODAL = ("f1_hz", "f2_hz", "zeta1", "zeta2")
@@ -38,6 +39,7 @@ def results_json(results: SessionResults) -> dict[str, Any]:
         "calibration": None if results.calibration is None else _calibration(results.calibration),
         "springs_n_per_m": [_estimate(spring) for spring in results.springs_n_per_m],
         "notes": list(results.notes),
+        **({"hammer": [cross_check_json(check) for check in results.hammer]} if results.hammer else {}),
     }
 
 

@@ -11,6 +11,7 @@ from rich.table import Table
 from analysis.results import SessionResults
 from analysis.session import analyse_session
 from daq.records import Session
+from mesotap.answers.frequency_response import show_cross_checks
 from mesotap.answers.rounding import with_uncertainty
 from mesotap.configuration.config import Config
 from mesotap.operator.terminal import escape
@@ -61,5 +62,6 @@ def show_session(results: SessionResults, console: Console) -> None:
     for load in results.loads:
         for note in load.notes:
             console.print(f"- load {load.target_load_mn:.0f} mN: {escape(note)}", highlight=False)
+    show_cross_checks(results.hammer, console)
     if results.calibration is not None:
         console.print(escape(results.calibration.statement), highlight=False)

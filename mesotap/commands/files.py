@@ -24,10 +24,12 @@ from daq.errors import RecordingError
 from daq.exchange import Recording
 from daq.records import Session
 from mesotap.answers.assurance import Beside, beside, with_beside
+from mesotap.answers.frequency_response import response_json, show_response
 from mesotap.answers.provenance import provenance
 from mesotap.answers.results_files import modes_json, results_json
 from mesotap.answers.rounding import significant, with_uncertainty
 from mesotap.commands.answers import analysed, show_session
+from mesotap.commands.force_channel import ForceOptions, by_force, without
 from mesotap.commands.outputs import write_json
 from mesotap.commands.recordings import opened as opened_file
 from mesotap.commands.recordings import session_file, show_left_out, show_remarks
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
 
 METHODS = ("ml", "era")
 ONE_CHANNEL = "there is one channel: shapes and MPC, which are between channels, say nothing"
+NO_FORCE = ForceOptions()
 
 
 def analyze(
@@ -55,6 +58,7 @@ def analyze(
     console: Console,
     model: Path | None = None,
     mac: Path | None = None,
+    force: ForceOptions = NO_FORCE,
 ) -> None:
     """Analyse each file, print its table, and write the answers: one, or a list of them for several files.
 
@@ -65,7 +69,7 @@ def analyze(
     changes = [*changes, *([f"analysis.method={method}"] if method else [])]
     other = None if mac is None else _other(mac, rate, load_config(config_path, changes).analysis.method)
     if len(files) == 1:
-        write_json(json_path, _analyze_one(files[0], rate, config_path, changes, report, console, model, other))
+        write_json(json_path, _analyze_one(files[0], rate, config_path, changes, report, console, model, other, force))
         return
     answers: list[dict[str, Any]] = []
     refusals: list[str] = []
@@ -73,7 +77,7 @@ def analyze(
         # session files are often all called alike: the folder's name tells them apart
         folder = None if report is None else report / f"{number:02d}-{file.resolve().parent.name}-{file.stem}"
         try:
-            answers.append(_analyze_one(file, rate, config_path, changes, folder, console, model, other))
+            answers.append(_analyze_one(file, rate, config_path, changes, folder, console, model, other, force))
         except (RecordingError, AnalysisError, FitFailure) as error:
             refusals.append(str(error))
             answers.append({"format": "mesotap-refusal", "version": 1, "source": str(file), "reason": str(error)})
@@ -91,6 +95,7 @@ def _analyze_one(
     console: Console,
     model: Path | None,
     other: tuple[Recording, RecordingModes] | None,
+    force: ForceOptions,
 ) -> dict[str, Any]:
     opened = opened_file(file, rate)
     unusual = session_remarks(opened) if isinstance(opened, Session) else recording_remarks(opened)
@@ -116,28 +121,54 @@ def _analyze_one(
         raise RecordingError(f"{file}: is not a session of the tester, so no diagnosis of one corrects it")
     recording = _as_recording(opened) if isinstance(opened, Session) else opened
     show_left_out(recording, console)
-    config = load_config(config_path, changes)
-    modes = modes_of(recording, config.analysis.method)
+    return _analyze_recording(recording, load_config(config_path, changes), report, console, other, force, unusual)
+
+
+def _analyze_recording(
+    recording: Recording,
+    config: Config,
+    report: Path | None,
+    console: Console,
+    other: tuple[Recording, RecordingModes] | None,
+    force: ForceOptions,
+    unusual: Sequence[str],
+) -> dict[str, Any]:
+    """Modes of a recording that is no session, and its frequency responses where a channel of it is a force."""
+    found = by_force(recording, force, lambda text: console.print(f"- {escape(text)}", highlight=False, soft_wrap=True))
+    motions = recording if found is None else without(recording, found.channel)
+    try:
+        modes = modes_of(motions, config.analysis.method)
+    except FitFailure as error:
+        if found is None:
+            raise
+        # what is driven all the time has no ring-down, and its responses are as good as ever
+        modes = RecordingModes(recording.source, config.analysis.method, (), (f"no ring-down: {error}",))
     _show_modes(modes, console)
+    responses = None if found is None else found.response
+    if responses is not None:
+        show_response(responses, console)
     # said already; the answer and the page hold it too
     left_out = [f"left out of the file: {what}" for what in recording.left_out]
     modes = replace(modes, notes=(*modes.notes, *left_out, *unusual))
-    compared = None if other is None else _compared(recording, modes, other, console)
+    compared = None if other is None else _compared(motions, modes, other, console)
     if report is not None:
         from mesotap.report.report import recording_report
 
-        page = recording_report(report, recording, modes, compared)
+        page = recording_report(report, motions, modes, compared, responses)
         console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
-    return with_beside(modes_json(modes), compared)
+    answer = with_beside(modes_json(modes), compared)
+    return answer if responses is None else {**answer, "frequency_response": response_json(responses)}
 
 
 def _other(file: Path, rate: float | None, method: str) -> tuple[Recording, RecordingModes]:
-    """Return the recording that others are compared with, and its modes."""
+    """Return the recording that others are compared with, and its modes; a force is no channel of them."""
     opened = opened_file(file, rate)
     if isinstance(opened, Session) and opened.rig.is_tester:
         raise RecordingError(f"{file}: is a session of the tester; --mac compares the modes of other recordings")
     recording = _as_recording(opened) if isinstance(opened, Session) else opened
-    return recording, modes_of(recording, method)
+    found = by_force(recording, NO_FORCE, lambda text: None)
+    motions = recording if found is None else without(recording, found.channel)
+    return motions, modes_of(motions, method)
 
 
 def _compared(

@@ -157,7 +157,14 @@ class Analyst:
     def _analysed(self, impacts: list[Impact]) -> SessionResults:
         config = self._config
         session = replace(self._session(tuple(impacts)), post=None)
-        return analyse_session(session, config.analysis, config.calibration, config.rig.masses, config.rig.springs)
+        return analyse_session(
+            session,
+            config.analysis,
+            config.calibration,
+            config.rig.masses,
+            config.rig.springs,
+            wiring=config.rig.wiring,
+        )
 
     def _calibration(self, when: str) -> CalibrationPoints | None:
         weights = len(set(self._config.calibration.weights_mn))
@@ -246,7 +253,14 @@ def warm_up() -> None:
         impacts.append(Impact(number, 0, 300.0, 300.0, 300.0, "2026-01-01T00:00:00.000Z", rate, before, record, True))
     session = Session("2026-01-01T00:00:00.000Z", describe_rig(config.rig), tuple(impacts))
     try:
-        analyse_session(session, config.analysis, config.calibration, config.rig.masses, config.rig.springs)
+        analyse_session(
+            session,
+            config.analysis,
+            config.calibration,
+            config.rig.masses,
+            config.rig.springs,
+            wiring=config.rig.wiring,
+        )
     except NOT_ANALYSED:
         return
 

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from analysis.contact.theory import TheoryCurve, plasticity
 from analysis.contact.theory import theory as theory_curves
+from analysis.frequency_response.estimators import FrequencyResponse
 from analysis.published import Published
 from analysis.results import ImpactResult, LoadResult, RecordingModes, SessionResults
 from analysis.settings import FlatContact, SphereContact
@@ -28,6 +29,7 @@ from mesotap.answers.assurance import with_beside
 from mesotap.answers.budgets import shown_budgets, shown_load
 from mesotap.answers.comparison import N_PER_MN, Ratio, count_inside, recovered_against, spectral_check, theory_ratios
 from mesotap.answers.explanations import SHOWN, chance, explain, known
+from mesotap.answers.frequency_response import response_json, response_said, said_of
 from mesotap.answers.results_files import (
     budgets_csv,
     impacts_csv,
@@ -179,6 +181,8 @@ def write_report(
         correction=correction,
         explanations_shown=SHOWN,
         taps=_taps(results),
+        hammer_shown=figures.shown_responses(results.hammer),
+        hammer_said=said_of(results.hammer),
         rejected=[(i, _impact(session, i)) for i in results.impacts if not i.accepted],
         by_hand=[i for i in session.impacts if i.accepted and i.extra.get("overruled")],
         budgeted=budgeted,
@@ -207,7 +211,13 @@ def _yielding(contact: SphereContact | FlatContact | None, ratios: Sequence[Rati
     return plasticity(contact, load).sentence(load)
 
 
-def recording_report(folder: Path, recording: Recording, modes: RecordingModes, compared: Beside | None = None) -> Path:
+def recording_report(
+    folder: Path,
+    recording: Recording,
+    modes: RecordingModes,
+    compared: Beside | None = None,
+    responses: FrequencyResponse | None = None,
+) -> Path:
     """Write the page of a recording that is not a session: ``report.html``, ``modes.json`` and ``modes.pdf``.
 
     Where a mode could be followed along the ring-down ``amplitude.pdf`` too, and with a stabilisation diagram
@@ -223,6 +233,8 @@ def recording_report(folder: Path, recording: Recording, modes: RecordingModes, 
         What was identified in it.
     compared
         Its modes beside those of another recording.
+    responses
+        Its frequency responses, where it has a force; ``frequency-response.pdf`` is written too.
 
     Returns
     -------
@@ -243,7 +255,13 @@ def recording_report(folder: Path, recording: Recording, modes: RecordingModes, 
         drawn = figures.stabilisation_figure(modes)
         figures.save(drawn, folder / "stabilisation.pdf")
         diagram = Plate(Markup(figures.inline_svg(drawn, "stabilisation", LABELS["stabilisation"])))
-    written(folder / "modes.json", json_text(with_beside(modes_json(modes), compared)))
+    answer, by_force = with_beside(modes_json(modes), compared), None
+    if responses is not None:
+        drawn = figures.response_figure(responses)
+        figures.save(drawn, folder / "frequency-response.pdf")
+        by_force = Plate(Markup(figures.inline_svg(drawn, "frequency-response", LABELS["hammer"])))
+        answer["frequency_response"] = response_json(responses)
+    written(folder / "modes.json", json_text(answer))
     mac = modes.mac() if len(modes.modes) > 1 and len(modes.modes[0].shape) > 1 else None
     data = np.atleast_2d(np.asarray(recording.data))
     names = [str(recording.names[c]) if c < len(recording.names) else f"channel {c}" for c in range(data.shape[0])]
@@ -259,6 +277,9 @@ def recording_report(folder: Path, recording: Recording, modes: RecordingModes, 
         followed=followed,
         along=along,
         diagram=diagram,
+        by_force=by_force,
+        responses=responses,
+        response_said=[] if responses is None else response_said(responses),
         many=sum(len(mode.along_decay) >= figures.FEWEST_POINTS for mode in modes.modes),
         level_percent=round(100 * LEVEL),
     )  # fmt: skip
@@ -310,6 +331,7 @@ LABELS = {
     "damping": "Damping ratio of the contact mode against load",
     "impacts": "Contact stiffness of each impact in order, as deviation from the combined estimate of its load",
     "amplitude": "Frequency change and damping ratio of the contact mode against its amplitude along the ring-down",
+    "hammer": "Size, phase and coherence of the frequency response over the hammer's force, and the force's spectrum",
     "stabilisation": "Poles of every model order over frequency, stable ones filled",
     "mode-amplitude": "Frequency change and damping ratio of modes against their amplitude along the ring-down",
     "modes": "Record against time, and spectrum with the identified modes",
@@ -402,6 +424,8 @@ def _session_figures(session: Session, results: SessionResults, theory: Sequence
         drawn["impacts"] = figures.impacts_figure(results)
     if figures.shown_amplitudes(results):
         drawn["amplitude"] = figures.amplitude_figure(results)
+    if figures.shown_responses(results.hammer):
+        drawn["hammer"] = figures.cross_check_figure(results.hammer)
     return drawn
 
 

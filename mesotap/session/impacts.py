@@ -58,6 +58,7 @@ def judged_impact(
         accepted=verdict.accepted,
         reject_reason=verdict.reason,
         strain_mv=record.strain_mv,
+        force=record.force,
         voltage_before_mv=before[1],
         voltage_after_mv=after[1],
         extra={name: None if value != value else value for name, value in verdict.numbers.items()},  # NaN: unknown

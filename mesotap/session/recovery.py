@@ -342,7 +342,9 @@ def _is_plain(file: Path) -> bool:
 
 def _samples_size(impact: Impact) -> int:
     """Bytes of an impact's arrays."""
-    return sum(a.nbytes for a in (impact.acceleration, impact.strain_mv, impact.channels) if a is not None)
+    return sum(
+        a.nbytes for a in (impact.acceleration, impact.strain_mv, impact.channels, impact.force) if a is not None
+    )
 
 
 def _impact_in(file: Path, copy: Path, reader: LimitedReader) -> Impact:

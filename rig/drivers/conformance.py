@@ -295,6 +295,7 @@ def streams(recorder: Accelerometers, clock: Clock) -> str:
             _must(len(shape) == 2 and shape[0] == 2 and shape[1] > 0, f"acceleration is {shape}, not (2, n)")
             _must(bool(np.isfinite(block.acceleration).all()), "acceleration holds what is no number")
             _must(block.strain_mv is None or block.strain_mv.shape == shape[1:], "strain_mv is not (n,)")
+            _must(block.force is None or block.force.shape == shape[1:], "force is not (n,)")
             _must(block.first_sample == expected, f"a block begins with {block.first_sample}, expected {expected}")
             expected += shape[1]
     finally:

@@ -147,8 +147,12 @@ class Ni9234(Accelerometers, Driver):
                 first = self._next
                 self._next += BLOCK_SAMPLES
                 polarity = [[self._wiring.accelerometer_a.polarity], [self._wiring.accelerometer_b.polarity]]
-                strain = values[2] * (1e3 / self._wiring.strain_gauge_gain) if len(values) > 2 else None
-                return Block(first, values[:2] * polarity, strain)
+                strain, force = self._wiring.sorted_out(list(values))
+                if strain is not None:
+                    strain = strain * (1e3 / self._wiring.strain_gauge_gain)
+                if force is not None and self._wiring.hammer is not None:
+                    force = force * self._wiring.hammer.polarity
+                return Block(first, values[:2] * polarity, strain, force)
         self._running = False
         self._detach()
         raise self._told(fault)
@@ -202,6 +206,19 @@ class Ni9234(Accelerometers, Driver):
                 f"{module}/ai{wiring.strain_gauge_input}", min_val=-RANGE_V, max_val=RANGE_V
             )
             added.ai_coupling = constants.Coupling.DC
+        if wiring.hammer is not None:
+            millivolts_per_n = wiring.hammer.sensitivity_mv_per_n * wiring.hammer.gain
+            added = self._task.ai_channels.add_ai_force_iepe_chan(
+                f"{module}/ai{wiring.hammer.input}",
+                min_val=-RANGE_V / (millivolts_per_n * 1e-3),
+                max_val=RANGE_V / (millivolts_per_n * 1e-3),
+                units=constants.ForceUnits.NEWTONS,
+                sensitivity=millivolts_per_n,
+                sensitivity_units=constants.ForceIEPESensorSensitivityUnits.MILLIVOLTS_PER_NEWTON,
+                current_excit_source=excitation,
+                current_excit_val=IEPE_A if self._settings.iepe else 0.0,
+            )
+            added.ai_coupling = constants.Coupling.AC
         timing = self._task.timing
         timing.cfg_samp_clk_timing(
             self._asked_hz,
@@ -293,10 +310,12 @@ def _check_wiring(wiring: Wiring, settings: Ni9234Settings) -> None:
             f"rig.wiring.sample_rate_hz: {wiring.sample_rate_hz:g} Hz is not possible with the {NAME}, "
             f"at most {BASE_RATE_HZ:g}"
         )
-    for name in ("accelerometer_a", "accelerometer_b"):
-        gain = getattr(wiring, name).gain
-        if settings.iepe and gain != 1.0:
+    if wiring.hammer is not None and wiring.hammer.range_v != RANGE_V:
+        raise RigError(f"rig.wiring.hammer.range_v: the {NAME} has ±{RANGE_V:g} V, not ±{wiring.hammer.range_v:g}")
+    for name in ("accelerometer_a", "accelerometer_b", "hammer"):
+        sensor = getattr(wiring, name)
+        if settings.iepe and sensor is not None and sensor.gain != 1.0:
             raise RigError(
-                f"rig.wiring.{name}.gain: {gain:g}, but the {NAME} feeds the accelerometers itself, without a "
+                f"rig.wiring.{name}.gain: {sensor.gain:g}, but the {NAME} feeds the sensors itself, without a "
                 "conditioner; give 1, or iepe: false"
             )

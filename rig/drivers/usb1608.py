@@ -88,6 +88,7 @@ class Usb1608(Accelerometers, Driver):
         self.sample_rate_hz = protocol.rate_of(self._pacer)
         self.full_scale_m_s2 = wiring.full_scale_m_s2()
         self._scale = Scale(wiring)
+        self._wiring = wiring
         self._inputs, self._ranges_v = wiring.inputs(), wiring.ranges_v()
         self._column = [sorted(self._inputs).index(i) for i in self._inputs]  # samples come from low to high input
         self._buffer = array.array("B", bytes(BLOCK_SAMPLES * len(self._inputs) * 2))
@@ -314,7 +315,7 @@ class Usb1608(Accelerometers, Driver):
         values = self._scale.units(codes.astype(np.float64))
         first = self._next
         self._next += BLOCK_SAMPLES
-        return Block(first, values[:2], values[2] if len(values) > 2 else None)
+        return Block(first, values[:2], *self._wiring.sorted_out(list(values)))
 
 
 def _mute(*faults: UsbFault | None) -> bool:

@@ -19,7 +19,7 @@ class Scale:
     Parameters
     ----------
     wiring
-        Inputs in the order A, B, strain gauge; ranges, sensitivities, gains and polarities.
+        Inputs in the order A, B, strain gauge, hammer; ranges, sensitivities, gains and polarities.
     """
 
     def __init__(self, wiring: Wiring) -> None:
@@ -32,7 +32,7 @@ class Scale:
         self._slope, self._intercept = (np.array(column)[:, None] for column in zip(*lines, strict=True))
 
     def units(self, codes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (inputs, n) in m/s2, the last row in mV if it is the strain gauge, from codes of that shape.
+        """Return (inputs, n) in m/s2, the strain gauge in mV and the hammer in N, from codes of that shape.
 
         The correction is that of the device's manual: ``code * slope + intercept``, held within the codes.
         """
@@ -60,6 +60,9 @@ def check_wiring(wiring: Wiring) -> None:
         range_v = getattr(wiring, key)
         if range_v not in RANGE_CODES:
             raise RigError(f"rig.wiring.{key}: the {NAME} has no range of {range_v:g} V; it has {possible}")
+    if wiring.hammer is not None and wiring.hammer.range_v not in RANGE_CODES:
+        range_v = wiring.hammer.range_v
+        raise RigError(f"rig.wiring.hammer.range_v: the {NAME} has no range of {range_v:g} V; it has {possible}")
     if max(wiring.inputs()) >= CHANNELS:
         raise RigError(f"rig.wiring: the {NAME} has no input {max(wiring.inputs())}; its inputs are 0 to 7")
     if wiring.bits != BITS:

@@ -45,7 +45,7 @@ class CountingSource:
 
 def numbers(block: Block, wiring: Wiring) -> NDArray[np.int64]:
     """Return what the samples of a block say which ones they are, (inputs, n), modulo `TURNS`; -1 for none."""
-    rows = [*block.acceleration, *([] if block.strain_mv is None else [block.strain_mv])]
+    rows = [*block.acceleration, *(row for row in (block.strain_mv, block.force) if row is not None)]
     units = np.array(wiring.units_per_volt())[:, None] * np.array(wiring.ranges_v())[:, None] / 32768
     codes = np.array(rows) / units
     whole = np.round(codes)

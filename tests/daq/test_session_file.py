@@ -65,6 +65,50 @@ def test_channels_of_another_rig_come_back(tmp_path: Path, session: Session) -> 
     assert same(read_session(path).impacts[0], impact)
 
 
+def test_a_hammers_force_comes_back_and_leaves_no_trace_where_there_is_none(tmp_path: Path, session: Session) -> None:
+    samples = session.impacts[0].acceleration.shape[1]
+    impact = replace(session.impacts[0], force=np.linspace(-1.0, 2.0, samples))
+    write_session(tmp_path / "hammer.h5", replace(session, impacts=(impact,)))
+    assert same(read_session(tmp_path / "hammer.h5").impacts[0], impact)
+    with h5py.File(tmp_path / "hammer.h5") as file:
+        assert file["impacts/00000/force"].attrs["units"] == "N"
+    write_session(tmp_path / "none.h5", session)
+    with h5py.File(tmp_path / "none.h5") as file:
+        assert "force" not in file["impacts/00000"]
+
+
+def test_an_altered_force_is_told(tmp_path: Path, session: Session) -> None:
+    samples = session.impacts[0].acceleration.shape[1]
+    path = tmp_path / "hammer.h5"
+    write_session(path, replace(session, impacts=(replace(session.impacts[0], force=np.ones(samples)),)))
+    with h5py.File(path, "r+") as file:
+        file["impacts/00000/force"][3] = 2.0
+    with pytest.raises(RecordingError, match="were altered"):
+        read_session(path)
+
+
+@pytest.mark.parametrize("units", [None, "lbf"])
+def test_what_another_program_keeps_under_that_name_is_no_force(tmp_path: Path, session: Session, units) -> None:
+    path = tmp_path / "other.h5"
+    write_session(path, replace(session, impacts=session.impacts[:1]))
+    with h5py.File(path, "r+") as file:
+        data = file["impacts/00000"].create_dataset("force", data=np.ones(7))
+        if units is not None:
+            data.attrs["units"] = units
+    assert read_session(path).impacts[0].force is None
+
+
+def test_a_force_of_another_length_is_refused(tmp_path: Path, session: Session) -> None:
+    path = tmp_path / "other.h5"
+    with pytest.raises(RecordingError, match=r"/force has shape"):
+        write_session(path, replace(session, impacts=(replace(session.impacts[0], force=np.ones(3)),)))
+    write_session(path, replace(session, impacts=session.impacts[:1]))
+    with h5py.File(path, "r+") as file:
+        file["impacts/00000"].create_dataset("force", data=np.ones(7)).attrs["units"] = "N"
+    with pytest.raises(RecordingError, match="force"):
+        read_session(path)
+
+
 def test_extra_beyond_an_attribute_comes_back(tmp_path: Path, session: Session) -> None:
     impact = replace(session.impacts[0], extra={"state": list(range(30_000))})
     path = tmp_path / "big.h5"

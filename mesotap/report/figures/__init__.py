@@ -27,6 +27,7 @@ from mesotap.report.figures._diagnosis import (
     varying_figure,
 )
 from mesotap.report.figures._files import inline_svg, save
+from mesotap.report.figures._frequency_response import cross_check_figure, response_figure, shown_responses
 from mesotap.report.figures._impacts import impacts_figure
 from mesotap.report.figures._paper import paper_figure_3, paper_figure_7_8, paper_figure_9
 from mesotap.report.figures._recording import Recording, modes_figure
@@ -43,6 +44,7 @@ __all__ = [
     "Recording",
     "amplitude_figure",
     "calibration_figure",
+    "cross_check_figure",
     "damping_figure",
     "excess_by_impact_figure",
     "excess_figure",
@@ -58,11 +60,13 @@ __all__ = [
     "published_figure",
     "record_figure",
     "residual_spectra_figure",
+    "response_figure",
     "rig_figure",
     "save",
     "short_name",
     "shown_amplitudes",
     "shown_modes",
+    "shown_responses",
     "shown_spectra",
     "spectra_figure",
     "stabilisation_figure",

@@ -331,3 +331,24 @@ def test_line_ends_that_no_editor_shows_are_refused(end):
     config = parse_config(f'mesotap: {{title: "a\\u{ord(end):04x}b"}}')
     assert config.mesotap.title == f"a{end}b"
     assert parse_config(effective_text(config)) == config
+
+
+def test_without_a_hammer_a_configuration_reads_as_it_did_before_there_were_any():
+    assert "hammer" not in effective_text(Config())
+    with_one = parse_config("rig: {wiring: {hammer: {input: 3}}}")
+    assert parse_config(effective_text(with_one)) == with_one
+
+
+@pytest.mark.parametrize(
+    ("hammer", "said"),
+    [
+        ("{}", "input"),
+        ("{input: 2}", "share one input"),
+        ("{input: 3, sensitivity_mv_per_n: 0}", "sensitivity_mv_per_n"),
+        ("{input: 3, sensitivity_mv_per_lbf: 100}", "sensitivity_mv_per_lbf"),
+        ("{input: 3, largest_force_n: -1}", "largest_force_n"),
+    ],
+)
+def test_a_hammer_that_cannot_be_is_refused(hammer, said):
+    with pytest.raises(ConfigError, match=said):
+        parse_config(f"rig: {{wiring: {{hammer: {hammer}}}}}")

@@ -14,7 +14,7 @@ from daq.trigger import record_impact
 from rig import DeviceError, Impactor, RigError
 from rig.drivers.ni9234 import Ni9234, modules
 from rig.drivers.recorder_settings import Ni9234Settings
-from rig.settings import Channel, Wiring
+from rig.settings import Channel, Hammer, Wiring
 from sim_backend.clock import VirtualClock
 
 OVERWRITTEN, NOT_YET, GONE = -200279, -200284, -201003
@@ -33,6 +33,8 @@ class Constants:
     Coupling = enum.Enum("Coupling", "AC DC")
     AcquisitionType = enum.Enum("AcquisitionType", "CONTINUOUS FINITE")
     TaskMode = enum.Enum("TaskMode", "TASK_COMMIT")
+    ForceUnits = enum.Enum("ForceUnits", "NEWTONS")
+    ForceIEPESensorSensitivityUnits = enum.Enum("ForceIEPESensorSensitivityUnits", "MILLIVOLTS_PER_NEWTON")
 
 
 class FakeDaqmx:
@@ -75,6 +77,7 @@ class FakeDaqmx:
         ai = SimpleNamespace(
             add_ai_accel_chan=lambda channel, **more: self._channel("accel", channel, more),
             add_ai_voltage_chan=lambda channel, **more: self._channel("voltage", channel, more),
+            add_ai_force_iepe_chan=lambda channel, **more: self._channel("force", channel, more),
         )
         return SimpleNamespace(
             ai_channels=ai,
@@ -142,6 +145,27 @@ def test_what_is_asked_of_the_package():
     driver.close()
     driver.close()
     assert fake.calls[-1] == ("close",)
+
+
+def test_a_hammer_is_fed_and_read_in_newtons():
+    hammer = Hammer(input=2, gain=1.0, polarity=-1)
+    driver, fake = connected(WIRED.model_copy(update={"hammer": hammer}))
+    asked = fake.channels[-1]
+    assert (asked.kind, asked.name, asked.sensitivity) == ("force", "cDAQ1Mod1/ai2", 22.5)
+    assert asked.units is Constants.ForceUnits.NEWTONS
+    assert asked.max_val == pytest.approx(5 / 22.5e-3)
+    assert (asked.current_excit_source.name, asked.ai_coupling.name) == ("INTERNAL", "AC")
+    driver.start()
+    block = driver.read_block()
+    assert block.force is not None
+    assert block.force[0] == -3000.0  # the fake's fourth channel, turned
+    assert block.strain_mv is not None
+    assert block.strain_mv[0] == 2000.0 * 10
+
+
+def test_a_hammer_behind_a_conditioner_is_refused_where_the_module_feeds_it():
+    with pytest.raises(RigError, match=r"hammer\.gain"):
+        Ni9234(WIRED.model_copy(update={"hammer": Hammer(input=2)}), Ni9234Settings(), VirtualClock(), object())
 
 
 def test_behind_a_conditioner_nothing_is_fed():
@@ -307,9 +331,19 @@ def test_the_real_package_takes_these_calls():
         "current_excit_val",
     ]
     accel.bind(None, "Dev1/ai0", **dict.fromkeys(names))
+    inspect.signature(AIChannelCollection.add_ai_force_iepe_chan).bind(None, "Dev1/ai2", **dict.fromkeys(names))
     inspect.signature(AIChannelCollection.add_ai_voltage_chan).bind(None, "Dev1/ai3", min_val=0, max_val=1)
     inspect.signature(stream_readers.AnalogMultiChannelReader.read_many_sample).bind(None, None, 256, 0.1)
-    for kind in ("AccelUnits", "AccelSensitivityUnits", "ExcitationSource", "Coupling", "AcquisitionType", "TaskMode"):
+    for kind in (
+        "ForceUnits",
+        "ForceIEPESensorSensitivityUnits",
+        "AccelUnits",
+        "AccelSensitivityUnits",
+        "ExcitationSource",
+        "Coupling",
+        "AcquisitionType",
+        "TaskMode",
+    ):
         for name in getattr(Constants, kind).__members__:
             assert hasattr(getattr(constants, kind), name)
     assert issubclass(nidaqmx.DaqError, errors.Error)

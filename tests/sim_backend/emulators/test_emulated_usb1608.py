@@ -16,7 +16,7 @@ from rig import Impactor, RigError
 from rig.drivers.recorder_settings import SolenoidSettings, Usb1608Settings
 from rig.drivers.solenoid import SolenoidImpactor
 from rig.drivers.usb1608 import Usb1608
-from rig.settings import Channel, RigSettings, Wiring
+from rig.settings import Channel, Hammer, RigSettings, Wiring
 from sim_backend.clock import VirtualClock
 from sim_backend.emulators.counting import TURNS, CountingSource, numbers
 from sim_backend.emulators.usb1608 import EmulatedUsb1608, Fault, bus_of
@@ -84,6 +84,8 @@ def recorded(emulated: bool, wiring: Wiring, errors: SimulatedRecorder, seed: in
     [
         WIRING,
         Wiring(strain_gauge_input=None),
+        Wiring(hammer=Hammer(input=3)),
+        Wiring(strain_gauge_input=None, hammer=Hammer(input=5, range_v=10.0, polarity=-1)),
         Wiring(
             accelerometer_a=Channel(input=6, sensitivity_mv_per_g=98.7, gain=10.0, polarity=-1),
             accelerometer_b=Channel(input=2, sensitivity_mv_per_g=101.3, gain=9.9),
@@ -99,6 +101,8 @@ def test_over_the_wire_the_same_samples_come_as_from_the_simulated_recorder(wiri
     for one, other in zip(simulated[0], emulated[0], strict=True):
         assert np.array_equal(one.acceleration, other.acceleration)
         assert (one.strain_mv is None and other.strain_mv is None) or np.array_equal(one.strain_mv, other.strain_mv)
+        assert (one.force is not None) is (wiring.hammer is not None)
+        assert (one.force is None and other.force is None) or np.array_equal(one.force, other.force)
         assert (one.time, one.pretrigger, one.sample_rate_hz) == (other.time, other.pretrigger, other.sample_rate_hz)
     assert emulated[1] == pytest.approx(simulated[1], rel=1e-12)
     assert simulated[2] == emulated[2]  # where the rig was left, down to its random numbers

@@ -1,0 +1,150 @@
+"""The force channel of a recording of another program, and the frequency responses that it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.frequency_response.estimators import ForceError, FrequencyResponse
+from analysis.frequency_response.impacts import Window, of_recording, with_notes
+from daq.errors import RecordingError
+from daq.exchange import Recording
+from daq.exchange.units import newtons
+
+
+@dataclass(frozen=True, slots=True)
+class ForceOptions:
+    """What the command line says: the force channel's name or number, the window, the length of a stretch, s."""
+
+    channel: str | None = None
+    window: str | None = None
+    segment_s: float | None = None
+
+    @property
+    def any(self) -> bool:
+        """Whether anything was said."""
+        return not (self.channel is None and self.window is None and self.segment_s is None)
+
+
+@dataclass(frozen=True, slots=True)
+class ByForce:
+    """Which channel is the force, and the responses of all others to it."""
+
+    channel: int
+    response: FrequencyResponse
+
+
+def by_force(recording: Recording, options: ForceOptions, say: Callable[[str], None]) -> ByForce | None:
+    """Return the frequency responses of a recording of which a channel is a force; None where none is.
+
+    Where nobody asked for them, what stands in their way is only said: the recording has its modes all the same.
+
+    Raises
+    ------
+    RecordingError
+        They were asked for and cannot be had.
+    """
+    try:
+        channel = force_of(recording, options.channel)
+        if channel is None and options.any:
+            raise RecordingError(
+                f"{recording.source}: has no channel in N, mN, kN, lbf or kgf: say with --force which one is the "
+                "hammer's"
+            )
+        return None if channel is None else ByForce(channel, responses_of(recording, channel, options))
+    except RecordingError as error:
+        if options.any:
+            raise
+        say(f"no frequency response: {str(error).removeprefix(f'{recording.source}: ')}")
+        return None
+
+
+def force_of(recording: Recording, named: str | None) -> int | None:
+    """Return which channel is a force: the one named, or the only one in N, mN, kN, lbf or kgf; None without any.
+
+    Raises
+    ------
+    RecordingError
+        None is called that, or several are forces and none was named.
+    """
+    names = recording.names
+    if named is not None:
+        if named in names:
+            return names.index(named)
+        if named.isascii() and named.isdigit() and len(named) < 9 and int(named) < len(names):
+            return int(named)
+        raise RecordingError(f"{recording.source}: --force {named:.40}: it has no such channel, only {_listed(names)}")
+    forces = [i for i, unit in enumerate(_units(recording)) if newtons(unit) is not None]
+    if len(forces) > 1:
+        raise RecordingError(
+            f"{recording.source}: channels {_listed([names[i] for i in forces])} are all forces: say with --force "
+            "which one is the hammer's"
+        )
+    return forces[0] if forces else None
+
+
+def responses_of(recording: Recording, force: int, options: ForceOptions) -> FrequencyResponse:
+    """Return the frequency responses of all other channels to the force.
+
+    Raises
+    ------
+    RecordingError
+        There is no other channel, the force is dead, or no hit of it can be used.
+    """
+    others = [i for i in range(len(recording.names)) if i != force]
+    if not others:
+        raise RecordingError(f"{recording.source}: has a force channel ({recording.names[force]}) and nothing else")
+    units = _units(recording)
+    scale = newtons(units[force])
+    notes = []
+    if scale is None:
+        notes.append(
+            f"the unit of {recording.names[force]} is {units[force]!r:.40}, which is no force known here: the "
+            "responses are per that unit"
+            if units[force]
+            else f"{recording.names[force]} says no unit: its numbers are taken as newtons"
+        )
+    elif scale != 1.0:
+        notes.append(f"{recording.names[force]} was in {units[force]}, and is taken as {scale:.6g} N each")
+    per = "N" if scale is not None or not units[force] else units[force]
+    said = {units[i] for i in others}
+    unit = f"{said.pop() or '?'}/{per}" if len(said) == 1 else f"own unit/{per}"
+    response = recording.data[others]
+    window: Window = options.window or "auto"  # type: ignore[assignment]  # of_recording refuses others
+    try:
+        found = of_recording(
+            recording.data[force] * (1.0 if scale is None else scale),
+            response,
+            recording.rate_hz,
+            [recording.names[i] for i in others],
+            unit,
+            window,
+            options.segment_s,
+        )
+    except ForceError as error:
+        raise RecordingError(f"{recording.source}: {recording.names[force]}: {error}") from error
+    return with_notes(found, notes)
+
+
+def without(recording: Recording, channel: int) -> Recording:
+    """Return a recording without one channel."""
+    left = [i for i in range(len(recording.names)) if i != channel]
+    units = tuple(recording.units[i] for i in left) if recording.units else ()
+    common = units[0] if units and len(set(units)) == 1 else recording.unit
+    return replace(
+        recording,
+        data=np.ascontiguousarray(recording.data[left]),
+        names=tuple(recording.names[i] for i in left),
+        units=units,
+        unit=common,
+    )
+
+
+def _units(recording: Recording) -> tuple[str, ...]:
+    return recording.units or (recording.unit,) * len(recording.names)
+
+
+def _listed(names: tuple[str, ...] | list[str]) -> str:
+    return ", ".join(names[:20]) + (f" and {len(names) - 20} more" if len(names) > 20 else "")

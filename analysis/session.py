@@ -523,10 +523,14 @@ def _load(
     )
 
 
+DRIFTED = "the strain gauge drifted during the test: the load is interpolated and its interval widened"
+"""Note of every load of a session whose gauge drifted."""
+
+
 def _load_notes(used: Sequence[ImpactResult], found: Sequence[ImpactModes], history: GaugeHistory) -> list[str]:
     notes = []
     if history.verdict is not None and history.verdict.drifted:
-        notes.append("the strain gauge drifted during the test: the load is interpolated and its interval widened")
+        notes.append(DRIFTED)
     ratios = [m.residual_ratio for m in found if math.isfinite(m.residual_ratio)]
     if ratios and float(np.median(ratios)) > POOR_FIT:
         notes.append(

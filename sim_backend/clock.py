@@ -7,7 +7,8 @@ from datetime import UTC, datetime, timedelta
 
 from rig import Clock
 
-EPOCH = datetime(2026, 1, 1, tzinfo=UTC)  # date of virtual time 0, the same in every run
+EPOCH = datetime(2026, 1, 1, tzinfo=UTC)
+"""Date of virtual time 0, the same in every run, where nobody says another."""
 
 
 class VirtualClock(Clock):
@@ -19,10 +20,16 @@ class VirtualClock(Clock):
         Whether letting time pass also takes that long.
     speed
         How many times faster than that.
+
+    Attributes
+    ----------
+    began
+        Date of virtual time 0: in a session the date of its beginning, so that what it notes has dates that follow it.
     """
 
     def __init__(self, realtime: bool = False, speed: float = 1.0):
         self.time_s = 0.0
+        self.began = EPOCH
         self._realtime = realtime
         self._speed = speed
 
@@ -46,7 +53,7 @@ class VirtualClock(Clock):
 
     def utc(self) -> str:
         """Virtual date and time."""
-        date = EPOCH + timedelta(seconds=self.time_s)
+        date = self.began + timedelta(seconds=self.time_s)
         return date.strftime("%Y-%m-%dT%H:%M:%S.") + f"{date.microsecond // 1000:03d}Z"
 
 

@@ -46,6 +46,7 @@ from rig.drivers.wire_record import WireFile
 from rig.errors import MesotapError
 from rig.hardware_log import HardwareLog
 from rig.wall_clock import WallClock
+from sim_backend.clock import VirtualClock
 
 
 def run(
@@ -109,7 +110,10 @@ def _rig_of(header: dict[str, Any], config: Config, people: People, speed: float
     simulated, emulated = bool(header["simulated"]), bool(header.get("emulated"))
     devices = Path(str(header["devices"])) if header.get("devices") else None
     seed, realtime = int(header["seed"]), bool(header["realtime"])
-    return build_rig(config, simulated, people.operator, seed, realtime, emulated, devices, file, speed)
+    rig = build_rig(config, simulated, people.operator, seed, realtime, emulated, devices, file, speed)
+    if isinstance(rig.clock, VirtualClock):
+        rig.clock.began = datetime.datetime.fromisoformat(str(header["created"]))
+    return rig
 
 
 def resume(path: Path, json_path: Path | None, console: Console, wire: WireOptions = NO_WIRE) -> None:

@@ -6,6 +6,7 @@ import hashlib
 import json
 import re
 from dataclasses import dataclass, field
+from datetime import datetime, timedelta
 from html.parser import HTMLParser
 from importlib.metadata import version
 from pathlib import Path
@@ -172,6 +173,18 @@ def test_the_damping_ratio_of_the_contact_mode_has_one_symbol(consistent: Consis
         assert not re.search(r"zeta_?[a-z]|ζ_?c", re.sub(r"<[^>]*>", "", page)), file
     for module in Path(figures.__file__).parent.glob("*.py"):  # labels are drawn as curves: no text to read
         assert not re.search(r"zeta_\{?c", module.read_text(encoding="utf-8")), module
+
+
+def test_calibrations_and_taps_have_dates_that_follow_the_session_s(consistent: Consistent) -> None:
+    session = consistent.session
+    begun = datetime.fromisoformat(session.created)
+    page = (consistent.folder / "session" / "report.html").read_text(encoding="utf-8")
+    assert session.pre is not None
+    assert session.post is not None
+    for moment in (session.pre.time, *(impact.time for impact in session.impacts), session.post.time):
+        assert timedelta(0) <= datetime.fromisoformat(moment) - begun < timedelta(hours=2)
+    for shown in (session.created, session.pre.time, session.post.time):
+        assert shown.replace("T", " ").removesuffix("Z") in page
 
 
 def test_results_say_where_they_come_from(consistent: Consistent) -> None:

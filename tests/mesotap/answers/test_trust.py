@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from analysis.session import DRIFTED
 from mesotap.answers.recording_files import sha256_of
 from mesotap.answers.trust import Light, Trust, trusted, what_next
 from mesotap.report.report import refresh_trust
@@ -43,7 +44,12 @@ def test_no_calibration_one_calibration_and_drift():
     once = replace(PLAIN, calibration=replace(gauge, drift_p_value=None))
     assert line("Drift of the gauge", results=once).light is Light.OPEN
     drifted = replace(PLAIN, calibration=replace(gauge, drifted=True))
-    assert line("Drift of the gauge", results=drifted).light is Light.BAD
+    assert line("Drift of the gauge", results=drifted).light is Light.DOUBT
+    # one cause, one severity: what is noted of it at each load is not counted again
+    noted = replace(PLAIN.loads[0], notes=(DRIFTED,))
+    assert line("Each load", results=replace(drifted, loads=(noted,))).light is Light.GOOD
+    other = replace(noted, notes=(DRIFTED, "a further mode at 900 Hz"))
+    assert line("Each load", results=replace(drifted, loads=(other,))).light is Light.DOUBT
     assert "repeat the loads" in what_next(trusted(SESSION, drifted, Path("nowhere")))
     bent = replace(
         PLAIN, calibration=replace(gauge, statement="The calibration before the test is curved (p = 0.001).")

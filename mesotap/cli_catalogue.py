@@ -150,3 +150,32 @@ def reanalyze(
     from mesotap.commands.reanalyze import reanalyze as again
 
     again(Asked(folders or (), where, {}, index), config, changes or (), json, console(json))
+
+
+@commands.command()
+def crate(
+    sessions: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Session files or folders; without any, those that --where asks for.", show_default=False),
+    ] = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write; a new one.")
+    ] = Path("crate"),
+    within: Annotated[
+        list[Path] | None,
+        typer.Option("--in", metavar="FOLDER", help="With --where: folders to look in first.", show_default=False),
+    ] = None,
+    where: Where = "",
+    index: Index = None,
+    licence: Annotated[
+        str, typer.Option("--license", help="Address or sentence that says how others may use it.", show_default=False)
+    ] = "",
+    json: JsonPath = None,
+) -> None:
+    """Write sessions as an RO-Crate: files with hashes, configuration, versions and answers, for others to check."""
+    from mesotap.commands.catalog import Asked
+    from mesotap.commands.crate import crate as pack
+
+    if bool(sessions) == bool(where or within):
+        raise typer.BadParameter("name sessions, or ask for some with --where and --in")
+    pack(sessions or (), Asked(within or (), where, {}, index), output, licence, json, console(json))

@@ -106,6 +106,7 @@ def _graph(
     addressed = urllib.parse.urlsplit(license_text).scheme in ("http", "https")
     license_id = license_text if addressed else "#license"
     names = ", ".join(sorted({s.entry.specimen for s in sessions if s.entry.specimen})) or "no specimen named"
+    operators = sorted({s.entry.operator for s in sessions if s.entry.operator})
     descriptor = {
         **{"@id": METADATA, "@type": "CreativeWork"},
         **{"conformsTo": {"@id": SPECIFICATION}, "about": {"@id": "./"}},
@@ -118,6 +119,7 @@ def _graph(
         "license": {"@id": license_id},
         "hasPart": [{"@id": f"{_id(s.folder)}/"} for s in sessions],
         "mentions": [{"@id": f"#analysis-{i}"} for i, s in enumerate(sessions) if s.entry.answer],
+        **({"author": [{"@id": f"#operator-{i}"} for i in range(len(operators))]} if operators else {}),
     }
     license_entity = {
         **{"@id": license_id, "@type": "CreativeWork", "name": license_text or "no licence stated"},
@@ -128,7 +130,6 @@ def _graph(
         "sha256": program_sha256(),
         "description": "Program that made this crate; sha256 is that of its sources.",
     }
-    operators = sorted({s.entry.operator for s in sessions if s.entry.operator})
     people = [{"@id": f"#operator-{i}", "@type": "Person", "name": name} for i, name in enumerate(operators)]
     graph: list[dict[str, Any]] = [descriptor, root, license_entity, program, *people]
     for i, session in enumerate(sessions):

@@ -11,7 +11,10 @@ that ended are started again, and after a silence the connection is made anew an
 
 Each engine is imported only if it is asked for, and may sit in an environment of its own.
 
-usage: cluster_engines.py dask|ray|parsl [--plain] [--tasks N] [--seconds S] [--seed N] [--folder DIR] [--json FILE]
+mesotap is the same through the package's own campaign and `--cluster local:4`.
+
+usage: cluster_engines.py dask|ray|parsl|mesotap [--plain] [--tasks N] [--seconds S] [--seed N] [--folder DIR]
+       [--json FILE]
 """
 
 from __future__ import annotations
@@ -83,8 +86,8 @@ def in_worker(*task: Any) -> str:
     return perform(*task, os.getpid())
 
 
-def answer(script: str, how: str, *task: Any) -> str:
-    """What is handed to an engine; it needs nothing but this file on the worker's side."""
+def answer(script: str, how: str, *task: Any, walltime: float | None = None) -> str:
+    """What is handed to an engine; it needs nothing but this file there. Parsl looks for the walltime here."""
     import runpy
 
     return str(runpy.run_path(script)[how](*task))
@@ -311,6 +314,36 @@ class Parsl(Engine):
 ENGINES = {"dask": Dask, "ray": Ray, "parsl": Parsl}
 
 
+def through_mesotap(folder: Path, tasks: dict[str, str], seconds: float) -> None:
+    """Be `mesotap ... --cluster local:4`: the same tasks as a campaign of this package."""
+    from mesotap.campaigns.campaign import Campaign
+    from mesotap.campaigns.cluster import Cluster
+    from mesotap.campaigns.one_task import Limits
+    from mesotap.campaigns.sites import Local
+    from mesotap.campaigns.task import Task, content_sha256
+
+    class Noted(Local):
+        def look_after(self) -> None:
+            super().look_after()
+            (folder / "scheduler.pid").write_text(str(self._running[0].pid))
+
+    program = f"""
+import json, os, runpy, sys
+runpy.run_path({str(Path(__file__).resolve())!r})["perform"](*json.loads(sys.argv[1]), os.getppid())
+open("answer.json", "w").write("0")
+""".encode()
+    given = {"mesotap.py": content_sha256(program)}  # stands in the place of the package
+    commands = {d: Task((json.dumps([str(folder), d, kind, seconds]),), given) for d, kind in tasks.items()}
+    campaign = Campaign.plan(folder / "campaign", "a trial", commands, {given["mesotap.py"]: program})
+    began = time.monotonic()
+    with contextlib.closing(Cluster(Noted(WORKERS))) as engine:
+        campaign.carry_out(engine, Limits(TASK_LIMIT_S, TASK_LIMIT_BYTES), lambda done, total: None)
+    missing = sorted(d for d in tasks if campaign.state(d) != "done")
+    aside = {d: campaign.failures(d)[-1][-160:] for d in missing if campaign.state(d) == "set aside"}
+    said = {"seconds": time.monotonic() - began, "missing": missing, "aside": aside}
+    (folder / "said.json").write_text(json.dumps(said, indent=1))
+
+
 # --- the trial -----------------------------------------------------------------------------------------------------
 
 
@@ -422,7 +455,7 @@ def counted(options: argparse.Namespace, folder: Path, told: Settings) -> Settin
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("engine", nargs="?", choices=ENGINES)
+    parser.add_argument("engine", nargs="?", choices=[*ENGINES, "mesotap"])
     parser.add_argument("--plain", action="store_true", help="the engine as it comes")
     parser.add_argument("--tasks", type=int, default=300)
     parser.add_argument("--seconds", type=float, default=2.0)
@@ -434,6 +467,8 @@ def main() -> None:
     options = parser.parse_args()
     if options.task:
         limited(options.task)
+    elif options.drive and options.engine == "mesotap":
+        through_mesotap(options.folder, plan(options.tasks, options.seed), options.seconds)
     elif options.drive:
         drive(options.engine, options.folder, plan(options.tasks, options.seed), options.seconds, options.plain)
     else:

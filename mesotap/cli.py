@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from mesotap.cli_campaigns import ClusterSite
 from mesotap.cli_campaigns import commands as campaign_commands
 from mesotap.cli_catalogue import commands as catalogue_commands
 from mesotap.cli_options import Changes, ConfigPath, JsonPath
@@ -523,6 +524,7 @@ def prove(
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the proof.")] = Path("proof"),
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="Diagnoses at a time.")] = 2,
+    cluster: ClusterSite = None,
     only: Annotated[
         str | None,
         typer.Option(
@@ -544,15 +546,18 @@ def prove(
 
     An interrupted proof resumes where it stopped.
     """
+    from mesotap.campaigns.cluster import engine_of
     from mesotap.commands.diagnose import own_folders
     from mesotap.commands.prove import RIGS, TESTER, prove_practice
     from mesotap.commands.prove import prove as try_out
 
-    if practice is not None:
-        prove_practice(practice, sessions, output, jobs, own_folders(config), _console(json), json)
-    else:
-        subject = RIGS if rigs else TESTER
-        try_out(seed, sessions or 24, only, output, jobs, own_folders(config), _console(json), subject, json)
+    with engine_of(cluster, jobs) as engine:
+        if practice is not None:
+            prove_practice(practice, sessions, output, engine, own_folders(config), _console(json), json)
+        else:
+            subject = RIGS if rigs else TESTER
+            folders, shown = own_folders(config), _console(json)
+            try_out(seed, sessions or 24, only, output, jobs, engine, folders, shown, subject, json)
 
 
 app.add_typer(campaign_commands)

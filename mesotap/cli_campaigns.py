@@ -15,6 +15,15 @@ if TYPE_CHECKING:
 commands = typer.Typer()
 
 Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Tasks at a time, each a process with one thread.")]
+ClusterSite = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        metavar="ADDRESS|local:N|slurm:FILE",
+        help="Workers of dask instead: of a scheduler's address, N here, or SLURM jobs as a YAML describes them.",
+        show_default=False,
+    ),
+]
 TaskTime = Annotated[
     float, typer.Option("--task-time", metavar="S", min=1.0, help="Seconds after which a task has failed.")
 ]
@@ -35,6 +44,7 @@ def sweep(
     design: Annotated[Path, typer.Argument(metavar="DESIGN.yaml", help="What is varied.", show_default=False)],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the campaign.")] = Path("sweep"),
     jobs: Jobs = 2,
+    cluster: ClusterSite = None,
     task_time: TaskTime = 900.0,
     task_memory: TaskMemory = 6.0,
     json: JsonPath = None,
@@ -43,10 +53,11 @@ def sweep(
 
     An interrupted sweep goes on where it stopped.
     """
-    from mesotap.campaigns.engine import Processes
+    from mesotap.campaigns.cluster import engine_of
     from mesotap.commands.campaign import sweep as begin
 
-    begin(design, output, Processes(jobs), limits_of(task_time, task_memory), json, console(json))
+    with engine_of(cluster, jobs) as engine:
+        begin(design, output, engine, limits_of(task_time, task_memory), json, console(json))
 
 
 @commands.command()
@@ -55,12 +66,14 @@ def campaign(
     resume: Annotated[bool, typer.Option("--resume", help="Go on with what is owed.")] = False,
     retry: Annotated[bool, typer.Option("--retry", help="Go on, also with what was set aside.")] = False,
     jobs: Jobs = 2,
+    cluster: ClusterSite = None,
     task_time: TaskTime = 900.0,
     task_memory: TaskMemory = 6.0,
     json: JsonPath = None,
 ) -> None:
     """Show where a campaign stands: what is done, owed, and set aside with the reason."""
-    from mesotap.campaigns.engine import Processes
+    from mesotap.campaigns.cluster import engine_of
     from mesotap.commands.campaign import campaign as show
 
-    show(folder, resume, retry, Processes(jobs), limits_of(task_time, task_memory), json, console(json))
+    with engine_of(cluster, jobs) as engine:
+        show(folder, resume, retry, engine, limits_of(task_time, task_memory), json, console(json))

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import functools
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -26,7 +25,7 @@ import numpy as np
 from daq.durable import make_folder, write_error, write_whole
 from mesotap.campaigns.engine import Engine
 from mesotap.campaigns.errors import CampaignError
-from mesotap.campaigns.one_task import FAILURES, INPUTS, RESULTS, TASKS, Limits, Outcome, result_file, run_task
+from mesotap.campaigns.one_task import FAILURES, INPUTS, RESULTS, TASKS, Limits, Outcome, Run, result_file
 from mesotap.campaigns.task import Task, program_sha256
 
 PLAN = "campaign.json"
@@ -173,9 +172,7 @@ class Campaign:
 
             on_progress(len(ended), len(every))
             while silent := {digest: None for digest in every if digest not in ended}:
-                with contextlib.closing(
-                    engine.run(list(silent), functools.partial(_run, self.folder, limits))
-                ) as outcomes:
+                with contextlib.closing(engine.run(list(silent), Run(self.folder, limits))) as outcomes:
                     for digest, outcome in outcomes:
                         silent.pop(digest, None)
                         note(digest, outcome)
@@ -207,10 +204,6 @@ class Campaign:
             except OSError as error:
                 raise CampaignError(f"{self.folder}: another process carries this campaign out") from error
             yield
-
-
-def _run(folder: Path, limits: Limits, digest: str) -> Outcome:
-    return run_task(folder, digest, limits)
 
 
 def _json(value: Any) -> bytes:

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import Protocol
 
-from mesotap.campaigns.one_task import Outcome, end_running
-
-Run = Callable[[str], Outcome]
-"""Carries out the task of that digest, wherever it is called; it may be called twice."""
-
+from mesotap.campaigns.one_task import Outcome, Run, end_running
 
 Outcomes = Generator[tuple[str, Outcome | Exception], None, None]
 

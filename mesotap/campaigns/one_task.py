@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
+import functools
 import json
 import os
 import platform
@@ -24,6 +26,8 @@ from mesotap.campaigns.task import Task, content_sha256, program_sha256
 INPUTS, TASKS, RESULTS, FAILURES = "inputs", "tasks", "results", "failures"
 PACKAGE_ROOT = Path(__file__).resolve().parents[2]
 LONGEST_LOG = 4000  # characters kept of what a command said before it failed
+PR_SET_PDEATHSIG = 1  # prctl(2)
+_LIBC = ctypes.CDLL(None)
 _RUNNING: set[subprocess.Popen[str]] = set()
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
@@ -81,6 +85,18 @@ def run_task(folder: Path, digest: str, limits: Limits) -> Outcome:
     return Outcome(seconds=seconds)
 
 
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Carries out the task of a digest of a campaign, wherever it is called; it may be called twice."""
+
+    folder: Path
+    limits: Limits
+
+    def __call__(self, digest: str) -> Outcome:
+        """Return how the task ended."""
+        return run_task(self.folder, digest, self.limits)
+
+
 def _laid_out(folder: Path, task: Task, place: Path) -> str:
     """Copy the inputs of a task; return what is wrong with one."""
     for name, digest in task.inputs.items():
@@ -108,6 +124,7 @@ def _carried_out(task: Task, place: Path, limits: Limits) -> tuple[int | None, s
         text=True,
         errors="replace",
         start_new_session=True,
+        preexec_fn=functools.partial(_end_with, os.getpid()),
     )
     _RUNNING.add(child)
     try:
@@ -120,6 +137,13 @@ def _carried_out(task: Task, place: Path, limits: Limits) -> tuple[int | None, s
     finally:
         _end_all_of(child)
         _RUNNING.discard(child)
+
+
+def _end_with(parent: int) -> None:
+    """Have the kernel end this command with the process that began it, of which nobody else would hear."""
+    _LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
 
 
 def end_running() -> None:

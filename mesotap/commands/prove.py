@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
-from mesotap.campaigns.engine import Processes
+from mesotap.campaigns.engine import Engine
 from mesotap.commands.outputs import make_ready, write_json
 from mesotap.commands.progress import progress
 from mesotap.operator.terminal import escape
@@ -49,6 +49,7 @@ def prove(
     only: str | None,
     output: Path,
     jobs: int,
+    engine: Engine,
     folders: Sequence[str],
     console: Console,
     subject: Subject = TESTER,
@@ -64,7 +65,7 @@ def prove(
     files = {name: sealed.files_of(output, name) for name in sealed.names(output)}
     answers = output / sealed.ANSWERS
     with progress(console, "diagnosing") as shown:
-        sealed.diagnose_all(files, sealed.excluded(output), answers, Processes(jobs), shown, folders)
+        sealed.diagnose_all(files, sealed.excluded(output), answers, engine, shown, folders)
     truths = sealed.unseal(output)
     entries, failures = _entries(truths, answers)
     if subject is TESTER:
@@ -83,7 +84,7 @@ def prove_practice(
     folder: Path,
     sessions: int | None,
     output: Path,
-    jobs: int,
+    engine: Engine,
     folders: Sequence[str],
     console: Console,
     json_path: Path | None = None,
@@ -94,7 +95,7 @@ def prove_practice(
     chosen = list(sealed.chosen(sorted(files), sessions))
     answers = output / sealed.ANSWERS
     with progress(console, "diagnosing") as shown:
-        sealed.diagnose_all({n: [files[n]] for n in chosen}, {}, answers, Processes(jobs), shown, folders)
+        sealed.diagnose_all({n: [files[n]] for n in chosen}, {}, answers, engine, shown, folders)
     entries, failures = _entries({n: truths[n] for n in chosen}, answers)
     origin = f"{len(chosen)} of {len(files)} sessions that another program made, with its truths beside them."
     proof = Proof("The diagnosis, tried on another program's sessions", origin, tuple(entries), failures)

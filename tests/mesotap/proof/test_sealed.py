@@ -167,7 +167,7 @@ def test_practice_sessions_are_scored(folder: Path, tmp_path: Path, monkeypatch:
     }
     (folder / "sessions" / "truth.json").write_text(json.dumps(truths), encoding="utf-8")
     output = tmp_path / "scored"
-    prove_practice(folder / "sessions", None, output, 1, (), Console(quiet=True))
+    prove_practice(folder / "sessions", None, output, Processes(1), (), Console(quiet=True))
     found = json.loads((output / "scores.json").read_text(encoding="utf-8"))
     assert found["nulls"]["alarms"]["of"] == 1
     assert [g["missed"]["hits"] for g in found["single"] if g["grade"] == 30.0] == [1]
@@ -185,7 +185,7 @@ def test_what_is_wrong_with_a_proof_is_told_in_a_sentence() -> None:
 
 def test_unknown_kind_gets_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(ProofError, match="expected one of null, single"):
-        prove(1, 2, "double", tmp_path, 1, (), Console(quiet=True))
+        prove(1, 2, "double", tmp_path, 1, Processes(1), (), Console(quiet=True))
 
 
 SEED = 70  # of two small sessions: nothing, and tube springs that dissipate
@@ -194,7 +194,7 @@ SEED = 70  # of two small sessions: nothing, and tube springs that dissipate
 @pytest.mark.slow
 def test_small_proof_is_right(tmp_path: Path) -> None:
     """Two sessions through everything: one in which nothing is hidden, one with an effect that nobody can miss."""
-    prove(SEED, 2, None, tmp_path, 2, (), Console(quiet=True))
+    prove(SEED, 2, None, tmp_path, 2, Processes(2), (), Console(quiet=True))
     found = json.loads((tmp_path / "scores.json").read_text(encoding="utf-8"))
     assert found["failures"] == {}
     null, strong = sorted(found["entries"], key=lambda e: e["d"])
@@ -208,5 +208,5 @@ def test_small_proof_is_right(tmp_path: Path) -> None:
         session = read_session(path)
         assert not any(word in repr(session.rig) + session.title + session.config for word in strong["hidden"])
     before = (tmp_path / "hashes.txt").read_bytes()
-    prove(SEED, 2, None, tmp_path, 2, (), Console(quiet=True))
+    prove(SEED, 2, None, tmp_path, 2, Processes(2), (), Console(quiet=True))
     assert (tmp_path / "hashes.txt").read_bytes() == before

@@ -258,7 +258,8 @@ def test_workers_of_another_version_are_sent_away_and_the_campaign_says_so(tmp_p
 
 
 @needs_dask
-def test_an_address_where_nobody_is_ends_with_what_to_do(tmp_path: Path):
+def test_an_address_where_nobody_is_ends_with_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(cluster, "LOOK_S", 0.1)
     campaign = planned(tmp_path / "c", one=("answer", "x"))
     site = Address("tcp://127.0.0.1:9")
     site.patience_s = 0.5

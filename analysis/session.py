@@ -49,6 +49,7 @@ from calibration.estimate import Estimate
 from calibration.gauge import GaugeHistory
 from calibration.settings import CalibrationSettings
 from daq.contact_force import contact_force
+from daq.hits import is_left_out
 from daq.records import Impact, RigDescription, Session
 from rig.errors import MesotapError
 from rig.interlock import CAREFUL_READING_S
@@ -438,7 +439,8 @@ def _impact(
     force = contact_force(mean, impact.sample_rate_hz, rig.m2_kg, rig.k2_n_per_m, impact.pretrigger)
     system = None if found is None else found.system
     contact = None if found is None else found.contact
-    notes = list(found.notes) if found is not None else ["rejected when it was recorded: not analysed"]
+    unused = "others of its load were chosen" if is_left_out(impact) else "rejected when it was recorded"
+    notes = list(found.notes) if found is not None else [f"{unused}: not analysed"]
     if impact.accepted and impact.extra.get("overruled"):
         why, against = impact.extra.get("hand_reason"), impact.extra["overruled"]
         notes.insert(0, f"accepted by hand: {why} (against it: {against})")

@@ -458,6 +458,29 @@ def info(
 
 
 @app.command()
+def hits(
+    file: Annotated[Path, typer.Argument(help="Session file, or a finished session's folder.", show_default=False)],
+    best: Annotated[
+        int | None,
+        typer.Option(min=1, max=1000, help="Use so many taps at each load: those whose ring-downs agree."),
+    ] = None,
+    keep: Annotated[list[int] | None, typer.Option(help="Use this tap, whatever spoke against it; repeatable.")] = None,
+    drop: Annotated[list[int] | None, typer.Option(help="Do not use this tap; repeatable.")] = None,
+    reason: Annotated[str, typer.Option(help="Why taps are kept or dropped; it is kept with each.")] = "",
+    reset: Annotated[bool, typer.Option("--reset", help="Undo all choices: the verdicts of the recording.")] = False,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="New session file with this choice.", show_default=False)
+    ] = None,
+    json: JsonPath = None,
+) -> None:
+    """Show which taps of a session are used and why others are not, or write it with another choice."""
+    from mesotap.commands.hits import Choice
+    from mesotap.commands.hits import hits as choose
+
+    choose(file, Choice(best, keep or (), drop or (), reason, reset), output, json, _console(json))
+
+
+@app.command()
 def diagnose(
     files: Annotated[
         list[Path] | None,

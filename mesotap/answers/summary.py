@@ -11,6 +11,7 @@ import numpy as np
 from analysis.contact.theory import TheoryCurve
 from analysis.results import LoadResult, SessionResults
 from calibration.estimate import Estimate
+from daq.hits import LEFT_OUT
 from mesotap.answers.comparison import Ratio
 from mesotap.answers.rounding import significant, with_uncertainty
 
@@ -32,10 +33,12 @@ def summary(results: SessionResults, theory: Sequence[TheoryCurve], ratios: Sequ
         )
     if comparison := _closest_theory(theory, ratios):
         sentences.append(comparison)
-    rejected = sum(not impact.accepted for impact in results.impacts)
+    left_out = sum(i.reject_reason.startswith(LEFT_OUT) for i in results.impacts if not i.accepted)
+    rejected = sum(not impact.accepted for impact in results.impacts) - left_out
     used = sum(load.impacts_used for load in results.loads)
     taps = f"{len(results.impacts)} taps at {len(results.loads)} load{'s' * (len(results.loads) != 1)}:"
-    taps += f" {used} used, {rejected} rejected."
+    taps += f" {used} used, {rejected} rejected"
+    taps += f", {left_out} left out by the choice of hits." if left_out else "."
     sentences.append(taps)
     if results.calibration is not None and results.calibration.drifted:
         sentences[-1] += " The strain gauge drifted, so the loads are in doubt."

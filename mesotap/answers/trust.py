@@ -13,8 +13,10 @@ from typing import Any
 from analysis.results import LoadResult, SessionResults
 from analysis.session import DRIFTED
 from daq.errors import RecordingError
+from daq.hits import LEFT_OUT
 from daq.records import Session
 from daq.regular import read_regular
+from daq.reject_reasons import most_frequent
 from mesotap.answers.recording_files import sha256_of
 from mesotap.answers.rounding import significant
 
@@ -120,18 +122,22 @@ def _gauge(results: SessionResults) -> list[Trust]:
 
 
 def _taps(session: Session, results: SessionResults) -> Trust:
-    made, rejected = len(results.impacts), sum(not impact.accepted for impact in results.impacts)
+    left_out = sum(i.reject_reason.startswith(LEFT_OUT) for i in results.impacts if not i.accepted)
+    made, rejected = len(results.impacts), sum(not impact.accepted for impact in results.impacts) - left_out
+    why = _why_rejected(results)
     by_hand = sum(bool(i.accepted and i.extra.get("overruled")) for i in session.impacts)
     few = [load for load in results.loads if load.impacts_used < LEAST_IMPACTS]
     words, where = f"{rejected} of {made} rejected", "#taps"
+    if left_out:
+        words += f", {left_out} left out by the choice of hits"
     if not made or len(few) == len(results.loads):
-        again = "Tap more often at each load: eight accepted taps are usual."
+        again = f"Tap more often at each load: eight accepted taps are usual.{why}"
         return Trust(
             "Taps", Light.DOUBT if made else Light.BAD, f"{words}; no load has {LEAST_IMPACTS} good ones.", where, again
         )
     if few:
         loads = ", ".join(f"{load.target_load_mn:.4g}" for load in few)
-        again = f"Tap more often at {loads} mN."
+        again = f"Tap more often at {loads} mN.{why}"
         return Trust("Taps", Light.DOUBT, f"{words}; fewer than {LEAST_IMPACTS} good ones at {loads} mN.", where, again)
     if by_hand:
         return Trust(
@@ -147,9 +153,19 @@ def _taps(session: Session, results: SessionResults) -> Trust:
             Light.DOUBT,
             f"{words}: more than usual.",
             where,
-            "See why so many taps were rejected; a steadier tap scatters less.",
+            why.strip() or "See why so many taps were rejected; a steadier tap scatters less.",
         )
     return Trust("Taps", Light.GOOD, f"{words}.", where)
+
+
+def _why_rejected(results: SessionResults) -> str:
+    """Say what most taps were rejected for and what to do at the bench; empty where none was rejected."""
+    reasons = [i.reject_reason for i in results.impacts if not i.accepted and not i.reject_reason.startswith(LEFT_OUT)]
+    found = most_frequent(reasons)
+    if found is None:
+        return ""
+    what, count, then = found
+    return f" {count} of {len(reasons)} rejected taps: {what}. At the bench: {then}."
 
 
 def _agreement(loads: Sequence[LoadResult]) -> Trust:

@@ -12,6 +12,7 @@ from rich.console import Console
 from daq.bounds import ANY, RATE
 from daq.errors import RecordingError
 from daq.exchange import Recording, as_session, import_recording
+from daq.hits import LEFT_OUT, is_left_out
 from daq.records import Impact, Session
 from daq.session_file import read_session, write_session
 from mesotap.commands.outputs import refuse_to_overwrite, write_json
@@ -158,6 +159,7 @@ def _session_info(session: Session, file: Path) -> dict[str, Any]:
         "complete": session.complete,
         "impacts": len(session.impacts),
         "accepted": accepted,
+        **_left_out(session),
         "loads_mn": [
             "unknown" if math.isnan(load) else round(load, 3)
             for load in (_target(session, load_set) for load_set in session.load_sets())
@@ -168,6 +170,12 @@ def _session_info(session: Session, file: Path) -> dict[str, Any]:
         if rig.is_tester
         else "not described: no session of the tester",
     }
+
+
+def _left_out(session: Session) -> dict[str, list[str]]:
+    """Return the taps that are not used because others were chosen, each with its reason."""
+    said = [f"{i.number} ({i.reject_reason.removeprefix(LEFT_OUT)})" for i in session.impacts if is_left_out(i)]
+    return {"left_out": said} if said else {}
 
 
 def _target(session: Session, load_set: int) -> float:

@@ -40,9 +40,15 @@ class SessionSettings(Section):
     load_plan_mn: tuple[Positive, ...] = (264.9, 348.3, 431.6, 524.8, 549.4, 627.8, 784.8, 927.0)
     load_tolerance_mn: Annotated[float, Field(gt=0, le=LARGEST_TOLERANCE_MN)] = 6.0
     impacts_per_load: Annotated[int, Field(ge=1, le=100)] = 8
+    surplus_impacts: Annotated[int, Field(ge=0, le=100)] = 0
     tries_per_load: Annotated[int, Field(ge=1, le=1000)] = 40
     dwell_s: Annotated[float, Field(ge=0, le=86400)] = 10.0
     diagnose: bool = False
+
+    @property
+    def taps_per_load(self) -> int:
+        """Good taps that are made at each load: those that are used, and those to choose from."""
+        return self.impacts_per_load + self.surplus_impacts
 
     @field_validator("load_plan_mn")
     @classmethod

@@ -300,7 +300,7 @@ class PagePeople:
                 "state": progress.state.name,
                 "load_set": progress.load_set,
                 "plan_mn": config.mesotap.load_plan_mn,
-                "wanted": config.mesotap.impacts_per_load,
+                "wanted": config.mesotap.taps_per_load,
                 "limit_mn": config.rig.limits.load_mn,
                 "force_limit": config.daq.quality.largest_force_ratio,
                 "simulated": bool(folder.header.get("simulated")),

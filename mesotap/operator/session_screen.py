@@ -57,7 +57,7 @@ class SessionScreen(SessionLines, GaugeWatch):
         """Show a session from its beginning, or from where it goes on."""
         self._plan = list(config.mesotap.load_plan_mn)
         self._limit_mn, self._force_limit = config.rig.limits.load_mn, config.daq.quality.largest_force_ratio
-        self._wanted, self._done = config.mesotap.impacts_per_load, len(accepted_in(folder.events()))
+        self._wanted, self._done = config.mesotap.taps_per_load, len(accepted_in(folder.events()))
         told = {name: folder.header.get(name) for name in ("config", "created", "simulated")}
         self._analysis = TapAnalysis(told, self._found)
         screen = Live(console=self._console, get_renderable=self.lines, refresh_per_second=LOOKS_PER_S, transient=True)

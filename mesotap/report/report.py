@@ -24,6 +24,7 @@ from analysis.settings import FlatContact, SphereContact
 from calibration.estimate import LEVEL
 from daq.durable import write_error, write_whole
 from daq.errors import UnwrittenError
+from daq.hits import LEFT_OUT
 from daq.records import Impact, Session
 from mesotap.answers.assurance import with_beside
 from mesotap.answers.budgets import shown_budgets, shown_load
@@ -86,6 +87,7 @@ class Taps:
     made: int
     accepted: int
     reasons: str
+    left_out: int = 0
 
 
 def write_report(
@@ -183,7 +185,8 @@ def write_report(
         taps=_taps(results),
         hammer_shown=figures.shown_responses(results.hammer),
         hammer_said=said_of(results.hammer),
-        rejected=[(i, _impact(session, i)) for i in results.impacts if not i.accepted],
+        rejected=[(i, _impact(session, i)) for i in results.impacts if not i.accepted and not _left_out(i)],
+        left_out=[(i, _impact(session, i)) for i in results.impacts if _left_out(i)],
         by_hand=[i for i in session.impacts if i.accepted and i.extra.get("overruled")],
         budgeted=budgeted,
         budgets=[] if budgeted is None else shown_budgets(budgeted),
@@ -471,7 +474,14 @@ def _taps(results: SessionResults) -> list[Taps]:
     rows = []
     for load in results.loads:
         impacts = [i for i in results.impacts if i.load_set == load.load_set]
-        reasons = Counter(i.reject_reason or "no reason given" for i in impacts if not i.accepted)
+        rejected = [i for i in impacts if not i.accepted and not _left_out(i)]
+        reasons = Counter(i.reject_reason or "no reason given" for i in rejected)
         text = "; ".join(f"{count} × {reason}" if count > 1 else reason for reason, count in reasons.items())
-        rows.append(Taps(load, len(impacts), sum(i.accepted for i in impacts), text))
+        accepted, left_out = sum(i.accepted for i in impacts), sum(map(_left_out, impacts))
+        rows.append(Taps(load, len(impacts), accepted, text, left_out))
     return rows
+
+
+def _left_out(impact: ImpactResult) -> bool:
+    """Whether a tap was sound and others were chosen."""
+    return not impact.accepted and impact.reject_reason.startswith(LEFT_OUT)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from daq.hits import with_chosen
 from daq.records import CalibrationPoints, Impact, RigDescription, Session, ZeroReading
 from mesotap import __version__
 from mesotap.configuration.config import Config
@@ -157,9 +158,17 @@ def describe_rig(settings: RigSettings) -> RigDescription:
     )
 
 
+def chosen_of_surplus(impacts: Iterable[Impact], config: Config | None) -> tuple[Impact, ...]:
+    """Return the impacts with the best of each load chosen, where a session takes more than it uses."""
+    recorded = tuple(impacts)
+    if config is None or not config.mesotap.surplus_impacts:
+        return recorded
+    return tuple(with_chosen(recorded, config.mesotap.impacts_per_load))
+
+
 def assemble(header: dict[str, Any], config: Config, progress: Progress, impacts: Iterable[Impact]) -> Session:
     """Make the session from what is on disk; complete if the plan was carried out to its end."""
-    recorded = tuple(impacts)
+    recorded = chosen_of_surplus(impacts, config)
     rig = describe_rig(config.rig)
     if recorded:
         # what the recorder's clock really gave: 25.6 kHz where 25 was asked of an NI 9234

@@ -35,7 +35,7 @@ from mesotap.configuration.yaml_text import NOT_YAML, parsed
 from mesotap.session.entries import fault_of, walk
 from mesotap.session.hand_verdicts import IMPACT, with_hand_verdicts
 from mesotap.session.header import header_fault, kept_config, physical_part
-from mesotap.session.progress import ZERO, Progress, describe_rig
+from mesotap.session.progress import ZERO, Progress, chosen_of_surplus, describe_rig
 from mesotap.session.states import Event, State
 
 SESSION_FILE = "session.h5"
@@ -95,7 +95,7 @@ def recover(folder: Path) -> Recovered:
     session = Session(
         created=_created(header, impacts),
         rig=rig,
-        impacts=tuple(with_hand_verdicts(impacts, entries)),
+        impacts=chosen_of_surplus(with_hand_verdicts(impacts, entries), config),
         pre=before,
         post=after,
         zeros=tuple(ZeroReading(e["voltage_mv"], e["time"]) for e in entries if e["event"] == ZERO),

@@ -292,7 +292,7 @@ class SessionRunner:
     def _tap(self) -> None:
         impacts = self._impacts_of_this_load()
         accepted = sum(bool(e["accepted"]) for e in impacts)
-        wanted = self._config.mesotap.impacts_per_load
+        wanted = self._config.mesotap.taps_per_load
         if accepted >= wanted:
             last = self.progress.load_set + 1 >= len(self._config.mesotap.load_plan_mn)
             self._done(Event.PLAN_DONE if last else Event.LOAD_DONE)

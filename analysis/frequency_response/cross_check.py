@@ -204,6 +204,31 @@ def response_of(impacts: Sequence[Impact], rig: RigDescription, hammer: Hammer |
     )
 
 
+def hammer_so_far(impacts: Sequence[Impact]) -> str:
+    """Return in a line what the hammer showed in the taps of a load so far; empty without one.
+
+    Peak of the last tap and how far it excites, or its fault; from the second tap on the lowest coherence of the mean
+    of A and B in that band.
+    """
+    hit = [impact for impact in impacts if impact.force is not None]
+    if not hit or hit[-1].force is None:
+        return ""
+    unknown = RigDescription(filter_family="")
+    try:
+        last = response_of(hit[-1:], unknown, None).response
+    except ForceError as error:
+        return f"hammer: {error}"
+    said = f"hammer {float(np.abs(hit[-1].force).max()):.3g} N, excites to {last.force_limit_hz:.0f} Hz"
+    try:
+        found = response_of(hit, unknown, None).response
+    except ForceError:
+        return said
+    inside = (found.frequency_hz > LOWEST_HZ) & (found.frequency_hz < found.force_limit_hz)
+    if found.averages < 2 or not inside.any():
+        return said
+    return f"{said}; {found.averages:.0f} taps: coherence {float(found.coherence[0][inside].min()):.2f} or more"
+
+
 def _band(rig: RigDescription, on_force: bool) -> BandPass | None:
     if rig.filter_family != "butterworth":
         return None

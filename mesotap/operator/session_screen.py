@@ -48,7 +48,8 @@ class SessionScreen(SessionLines, GaugeWatch):
         self._limit_mn = self._force_limit = 0.0
         self._load_set = self._accepted = self._wanted = self._done = 0
         self._last: Impact | None = None
-        self._spectrum = ""
+        self._spectrum = self._hammer = ""
+        self._of_load: list[Impact] = []
         self._modes: dict[int, dict[str, Any]] = {}
         self._analysis: TapAnalysis | None = None
 
@@ -78,6 +79,7 @@ class SessionScreen(SessionLines, GaugeWatch):
     def aim(self, load_set: int, target_mn: float) -> None:
         """See which load is set."""
         self._load_set, self._accepted = load_set, 0
+        self._of_load, self._hammer = [], ""
 
     def progress(self, state: State, text: str) -> None:
         """See where the session is."""
@@ -88,9 +90,18 @@ class SessionScreen(SessionLines, GaugeWatch):
         self._last, self._accepted, self._wanted, self._load_set = impact, accepted, wanted, impact.load_set
         self._done += impact.accepted
         self._spectrum = sparkline(impact.acceleration.mean(axis=0)[impact.pretrigger :], impact.sample_rate_hz)
+        if impact.force is not None:
+            self._see_hammer(impact)
         if self._analysis is not None:
             self._analysis.tap(impact)
         super().impact(impact, accepted, wanted)
+
+    def _see_hammer(self, impact: Impact) -> None:
+        from analysis.frequency_response.cross_check import hammer_so_far  # only where there is a hammer
+
+        self._of_load = [*(i for i in self._of_load if i.load_set == impact.load_set), impact]
+        taken = [i for i in self._of_load if i.accepted or i is impact]
+        self._hammer = hammer_so_far(taken)
 
     def _found(self, number: int, modes: dict[str, Any]) -> None:
         self._modes[number] = modes
@@ -99,7 +110,9 @@ class SessionScreen(SessionLines, GaugeWatch):
 
     def lines(self) -> Group:
         """Return the lines as they are now."""
-        return Group(self._where(), self._loaded(), self._row(), self._tap(), Text(self._spectrum), self._to_press())
+        hammer = [Text(self._hammer)] if self._hammer else []
+        shown = (self._where(), self._loaded(), self._row(), self._tap(), Text(self._spectrum), *hammer)
+        return Group(*shown, self._to_press())
 
     def _where(self) -> Text:
         return Text.assemble((self._words, "bold"), f"  {self._text}" if self._text != self._words else "")

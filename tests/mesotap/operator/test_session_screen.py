@@ -75,6 +75,20 @@ def test_a_tap_that_is_not_used_is_told_above(screen):
     assert "\x1b[2J" not in said
 
 
+def test_a_hammer_has_a_line_of_its_own_and_leaves_none_without(screen):
+    screen.impact(TAP, 1, 8)
+    assert not any("hammer" in line for line in lines(screen))
+    force = np.zeros(TAP.acceleration.shape[1])
+    begin = max(TAP.pretrigger - 4, 0)
+    force[begin : begin + 9] = 5 * np.sin(np.pi * np.arange(9) / 8)
+    screen.impact(replace(TAP, force=force), 2, 8)
+    assert "hammer 5 N, excites to" in lines(screen)[5]
+    screen.impact(replace(TAP, force=0 * force), 3, 8)
+    assert "never changes" in lines(screen)[5]
+    screen.aim(1, 900.0)
+    assert not any("hammer" in line for line in lines(screen))
+
+
 def test_the_spectrum_has_its_peak_where_the_mode_is():
     t = np.arange(5000) / 25000
     for f in (356.0, 1406.0, 5000.0):

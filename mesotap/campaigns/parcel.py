@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import tempfile
 from collections.abc import Mapping
@@ -70,7 +71,7 @@ def order(digest: str, folder: Path, limits: Limits, with_content: bool) -> Orde
         content = {task: (folder / task).read_bytes()}
         inputs = json.loads(content[task])["inputs"].values()
         content |= {name: (folder / name).read_bytes() for name in (f"{INPUTS}/{sha256}" for sha256 in inputs)}
-    return Order(digest, folder.absolute(), content_sha256(folder / PLAN), program_sha256(), limits, content)
+    return Order(digest, folder.absolute(), _plan_sha256(folder), program_sha256(), limits, content)
 
 
 def carry_out(order: Order) -> Reply:
@@ -96,9 +97,20 @@ def keep(folder: Path, digest: str, reply: Reply) -> None:
         write_whole(result_file(folder, digest), reply.result)
 
 
+def _plan_sha256(folder: Path) -> str:
+    """Return the hash of a campaign's plan, which with a million tasks is too long to be read for each."""
+    found = (folder / PLAN).stat()
+    return _hashed(folder / PLAN, found.st_mtime_ns, found.st_size)
+
+
+@functools.lru_cache(maxsize=16)
+def _hashed(path: Path, modified_ns: int, size: int) -> str:
+    return content_sha256(path)
+
+
 def _sees(order: Order) -> bool:
     try:
-        return content_sha256(order.folder / PLAN) == order.plan_sha256
+        return _plan_sha256(order.folder) == order.plan_sha256
     except OSError:
         return False
 

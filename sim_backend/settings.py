@@ -45,8 +45,10 @@ class SimulatedContact(Section):
     @model_validator(mode="before")
     @classmethod
     def _law_by_mechanisms(cls, given: Any) -> Any:
-        """Say what to write in the place of the force law that this section once had."""
+        """Say what to write in the place of the force law that this section once had; the linear one is as it was."""
         if isinstance(given, dict) and not given.keys().isdisjoint(("law", "can_part")):
+            if given.get("law", "linear") == "linear" and given.get("can_part", False) is False:
+                return {key: value for key, value in given.items() if key not in ("law", "can_part")}
             law = LAWS.get(str(given.get("law")), ())
             ids = (*law, *(("contact_loss",) if given.get("can_part") is True else ()))
             listed = ", ".join(f"{{id: {name}}}" for name in ids)

@@ -35,7 +35,15 @@ from mesotap.session.emulated_devices import SeparateRig, refuse_foreign_devices
 from mesotap.session.entries import progress_in
 from mesotap.session.guardian_link import guardian_for
 from mesotap.session.hand_verdicts import with_hand_verdicts
-from mesotap.session.header import FOLDER_FORMAT, FOLDER_VERSION, header_fault, kept_config, note_version, read_header
+from mesotap.session.header import (
+    FOLDER_FORMAT,
+    FOLDER_VERSION,
+    header_fault,
+    kept_config,
+    note_version,
+    read_header,
+    with_former_motor,
+)
 from mesotap.session.order import FOLDER_NAME, RigChoice
 from mesotap.session.progress import HARDWARE, assemble
 from mesotap.session.runner import Bench, SessionRunner
@@ -129,7 +137,7 @@ def go_on(
     with SessionFolder.open(path) as folder:
         header = read_header(folder)
         kept = kept_config(header.config, str(path / HEADER))
-        config = kept.config
+        config = with_former_motor(header, kept.config)
         progress = progress_in(folder, len(config.mesotap.load_plan_mn))
         for line in note_version(folder, header, kept, WallClock().utc()):
             console.print(escape(line), highlight=False, soft_wrap=True)

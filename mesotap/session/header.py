@@ -151,6 +151,23 @@ def kept_config(text: str, name: str) -> KeptConfig:
     return KeptConfig(config, tuple(left_out), tuple(sorted(missing)) if 2 * len(missing) < len(known) else ())
 
 
+def with_former_motor(header: Header, config: Config) -> Config:
+    """Return a configuration whose simulated stage has the motor that it had in the first version.
+
+    There, ``rig.parts.stage`` was of the real rig alone, and ``sim_backend.stage.hand_turned`` of the simulated one.
+    """
+    if not header.simulated or config.rig.parts.stage != "hand":
+        return config
+    try:
+        motor = parsed(header.config)[1]["sim_backend"]["stage"]["hand_turned"] is False
+    except (*NOT_YAML, LookupError, TypeError):
+        return config
+    if not motor:
+        return config
+    parts = config.rig.parts.model_copy(update={"stage": "simulated"})
+    return config.model_copy(update={"rig": config.rig.model_copy(update={"parts": parts})})
+
+
 def physical_part(text: str, name: str) -> Config | None:
     """Return a configuration of masses, springs, filter and wiring alone, from one that is refused for something else.
 

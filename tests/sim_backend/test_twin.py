@@ -142,12 +142,17 @@ def test_a_mechanism_that_cannot_be_is_refused_in_a_sentence(mechanism, paramete
     [
         ({"law": "hertz"}, r"write mechanisms: \[\{id: hertz_stiffness\}\] in section sim_backend"),
         ({"law": "exponential", "can_part": True}, r"\[\{id: rough_surface_stiffness\}, \{id: contact_loss\}\]"),
-        ({"law": "linear"}, "leave them out, and the contact is linear"),
+        ({"law": "cubic"}, "leave them out, and the contact is linear"),
     ],
 )
 def test_a_force_law_of_the_contact_is_a_mechanism(contact, sentence) -> None:
     with pytest.raises(ValidationError, match=sentence):
         SimBackendSettings.model_validate({"contact": contact})
+
+
+def test_the_linear_law_of_older_configurations_is_what_it_was() -> None:
+    older = SimBackendSettings.model_validate({"contact": {"law": "linear", "can_part": False}})
+    assert older == SimBackendSettings()
 
 
 def quiet_rig(*mechanisms: dict) -> SimulatedRig:

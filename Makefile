@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 DEMO := demo
 SEED := 1
 
-.PHONY: demo test test-all check lint types layers kills recovery gauges bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness package docs clean
+.PHONY: demo readme test test-all check lint types layers kills recovery gauges bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness package docs clean
 .PHONY: console-stop console-kills console-axe console-soak console-pictures
 
 demo: $(VENV)/.installed
@@ -25,6 +25,10 @@ test: $(VENV)/.tested
 
 test-all: $(VENV)/.tested
 	$(PYTEST) tests
+
+# every line of the README's blocks from the first session on, as it stands and in order; each line's time is printed
+readme: $(VENV)/.tested
+	MESOTAP_README=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -s -n 0 tests/mesotap/test_readme.py
 
 # everything that continuous integration holds against a change
 check: lint types layers test-all

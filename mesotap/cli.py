@@ -120,7 +120,7 @@ def run(
 
     wire = WireOptions(record_wire, record_samples, log_wire)
     choice = RigChoice(simulate, emulate, seed, realtime)
-    begin(config, changes or (), choice, output, json, _console(json), wire)
+    begin(config, changes or (), choice, output, json, _console(json, output), wire)
 
 
 @app.command()
@@ -322,7 +322,7 @@ def analyze(
     from mesotap.commands.force_channel import ForceOptions
 
     options = ForceOptions(force, window, segment)
-    answer(files, method, rate, config, changes or (), report, json, _console(json), model, mac, options)
+    answer(files, method, rate, config, changes or (), report, json, _console(json, report), model, mac, options)
 
 
 @app.command()
@@ -341,7 +341,7 @@ def report(
     """Write the report of a session, finished or not."""
     from mesotap.commands.files import write_session_report
 
-    write_session_report(session, output, config, changes or (), json, _console(json))
+    write_session_report(session, output, config, changes or (), json, _console(json, output))
 
 
 @app.command()
@@ -364,7 +364,7 @@ def published(report: Report = None, json: JsonPath = None) -> None:
     """Analyse the paper's Tables 3 and 5 again, and list where its text contradicts itself."""
     from mesotap.commands.files import published as answer
 
-    answer(report, json, _console(json))
+    answer(report, json, _console(json, report))
 
 
 @app.command()
@@ -400,7 +400,7 @@ def paper_figures(
     """Draw the paper's Fig. 3, 5 to 9 again, and compare the numbers of its text with theory."""
     from mesotap.commands.theory import paper_figures as draw
 
-    draw(output, seed, json, _console(json))
+    draw(output, seed, json, _console(json, output))
 
 
 @app.command("import")
@@ -514,7 +514,7 @@ def diagnose(
     if published is not None:
         from mesotap.commands.theory import published_gap
 
-        published_gap(published, json, report, _console(json))
+        published_gap(published, json, report, _console(json, report))
         return
     if not files:
         raise typer.BadParameter("name a session file")
@@ -522,7 +522,7 @@ def diagnose(
     from mesotap.commands.diagnose import diagnose as find_out
 
     asked = Asked(rig, config, tuple(without or ()), json, report, 1 if contract == 1 else 2)
-    find_out(files, asked, _console(json))
+    find_out(files, asked, _console(json, report))
 
 
 @app.command()
@@ -576,10 +576,10 @@ def prove(
 
     with engine_of(cluster, jobs) as engine:
         if practice is not None:
-            prove_practice(practice, sessions, output, engine, own_folders(config), _console(json), json)
+            prove_practice(practice, sessions, output, engine, own_folders(config), _console(json, output), json)
         else:
             subject = RIGS if rigs else TESTER
-            folders, shown = own_folders(config), _console(json)
+            folders, shown = own_folders(config), _console(json, output)
             try_out(seed, sessions or 24, only, output, jobs, engine, folders, shown, subject, json)
 
 

@@ -57,7 +57,7 @@ def sweep(
     from mesotap.commands.campaign import sweep as begin
 
     with engine_of(cluster, jobs) as engine:
-        begin(design, output, engine, limits_of(task_time, task_memory), json, console(json))
+        begin(design, output, engine, limits_of(task_time, task_memory), json, console(json, output))
 
 
 @commands.command()

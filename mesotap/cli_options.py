@@ -26,11 +26,29 @@ JsonPath = Annotated[
 PIPED_WIDTH = 160  # of tables where no terminal says how wide it is
 
 
-def console(json: Path | None) -> Console:
-    """Where a command talks to a person: not where its answer for programs goes."""
+def console(json: Path | None, *made: Path | None) -> Console:
+    """Where a command talks to a person: not where its answer for programs goes.
+
+    Parameters
+    ----------
+    json
+        Where that goes.
+    made
+        Folders that the command is going to make.
+
+    Raises
+    ------
+    UnwrittenError
+        ``json`` is in a folder that is not there and that the command does not make: told now, not at its end.
+    """
     from mesotap.operator.terminal import SafeConsole
 
-    made = SafeConsole(stderr=str(json) == "-")
-    if not made.is_terminal:
-        made.width = PIPED_WIDTH
-    return made
+    if json is not None and str(json) != "-" and not any(json.parent in (m, *m.parents) for m in made if m):
+        from mesotap.commands.outputs import make_ready
+
+        make_ready(json, None)
+
+    found = SafeConsole(stderr=str(json) == "-")
+    if not found.is_terminal:
+        found.width = PIPED_WIDTH
+    return found

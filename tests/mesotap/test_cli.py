@@ -295,6 +295,19 @@ def test_one_bad_file_does_not_cost_the_others_their_answers(session, tmp_path):
     assert bad["format"] == "mesotap-refusal"
 
 
+@pytest.mark.parametrize("command", [["published"], ["mechanisms"], ["formats"], ["simulate", "tap.h5"]])
+def test_an_answer_that_cannot_be_written_is_told_before_anything_is_computed(command, tmp_path):
+    done = mesotap(*command, "--json", "no/folder/x.json", cwd=tmp_path, code=2)
+    assert done.stdout == ""
+    assert "no/folder/x.json: cannot be written: the folder does not exist" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_answer_may_lie_in_a_folder_that_the_command_makes(tmp_path):
+    mesotap("published", "--report", tmp_path / "new" / "page", "--json", tmp_path / "new" / "p.json")
+    assert json.loads((tmp_path / "new" / "p.json").read_text())["version"] == 1
+
+
 def test_json_on_standard_output_is_nothing_but_json():
     assert json.loads(mesotap("published", "--json", "-").stdout)["version"] == 1
 

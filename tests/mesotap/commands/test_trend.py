@@ -57,6 +57,11 @@ def test_copies_and_what_cannot_be_read_or_dated_does_not_count():
     assert [e.path for e in in_order([first, *others])] == ["/lab/s00"]
 
 
+def test_of_two_copies_the_one_with_results_counts():
+    first = sessions()[0]
+    assert in_order([replace(first, path="/a", loads=()), first]) == [first]
+
+
 def test_a_declared_quantity_is_no_chart():
     made, said = trends([replace(e, k1_n_per_m=538e3) for e in sessions()], None)
     assert "k1" not in {t.quantity for t in made}

@@ -20,6 +20,8 @@ def main() -> None:
     survive_any_text()
     try:
         ended = app(standalone_mode=False)
+        if ended == INTERRUPTED:  # what typer makes of an interrupt, without a word
+            raise KeyboardInterrupt
         if isinstance(ended, int) and ended:
             sys.exit(ended)
     except KeyboardInterrupt:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import inspect
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import h5py
@@ -421,3 +423,14 @@ def test_every_command_that_answers_or_writes_has_an_answer_for_programs(tmp_pat
     for command in COMMANDS:
         if command not in ("config", "console"):
             assert "--json" in mesotap(command, "--help").stdout, command
+
+
+def test_an_interrupt_is_said_and_ends_with_130(tmp_path):
+    command = [sys.executable, "-m", "mesotap", "figures", "-o", str(tmp_path / "figures")]
+    running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    until = time.monotonic() + 120.0
+    while not (tmp_path / "figures").exists() and running.poll() is None and time.monotonic() < until:
+        time.sleep(0.05)
+    running.send_signal(signal.SIGINT)
+    assert running.communicate(timeout=120.0)[1] == "mesotap: interrupted\n"
+    assert running.returncode == 130

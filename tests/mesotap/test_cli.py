@@ -426,10 +426,11 @@ def test_every_command_that_answers_or_writes_has_an_answer_for_programs(tmp_pat
 
 
 def test_an_interrupt_is_said_and_ends_with_130(tmp_path):
-    command = [sys.executable, "-m", "mesotap", "figures", "-o", str(tmp_path / "figures")]
-    running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    (tmp_path / "design.yaml").write_text("repeats: 1", encoding="utf-8")
+    command = [sys.executable, "-m", "mesotap", "sweep", "design.yaml", "-o", "sweep"]
+    running = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     until = time.monotonic() + 120.0
-    while not (tmp_path / "figures").exists() and running.poll() is None and time.monotonic() < until:
+    while not (tmp_path / "sweep/campaign.json").exists() and running.poll() is None and time.monotonic() < until:
         time.sleep(0.05)
     running.send_signal(signal.SIGINT)
     assert running.communicate(timeout=120.0)[1] == "mesotap: interrupted\n"

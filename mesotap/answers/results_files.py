@@ -17,9 +17,9 @@ from calibration.gauge import GaugeResult
 from calibration.weights import Gravity
 from daq.errors import one_line
 from mesotap.answers.budgets import COLUMNS, budget_rows, budgets_json
+from mesotap.answers.formats import MODES_FORMAT, RESULTS_FORMAT, VERSION
 from mesotap.answers.frequency_response import cross_check_json
 
-RESULTS_FORMAT, MODES_FORMAT, VERSION = "mesotap-results", "mesotap-modes", 1
 MODAL = ("f1_hz", "f2_hz", "zeta1", "zeta2")
 CONTACT = ("contact_stiffness_n_per_m", "contact_damping_n_s_per_m")
 QUANTITIES = ("load_mn", *MODAL, *CONTACT)

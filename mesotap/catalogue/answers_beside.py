@@ -12,7 +12,7 @@ from typing import Any
 
 from daq.errors import RecordingError
 from daq.regular import read_regular
-from mesotap.answers.results_files import RESULTS_FORMAT
+from mesotap.answers.formats import RESULTS_FORMAT
 from mesotap.catalogue.entry import Found, LoadEntry, MechanismEntry
 
 RESULTS, DIAGNOSIS = "results.json", "diagnosis.json"

@@ -11,8 +11,6 @@ from typing import Any
 from daq.errors import RecordingError
 from daq.journal import HEADER
 from daq.regular import read_regular
-from mesotap.catalogue.comparing import comparison_json
-from mesotap.catalogue.curves import read_compared
 from mesotap.catalogue.entry import Entry
 from mesotap.catalogue.folders import LARGEST_HEADER, read_folder
 from mesotap.catalogue.known import catalogued
@@ -99,6 +97,9 @@ def comparison_of(sessions: Sequence[PastSession]) -> dict[str, Any]:
     MesotapError
         One of them has no results that tell what their uncertainty is made of.
     """
+    from mesotap.catalogue.comparing import comparison_json  # the server is quick to start without the numerics
+    from mesotap.catalogue.curves import read_compared
+
     told = []
     for session in sessions:
         header = json.loads(read_regular(session.path / HEADER, LARGEST_HEADER, "a session's header"))

@@ -19,6 +19,7 @@ import scipy.io
 
 from tests.mesotap.benches import SMALL
 from tests.mesotap.forked_command import run_forked
+from tests.mesotap.interruptible import interruptible
 
 CONTRACTS = Path(__file__).parents[1] / "contracts"
 COMMANDS = ["run", "resume", "calibrate", "analyze", "report", "simulate", "published", "surface", "figures"]
@@ -428,7 +429,14 @@ def test_every_command_that_answers_or_writes_has_an_answer_for_programs(tmp_pat
 def test_an_interrupt_is_said_and_ends_with_130(tmp_path):
     (tmp_path / "design.yaml").write_text("repeats: 1", encoding="utf-8")
     command = [sys.executable, "-m", "mesotap", "sweep", "design.yaml", "-o", "sweep"]
-    running = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    running = subprocess.Popen(
+        command,
+        cwd=tmp_path,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=interruptible,
+    )
     until = time.monotonic() + 120.0
     while not (tmp_path / "sweep/campaign.json").exists() and running.poll() is None and time.monotonic() < until:
         time.sleep(0.05)

@@ -21,6 +21,7 @@ from mesotap.campaigns.engine import Engine, Outcomes, Processes, Run
 from mesotap.campaigns.errors import CampaignError
 from mesotap.campaigns.one_task import Limits, result_file, run_task
 from mesotap.campaigns.task import Task, content_sha256, program_sha256
+from tests.mesotap.interruptible import interruptible
 
 LIMITS = Limits(time_s=60.0)
 STAND_IN = """
@@ -224,7 +225,7 @@ def test_a_campaign_that_was_ended_goes_on(tmp_path: Path, number: signal.Signal
     commands = {"slow": ["slow", str(log), "40"], **{f"t{i}": ["answer", str(i)] for i in range(3)}}
     campaign = planned(tmp_path / "c", **commands)
     command = [sys.executable, "-c", CARRY_OUT, str(campaign.folder), str(one_task.PACKAGE_ROOT)]
-    child = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    child = subprocess.Popen(command, stderr=subprocess.DEVNULL, preexec_fn=interruptible)
     until = time.monotonic() + 60.0
     while not (log.exists() and len(answers(campaign)) == 3) and time.monotonic() < until:
         time.sleep(0.02)

@@ -74,7 +74,7 @@ def chart(values: Sequence[float] | Real) -> Chart:
 
     Examples
     --------
-    >>> steady = [1.0, 1.2, 0.9, 1.1, 1.0, 0.8, 1.1, 0.9, 1.2, 1.0]
+    >>> steady = [1.0, 1.2, 0.9, 1.1, 1.0, 0.8, 1.1, 1.2, 1.0, 0.9]
     >>> [alarm.since for alarm in chart([*steady, *(v + 1 for v in steady)]).alarms]
     [10]
     """

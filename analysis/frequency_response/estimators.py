@@ -77,7 +77,7 @@ class FrequencyResponse:
     coherence
         (c, k) ordinary coherence; 1 throughout where there is but one average, which tells nothing.
     random_error
-        (c, k) relative standard error of |H1|, and standard error of its phase in rad; NaN for one average.
+        (c, k) relative standard error of the size of H1, and that of its phase in rad; NaN for one average.
     force_spectrum
         (k,) root mean square over the averages of the force's Fourier transform, N/Hz, for impacts; the root of its
         power spectral density, N/sqrt(Hz), for a lasting force.
@@ -111,7 +111,7 @@ class FrequencyResponse:
     notes: tuple[str, ...] = ()
 
     def interval(self, channel: int = 0) -> tuple[Real, Real]:
-        """Return the ends of the 95 % interval of |H1| of a channel, (k,) each; NaN for one average."""
+        """Return the ends of the 95 % interval of the magnitude of H1 of a channel, (k,) each; NaN for one average."""
         size, error = np.abs(self.h1[channel]), 1.959964 * self.random_error[channel]
         return size * np.maximum(0.0, 1 - error), size * (1 + error)
 
@@ -149,7 +149,7 @@ def estimators(spectra: Spectra) -> tuple[Complex, Complex, Complex, Real]:
 
 
 def random_error(coherence: Real, averages: float) -> Real:
-    """Return the relative standard error of |H1|, that of its phase in rad (Bendat and Piersol, Eq. 9.90).
+    """Return the relative standard error of the size of H1, that of its phase in rad (Bendat and Piersol, Eq. 9.90).
 
     NaN for one average, whose coherence is 1 whatever the noise.
 

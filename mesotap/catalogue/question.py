@@ -118,8 +118,8 @@ def asked(where: str = "", options: Mapping[str, str | None] | None = None) -> N
 
     Examples
     --------
-    >>> asked("load:300..500")
-    All(parts=(Within(key='load', low=300.0, high=500.0),))
+    >>> asked("load:300..500").parts[0].high
+    500.0
     """
     given = tuple(term(key, value) for key, value in (options or {}).items() if value is not None)
     return All((*given, *parsed(where).parts))

@@ -21,12 +21,12 @@ from analysis.frequency_response.impacts import Window, of_recording
 from analysis.mismatch.answer import Answer
 from analysis.modal.identify import RingDownModes, identify_ring_down
 from analysis.results import SessionResults
-from analysis.session import analyse_session
 from analysis.settings import FlatContact, SphereContact
 from analysis.stiffness import contact_from_pole, pole
 from calibration.estimate import Estimate
 from daq.errors import RecordingError
 from daq.records import Session
+from mesotap.answers.analysing import analysed_as_configured
 from rig.errors import MesotapError
 
 __all__ = [
@@ -147,10 +147,7 @@ def identify(
     except ConfigError:  # written by another program; the recording is as good as ever
         config = Config()
     settings = config.analysis.model_copy(update={"method": method})
-    rig = config.rig
-    return analyse_session(
-        recording, settings, config.calibration, rig.masses, rig.springs, on_progress, wiring=rig.wiring
-    )
+    return analysed_as_configured(recording, config.model_copy(update={"analysis": settings}), on_progress)
 
 
 @overload

@@ -9,8 +9,8 @@ from rich.progress import Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 
 from analysis.results import SessionResults
-from analysis.session import analyse_session
 from daq.records import Session
+from mesotap.answers.analysing import analysed_as_configured
 from mesotap.answers.frequency_response import show_cross_checks
 from mesotap.answers.rounding import with_uncertainty
 from mesotap.configuration.config import Config
@@ -29,15 +29,7 @@ def analysed(
             shown.update(task, description=text)
             on_progress(text)
 
-        return analyse_session(
-            session,
-            config.analysis,
-            config.calibration,
-            config.rig.masses,
-            config.rig.springs,
-            show,
-            wiring=config.rig.wiring,
-        )
+        return analysed_as_configured(session, config, show)
 
 
 def show_session(results: SessionResults, console: Console) -> None:

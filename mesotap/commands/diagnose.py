@@ -222,7 +222,7 @@ def _analysed(session: Session) -> SessionResults | None:
     rig = rig_settings(session)
     try:
         return analyse_session(
-            session, AnalysisSettings(), CalibrationSettings(), rig.masses, rig.springs, lambda done, total: None
+            session, AnalysisSettings(), CalibrationSettings(), rig.masses, rig.springs, wiring=rig.wiring
         )
     except AnalysisError:
         return None

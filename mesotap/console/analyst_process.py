@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from analysis.contact.theory import theory
 from analysis.results import ImpactResult, LoadResult, SessionResults
-from analysis.session import AnalysisError, analyse_session
+from analysis.session import AnalysisError
 from analysis.statistics import BoxStatistics
 from calibration.estimate import Estimate
 from calibration.line import CalibrationError, compare
@@ -30,6 +30,7 @@ from daq.errors import RecordingError
 from daq.records import CalibrationPoints, Impact, Session
 from daq.session_file import write_session
 from mesotap import __version__
+from mesotap.answers.analysing import analysed_as_configured
 from mesotap.configuration.config import Config, parse_config
 from mesotap.console.frames import Message, frame, read_frame
 from mesotap.session.progress import describe_rig
@@ -157,14 +158,7 @@ class Analyst:
     def _analysed(self, impacts: list[Impact]) -> SessionResults:
         config = self._config
         session = replace(self._session(tuple(impacts)), post=None)
-        return analyse_session(
-            session,
-            config.analysis,
-            config.calibration,
-            config.rig.masses,
-            config.rig.springs,
-            wiring=config.rig.wiring,
-        )
+        return analysed_as_configured(session, config)
 
     def _calibration(self, when: str) -> CalibrationPoints | None:
         weights = len(set(self._config.calibration.weights_mn))
@@ -253,14 +247,7 @@ def warm_up() -> None:
         impacts.append(Impact(number, 0, 300.0, 300.0, 300.0, "2026-01-01T00:00:00.000Z", rate, before, record, True))
     session = Session("2026-01-01T00:00:00.000Z", describe_rig(config.rig), tuple(impacts))
     try:
-        analyse_session(
-            session,
-            config.analysis,
-            config.calibration,
-            config.rig.masses,
-            config.rig.springs,
-            wiring=config.rig.wiring,
-        )
+        analysed_as_configured(session, config)
     except NOT_ANALYSED:
         return
 

@@ -89,6 +89,11 @@ class Taps:
     reasons: str
     left_out: int = 0
 
+    @property
+    def rejected(self) -> int:
+        """Taps that were not sound."""
+        return self.made - self.accepted - self.left_out
+
 
 def write_report(
     folder: Path,

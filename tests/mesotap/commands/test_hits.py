@@ -57,6 +57,7 @@ def test_what_was_left_out_is_told_by_report_info_and_hits(session: Path, tmp_pa
     assert "2 left out by the choice of hits" in page
     rejected = sum(not i.accepted for i in read_session(session).impacts) - 2
     assert f"{rejected} of {len(read_session(session).impacts)} rejected" in page
+    assert f"<td>3 / {rejected}</td>" in page
 
 
 def test_another_choice_goes_to_a_new_file_and_can_be_undone(session: Path, tmp_path: Path) -> None:

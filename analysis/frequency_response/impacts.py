@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal, get_args
 
 import numpy as np
@@ -30,6 +31,9 @@ FEWEST_LINES = 64
 
 DOUBLE_S = 0.05
 """Within which after a hit another one is the same hammer bouncing, s: nobody taps twenty times a second."""
+
+RINGING_SHARE = 0.01
+"""Of the response at a hit, left of the one before, from which it is told: H is wrong by about as much near a mode."""
 
 OVERLAP = 0.5
 STRETCHES = 16
@@ -62,6 +66,7 @@ def of_hits(
     band: BandPass | None = None,
     largest_force: float = math.inf,
     windows: bool = True,
+    at_rest: bool = True,
 ) -> Measured:
     """Average the hits of one state of a rig.
 
@@ -79,6 +84,8 @@ def of_hits(
         What transducer, tip and recorder can hold, N; a hit that reaches it is left out.
     windows
         Whether force and exponential windows are applied; without, the samples are taken as they are.
+    at_rest
+        Whether the rig is at rest before each hit, so that a response's zero can be taken from there.
 
     Raises
     ------
@@ -111,7 +118,7 @@ def of_hits(
             f"the hammer pulls in {len(pushed) - sum(pushed)} of {len(pushed)} hits, which none can: its sign is "
             "reversed (its polarity, or the program that wrote it, counts a push negative); it is taken as a push"
         )
-    force, response, decay = _stretches(taken, rate_hz, band, windows)
+    force, response, decay = _stretches(taken, rate_hz, band, windows, at_rest and windows)
     spectra = transforms(force, response)
     frequency = np.asarray(np.fft.rfftfreq(force.shape[1], 1 / rate_hz)[1:], np.float64)
     if band is not None:
@@ -123,7 +130,7 @@ def of_hits(
 
 
 def _stretches(
-    taken: Sequence[tuple[HitRecord, Hit]], rate_hz: float, band: BandPass | None, windows: bool
+    taken: Sequence[tuple[HitRecord, Hit]], rate_hz: float, band: BandPass | None, windows: bool, at_rest: bool
 ) -> tuple[Real, Real, float]:
     """Return windowed force (d, n) and response (d, c, n) from just before each hit on, and the window's decay, 1/s."""
     starts = [max(0, hit.first - LEAD_SAMPLES) for _, hit in taken]
@@ -132,7 +139,7 @@ def _stretches(
     for (record, hit), start in zip(taken, starts, strict=True):
         f = math.copysign(1.0, hit.peak) * (gated(record.force, hit, rate_hz, band) if windows else record.force)
         x = record.response
-        if windows and start >= LEAD_SAMPLES:
+        if at_rest and start >= LEAD_SAMPLES:
             x = x - x[:, :start].mean(axis=1, keepdims=True)
         forces.append(f[start : start + length])
         responses.append(x[:, start : start + length])
@@ -198,16 +205,50 @@ def of_recording(
         raise ForceError(f"a stretch of {segment_s:g} s holds fewer than {FEWEST_LINES} samples: take a longer one")
     if window == "hann" or (window == "auto" and is_lasting(force)):
         return _of_lasting(force, response, rate_hz, channels, unit, segment_s)
-    hits = _first_of_each(hits_in(force, rate_hz), rate_hz)
-    begins = [max(0, hit.first - 2 * LEAD_SAMPLES) for hit in hits]
-    ends = [*begins[1:], force.size]
+    parts = after_each_hit(force, rate_hz)
+    if window != "none" and parts[0].start >= LEAD_SAMPLES:  # later ones come while the rig may ring
+        response = response - response[:, : parts[0].start].mean(axis=1, keepdims=True)
     longest = None if segment_s is None else round(segment_s * rate_hz) + 2 * LEAD_SAMPLES
     records = []
-    for number, (begin, end) in enumerate(zip(begins, ends, strict=True)):
-        last = end if longest is None else min(end, begin + longest)
-        part = slice(begin, last)
+    for number, whole in enumerate(parts):
+        begin = whole.start
+        part = slice(begin, whole.stop if longest is None else min(whole.stop, begin + longest))
         records.append(HitRecord(force[part], response[:, part], f"hit {number + 1} at {begin / rate_hz:.3g} s"))
-    return of_hits(_of_one_length(records), rate_hz, channels, unit, windows=window != "none").response
+    found = of_hits(_of_one_length(records), rate_hz, channels, unit, windows=window != "none", at_rest=False).response
+    return with_notes(found, _still_ringing(response, parts))
+
+
+def after_each_hit(force: Real, rate_hz: float) -> list[slice]:
+    """Return where each hit of a force (n,) begins, a little before its pulse, and the next one or the end is.
+
+    Raises
+    ------
+    ForceError
+        The force is dead, or shows no hit.
+    """
+    hits = _first_of_each(hits_in(force, rate_hz), rate_hz)
+    begins = [max(0, hit.first - 2 * LEAD_SAMPLES) for hit in hits]
+    return [slice(begin, end) for begin, end in zip(begins, [*begins[1:], force.size], strict=True)]
+
+
+def _still_ringing(response: Real, parts: Sequence[slice]) -> list[str]:
+    """Say where a response (c, n) had not died away when the next hit came: what was left is taken for its answer."""
+    before = response[:, : parts[0].start]
+    noise = np.mean(before**2, axis=1) if before.shape[1] >= LEAD_SAMPLES else np.zeros(len(response))
+    worst = 0.0
+    for earlier, part in pairwise(parts):
+        width = max(2, (earlier.stop - earlier.start) // 10)
+        left = np.mean(response[:, earlier.stop - width : earlier.stop] ** 2, axis=1) - noise
+        begun = np.mean(response[:, part.start : part.start + width] ** 2, axis=1)
+        share = np.sqrt(np.maximum(left, 0.0) / np.maximum(begun, np.finfo(float).tiny))
+        worst = max(worst, float(share.max()))
+    if worst < RINGING_SHARE:
+        return []
+    return [
+        f"{worst:.0%} of the response was left of one hit when the next one came: near a mode that rings so long, and "
+        "below it, the responses are wrong by about as much, which their random error does not hold; wait longer "
+        "between hits"
+    ]
 
 
 def _first_of_each(hits: Sequence[Hit], rate_hz: float) -> list[Hit]:

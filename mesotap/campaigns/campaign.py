@@ -124,9 +124,23 @@ class Campaign:
             raise CampaignError(f"{path}: is not the plan of a campaign") from error
 
     def result(self, name: str) -> dict[str, Any] | None:
-        """Return task, answers and provenance of a task that is done."""
+        """Return task, answers and provenance of a task that is done.
+
+        Raises
+        ------
+        CampaignError
+            The file is not as it was written.
+        """
         path = result_file(self.folder, self.digests[name])
-        return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+        if not path.exists():
+            return None
+        try:
+            found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+            return {key: found[key] for key in ("task", "answers", "provenance")}
+        except (ValueError, KeyError, TypeError) as error:
+            raise CampaignError(
+                f"{path}: is damaged; remove it, and 'mesotap campaign {self.folder} --resume' makes it again"
+            ) from error
 
     def failures(self, name: str) -> list[str]:
         """Return what went wrong at each attempt."""

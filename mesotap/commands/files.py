@@ -29,7 +29,7 @@ from mesotap.answers.provenance import provenance
 from mesotap.answers.results_files import modes_json, results_json
 from mesotap.answers.rounding import significant, with_uncertainty
 from mesotap.commands.answers import analysed, show_session
-from mesotap.commands.force_channel import ForceOptions, by_force, without
+from mesotap.commands.force_channel import ForceOptions, by_force
 from mesotap.commands.outputs import write_json
 from mesotap.commands.recordings import opened as opened_file
 from mesotap.commands.recordings import session_file, show_left_out, show_remarks
@@ -135,16 +135,16 @@ def _analyze_recording(
 ) -> dict[str, Any]:
     """Modes of a recording that is no session, and its frequency responses where a channel of it is a force."""
     found = by_force(recording, force, lambda text: console.print(f"- {escape(text)}", highlight=False, soft_wrap=True))
-    motions = recording if found is None else without(recording, found.channel)
+    motions = found.motions
     try:
         modes = modes_of(motions, config.analysis.method)
     except FitFailure as error:
-        if found is None:
+        if found.response is None:
             raise
         # what is driven all the time has no ring-down, and its responses are as good as ever
         modes = RecordingModes(recording.source, config.analysis.method, (), (f"no ring-down: {error}",))
     _show_modes(modes, console)
-    responses = None if found is None else found.response
+    responses = found.response
     if responses is not None:
         show_response(responses, console)
     # said already; the answer and the page hold it too
@@ -166,8 +166,7 @@ def _other(file: Path, rate: float | None, method: str) -> tuple[Recording, Reco
     if isinstance(opened, Session) and opened.rig.is_tester:
         raise RecordingError(f"{file}: is a session of the tester; --mac compares the modes of other recordings")
     recording = _as_recording(opened) if isinstance(opened, Session) else opened
-    found = by_force(recording, NO_FORCE, lambda text: None)
-    motions = recording if found is None else without(recording, found.channel)
+    motions = by_force(recording, NO_FORCE, lambda text: None).motions
     return motions, modes_of(motions, method)
 
 

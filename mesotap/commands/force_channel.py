@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from analysis.frequency_response.estimators import ForceError, FrequencyResponse
-from analysis.frequency_response.impacts import Window, of_recording, with_notes
+from analysis.frequency_response.hits import is_lasting
+from analysis.frequency_response.impacts import Window, after_each_hit, of_recording, with_notes
 from daq.errors import RecordingError
 from daq.exchange import Recording
 from daq.exchange.units import newtons
@@ -30,14 +31,22 @@ class ForceOptions:
 
 @dataclass(frozen=True, slots=True)
 class ByForce:
-    """Which channel is the force, and the responses of all others to it."""
+    """What a recording's forces tell.
 
-    channel: int
-    response: FrequencyResponse
+    Attributes
+    ----------
+    motions
+        The recording whose modes are to be found: without its forces, and of several hits the longest decay.
+    response
+        Of all other channels to the force; None where it cannot be had.
+    """
+
+    motions: Recording
+    response: FrequencyResponse | None
 
 
-def by_force(recording: Recording, options: ForceOptions, say: Callable[[str], None]) -> ByForce | None:
-    """Return the frequency responses of a recording of which a channel is a force; None where none is.
+def by_force(recording: Recording, options: ForceOptions, say: Callable[[str], None]) -> ByForce:
+    """Return the frequency responses of a recording of which a channel is a force, and what its modes are found in.
 
     Where nobody asked for them, what stands in their way is only said: the recording has its modes all the same.
 
@@ -53,12 +62,33 @@ def by_force(recording: Recording, options: ForceOptions, say: Callable[[str], N
                 f"{recording.source}: has no channel in N, mN, kN, lbf or kgf: say with --force which one is the "
                 "hammer's"
             )
-        return None if channel is None else ByForce(channel, responses_of(recording, channel, options))
+        if channel is None:
+            return ByForce(recording, None)
+        found = responses_of(recording, channel, options)
     except RecordingError as error:
         if options.any:
             raise
         say(f"no frequency response: {str(error).removeprefix(f'{recording.source}: ')}")
-        return None
+        return ByForce(without(recording, _forces(recording)), None)
+    return ByForce(_one_decay(recording, channel, say), found)
+
+
+def _one_decay(recording: Recording, channel: int, say: Callable[[str], None]) -> Recording:
+    """Return a recording without its force; of several hits only the longest decay, as modes have no other."""
+    motions, force = without(recording, [channel]), recording.data[channel]
+    if is_lasting(force):
+        return motions
+    parts = after_each_hit(force, recording.rate_hz)
+    if len(parts) == 1:
+        return motions
+    longest = max(parts, key=lambda part: part.stop - part.start)
+    begin, end = longest.start / recording.rate_hz, longest.stop / recording.rate_hz
+    say(f"the force shows {len(parts)} hits: the modes are those of the longest decay, {begin:.4g} to {end:.4g} s")
+    return replace(motions, data=np.ascontiguousarray(motions.data[:, longest]))
+
+
+def _forces(recording: Recording) -> list[int]:
+    return [i for i, unit in enumerate(_units(recording)) if newtons(unit) is not None]
 
 
 def force_of(recording: Recording, named: str | None) -> int | None:
@@ -76,7 +106,7 @@ def force_of(recording: Recording, named: str | None) -> int | None:
         if named.isascii() and named.isdigit() and len(named) < 9 and int(named) < len(names):
             return int(named)
         raise RecordingError(f"{recording.source}: --force {named:.40}: it has no such channel, only {_listed(names)}")
-    forces = [i for i, unit in enumerate(_units(recording)) if newtons(unit) is not None]
+    forces = _forces(recording)
     if len(forces) > 1:
         raise RecordingError(
             f"{recording.source}: channels {_listed([names[i] for i in forces])} are all forces: say with --force "
@@ -128,9 +158,9 @@ def responses_of(recording: Recording, force: int, options: ForceOptions) -> Fre
     return with_notes(found, notes)
 
 
-def without(recording: Recording, channel: int) -> Recording:
-    """Return a recording without one channel."""
-    left = [i for i in range(len(recording.names)) if i != channel]
+def without(recording: Recording, channels: Sequence[int]) -> Recording:
+    """Return a recording without some channels; all of them where nothing would be left."""
+    left = [i for i in range(len(recording.names)) if i not in channels] or list(range(len(recording.names)))
     units = tuple(recording.units[i] for i in left) if recording.units else ()
     common = units[0] if units and len(set(units)) == 1 else recording.unit
     return replace(

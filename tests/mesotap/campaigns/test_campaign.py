@@ -259,3 +259,13 @@ def test_a_result_is_whole_or_absent(tmp_path: Path):
     files = [path.name for path in (campaign.folder / "results").iterdir()]
     assert files == [f"{campaign.digests['one']}.json"]
     assert json.loads((campaign.folder / "results" / files[0]).read_bytes())["answers"]
+
+
+@pytest.mark.usefixtures("program")
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"{}", b"\0" * 100])
+def test_a_damaged_result_gets_a_sentence(tmp_path: Path, content: bytes):
+    campaign = planned(tmp_path / "c", one=["answer"])
+    campaign.carry_out(Processes(1), LIMITS, quiet)
+    result_file(campaign.folder, campaign.digests["one"]).write_bytes(content)
+    with pytest.raises(CampaignError, match="is damaged; remove it"):
+        campaign.result("one")

@@ -18,6 +18,7 @@ from mesotap.commands.force_channel import ForceOptions
 from tests.analysis.frequency_response.hits_of_two import M1, M2, RATE, hits
 
 KC, CC = 8.0e6, 40.0
+LIGHT = ((356.36, 0.0025), (1768.9, 0.0046))  # Hz and damping ratio
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +48,64 @@ def _responses(path: Path, tmp_path: Path, *options: object) -> dict:
     code, said = _analyzed(path, "--json", out, *options)
     assert code == 0, said
     return json.loads(out.read_text())
+
+
+def _ringing_on(rng: np.random.Generator, hits: int, apart_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Force, and two masses by the closed form of their impulse response; they still ring when the next hit comes."""
+    n = round((0.05 + hits * apart_s) * RATE)
+    t = np.arange(n) / RATE
+    force = np.zeros(n)
+    for i in range(hits):
+        at = (t - 0.05 - i * apart_s) / 3e-4
+        force += 20.0 * np.where((at >= 0) & (at <= 1), np.sin(np.pi * at), 0.0)
+    response = []
+    for shape in (-1.0, 1.0):
+        impulse = np.zeros(n)
+        for sign, (f, zeta) in ((1.0, LIGHT[0]), (shape, LIGHT[1])):
+            pole = 2 * np.pi * f * (-zeta + 1j * np.sqrt(1 - zeta**2))
+            impulse += sign * (pole**2 * np.exp(pole * t) / (1j * pole.imag)).real / (M1 + M2)
+        felt = np.fft.irfft(np.fft.rfft(force, 2 * n) * np.fft.rfft(impulse, 2 * n))[:n] / RATE
+        felt += (1 + shape) * force / (M1 + M2)  # an acceleration follows its force at once
+        response.append(felt + 0.05 * rng.standard_normal(n) + 0.02)
+    return force + 0.01 * rng.standard_normal(n), np.array(response)
+
+
+def test_modes_of_several_hits_are_those_of_one_decay_and_ringing_at_the_next_is_told(tmp_path) -> None:
+    force, (upper, lower) = _ringing_on(np.random.default_rng(11), 5, 0.41)
+    path = _written(tmp_path / "n.csv", ["hammer [N]", "upper [m/s2]", "lower [m/s2]"], [force, upper, lower])
+    answer = _responses(path, tmp_path)
+    assert len(answer["modes"]) == 2
+    for mode, (f, zeta) in zip(answer["modes"], LIGHT, strict=True):
+        for quantity, true in (("frequency_hz", f), ("damping_ratio", zeta)):
+            found = mode[quantity]
+            assert abs(found["value"] - true) < found["high"] - found["low"]  # four standard errors
+    assert any("was left of one hit when the next one came" in note for note in answer["frequency_response"]["notes"])
+
+
+def test_hits_that_are_far_apart_are_not_said_to_ring(tmp_path) -> None:
+    force, (upper, lower) = _ringing_on(np.random.default_rng(12), 3, 1.3)
+    path = _written(tmp_path / "n.csv", ["hammer [N]", "upper [m/s2]", "lower [m/s2]"], [force, upper, lower])
+    found = _responses(path, tmp_path)["frequency_response"]
+    assert not any("was left of one hit" in note for note in found["notes"])
+    # far below f1 the acceleration of both is that of their springs, and small: the offset is not in it
+    f, h = np.array(found["frequency_hz"]), np.array(found["h1"])[:, :, 0] + 1j * np.array(found["h1"])[:, :, 1]
+    s = 2j * np.pi * f
+    for channel, shape in enumerate((-1.0, 1.0)):
+        true = np.zeros_like(s)
+        for sign, (f0, zeta) in ((1.0, LIGHT[0]), (shape, LIGHT[1])):
+            true = true + sign * s**2 / (s**2 + 2 * zeta * (2 * np.pi * f0) * s + (2 * np.pi * f0) ** 2) / (M1 + M2)
+        band = (f > 200) & (f < 300)
+        assert np.abs(h[channel, band]) == pytest.approx(np.abs(true[band]), rel=0.05)
+
+
+@pytest.mark.parametrize("fault", ["dead", "two"])
+def test_forces_that_give_no_response_are_no_motions_either(tmp_path, samples, fault) -> None:
+    force, (_, lower) = samples
+    columns = [0 * force, lower] if fault == "dead" else [force, force, lower]
+    heads = ["hammer [N]", "lower [m/s2]"] if fault == "dead" else ["hammer [N]", "cell [N]", "lower [m/s2]"]
+    answer = _responses(_written(tmp_path / "x.csv", heads, columns), tmp_path)
+    assert "frequency_response" not in answer
+    assert all(len(mode["shape"]) == 1 for mode in answer["modes"])
 
 
 def test_a_channel_in_newtons_gives_frequency_responses_and_is_no_channel_of_the_modes(tmp_path, samples) -> None:

@@ -8,25 +8,32 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from mesotap.campaigns.design import DIAGNOSIS, RESULTS, Planned
+from mesotap.campaigns.design import DIAGNOSIS, RESULTS
 
 QUANTITIES = ("load_mn", "f1_hz", "f2_hz", "zeta1", "zeta2", "contact_stiffness_n_per_m", "contact_damping_n_s_per_m")
 ENDS = ("value", "low", "high")
 
 
-def sweep_csv(sessions: Iterable[tuple[str, Planned, Mapping[str, Any] | None]], factors: Iterable[str]) -> bytes:
-    """Return the answers of sessions that are done as CSV; sessions without one have no row."""
-    names = list(factors)
+def sweep_csv(sessions: Iterable[tuple[str, Mapping[str, Any], Mapping[str, Any] | None]]) -> bytes:
+    """Return the answers of sessions that are done as CSV; sessions without one have no row.
+
+    Parameters
+    ----------
+    sessions
+        Name, what was planned (``varied`` and ``seed``), and the result, of each.
+    """
+    listed = list(sessions)
+    names = list(listed[0][1]["varied"]) if listed else []
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     said = ("verdict", "named", "probability")
     columns = [f"{q}_{end}" for q in QUANTITIES for end in ENDS]
     writer.writerow(["session", *names, "seed", "target_load_mn", "impacts_used", *columns, *said])
-    for name, planned, result in sessions:
+    for name, planned, result in listed:
         if result is not None:
-            varied = [_cell(planned.factors[key]) for key in names]
+            varied = [_cell(planned["varied"][key]) for key in names]
             for row in _rows(result["answers"]):
-                writer.writerow([name, *varied, planned.seed, *row])
+                writer.writerow([name, *varied, planned["seed"], *row])
     return out.getvalue().encode()
 
 

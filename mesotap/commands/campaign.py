@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,7 +22,7 @@ from mesotap.commands.outputs import make_ready, write_json
 from mesotap.commands.progress import progress
 from mesotap.operator.terminal import escape
 
-TABLE = "sweep.csv"
+TABLE, PLANNED = "sweep.csv", "sweep.json"
 LONGEST_SHOWN = 200  # characters of a failure in the table
 
 
@@ -39,12 +40,12 @@ def sweep(path: Path, output: Path, engine: Engine, limits: Limits, json_path: P
     title = f"mesotap sweep {design.title}"
     files = {digest: p.config for p in sessions.values() for digest in p.task.inputs.values()}
     campaign = Campaign.plan(output, title, {name: p.task for name, p in sessions.items()}, files)
+    about = {name: {"varied": dict(p.factors), "seed": p.seed} for name, p in sessions.items()}
+    write_whole(output / PLANNED, (json.dumps(about, indent=1) + "\n").encode())
     with progress(console, "simulating") as shown:
         campaign.carry_out(engine, limits, shown)
-    results = ((name, p, campaign.result(name)) for name, p in sessions.items())
-    write_whole(output / TABLE, sweep_csv(results, design.vary))
     _show_sweep(campaign, sessions, console)
-    console.print(f"table        {escape(output / TABLE)}", highlight=False, soft_wrap=True)
+    _write_table(campaign, console)
     write_json(json_path, {**standing(campaign), "table": str(output / TABLE)})
     _refuse_incomplete(campaign)
 
@@ -72,6 +73,7 @@ def campaign(
     if go_on or retry:
         with progress(console, opened.title) as shown:
             opened.carry_out(engine, limits, shown)
+        _write_table(opened, console)
     found = standing(opened)
     console.print(escape(opened.title), highlight=False, soft_wrap=True)
     _show_counts(Counter({k: found[k] for k in ("done", "owed", "set_aside")}), console)
@@ -79,6 +81,21 @@ def campaign(
     write_json(json_path, found)
     if go_on or retry:
         _refuse_incomplete(opened)
+
+
+def _write_table(campaign: Campaign, console: Console) -> None:
+    """Write the answers of a sweep that are there; other campaigns have no table."""
+    file = campaign.folder / PLANNED
+    if not file.exists():
+        return
+    try:
+        about = json.loads(file.read_text(encoding="utf-8"))
+        listed = [(name, about[name], campaign.result(name)) for name in campaign.digests]
+        content = sweep_csv(listed)
+    except (ValueError, KeyError, TypeError) as error:
+        raise CampaignError(f"{file}: is damaged; 'mesotap sweep' with the same design writes it anew") from error
+    write_whole(campaign.folder / TABLE, content)
+    console.print(f"table        {escape(campaign.folder / TABLE)}", highlight=False, soft_wrap=True)
 
 
 def standing(campaign: Campaign) -> dict[str, Any]:

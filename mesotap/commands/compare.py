@@ -15,7 +15,7 @@ from daq.records import Session
 from mesotap.answers.results_files import results_json
 from mesotap.answers.rounding import significant
 from mesotap.catalogue.answers_beside import result_files
-from mesotap.catalogue.comparing import Difference, comparison_json, differences
+from mesotap.catalogue.comparing import CLOSE, Difference, comparison_json, differences
 from mesotap.catalogue.curves import DAMPING, STIFFNESS, Compared, compared_from, read_compared
 from mesotap.catalogue.groups import GroupAnswer, Member, compare_groups, groups_json
 from mesotap.commands.answers import analysed
@@ -51,7 +51,10 @@ def compare(wanted: Wanted, json_path: Path | None, console: Console) -> None:
     sessions = [member.session for member in members]
     answer = comparison_json(sessions)
     if wanted.by == "session":
-        _show(differences(sessions), console)
+        found = differences(sessions)
+        if not found:
+            raise RecordingError(f"no two of these sessions have loads within {CLOSE:.0%} of each other to compare")
+        _show(found, console)
     else:
         answer["groups"] = _by_groups(members, answer, console)
     for session in sessions:

@@ -14,7 +14,7 @@ from rich.console import Console
 from mesotap.campaigns.design import Design, planned, read_design
 from mesotap.campaigns.engine import Processes
 from mesotap.campaigns.one_task import Limits
-from mesotap.commands.campaign import TABLE, sweep
+from mesotap.commands.campaign import TABLE, campaign, sweep
 from mesotap.configuration.config import parse_config
 from rig.errors import MesotapError
 
@@ -106,4 +106,7 @@ def test_a_sweep_is_a_table_of_its_answers_and_is_not_done_again(tmp_path: Path)
     began = {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "results").iterdir()}
     sweep(path, tmp_path / "out", Processes(2), Limits(), None, quiet)
     assert {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "results").iterdir()} == began
+    assert (tmp_path / "out" / TABLE).read_bytes() == table
+    (tmp_path / "out" / TABLE).unlink()
+    campaign(tmp_path / "out", True, False, Processes(2), Limits(), None, quiet)
     assert (tmp_path / "out" / TABLE).read_bytes() == table

@@ -224,7 +224,7 @@ def analyse_session(
         impacts=tuple(impacts),
         calibration=history.result(),
         springs_n_per_m=(known.k1, known.k2),
-        notes=(*notes, *history.notes),
+        notes=(*session.refused, *notes, *history.notes),
         hammer=cross_checks(session, k_c, masses, springs, beside.wiring),
     )
 
@@ -536,7 +536,7 @@ def _load_notes(used: Sequence[ImpactResult], found: Sequence[ImpactModes], hist
     ratios = [m.residual_ratio for m in found if math.isfinite(m.residual_ratio)]
     if ratios and float(np.median(ratios)) > POOR_FIT:
         notes.append(
-            f"the two modes leave {np.median(ratios):.1f} times the noise's variance: the model is not complete here"
+            f"the two modes leave {np.median(ratios):.3g} times the noise's variance: the model is not complete here"
         )
     for sentence in sorted({n for m in found for n in m.notes if n.startswith("a further mode")}):
         notes.append(sentence)

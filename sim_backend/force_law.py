@@ -11,6 +11,7 @@ from numba.core.errors import NumbaExperimentalFeatureWarning
 warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)
 
 _ROW = types.Array(types.float64, 1, "C")
+_TABLE = types.Array(types.float64, 2, "C")
 LAW = float64(float64, float64, float64, float64, _ROW, _ROW, _ROW)
 """force so far (N, about rest), deformation (m), its rate (m/s), time since the tap (s), parameters, memory before the
 step, memory after it -> force (N). The parameters begin with `REST`. A step may be tried more than once and in parts: a
@@ -28,17 +29,17 @@ def no_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
 
 
 @njit(
-    [_ROW(types.FunctionType(LAW), _ROW, _ROW, _ROW, float64, float64, _ROW)],
+    [_TABLE(types.FunctionType(LAW), _TABLE, _ROW, _ROW, float64, float64, _ROW)],
     cache=True,
     nogil=True,
 )
 def along(law, p, d, v, t0, h, memory):  # type: ignore[no-untyped-def]
-    """Return the extra force (n,) of one law along a given deformation and rate, each (n,)."""
-    before, after = memory.copy(), memory.copy()
-    extra = np.empty(len(d))
-    for n in range(len(d)):
-        linear = p[STIFFNESS] * d[n] + p[DAMPING] * v[n]
-        extra[n] = law(linear, d[n], v[n], t0 + n * h, p, before, after) - linear
-        for m in range(MEMORY):
-            before[m] = after[m]
+    """Return the extra forces (k, n) of a law with k sets of parameters along a deformation and its rate, each (n,)."""
+    extra = np.empty((len(p), len(d)))
+    for k in range(len(p)):
+        own, before, after = p[k], memory.copy(), memory.copy()
+        for n in range(len(d)):
+            linear = own[STIFFNESS] * d[n] + own[DAMPING] * v[n]
+            extra[k, n] = law(linear, d[n], v[n], t0 + n * h, own, before, after) - linear
+            before, after = after, before
     return extra

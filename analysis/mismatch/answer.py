@@ -57,11 +57,21 @@ class RecordingFile:
 
 @dataclass(frozen=True, slots=True)
 class Formula:
-    """A closed form of a learned law; ``evidence`` is the logarithm of its Bayes factor over the free form."""
+    """A closed form of a learned law.
+
+    Attributes
+    ----------
+    evidence
+        The logarithm of its Bayes factor over the free form.
+    family, values
+        Family of `sim_backend.learned.forms`, and all numbers in it, those that stayed fixed as well.
+    """
 
     text: str
     parameters: Mapping[str, Interval]
     evidence: float
+    family: str = ""
+    values: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,8 @@ from threadpoolctl import threadpool_limits
 
 from analysis.mismatch.account import Account, beyond_noise
 from analysis.mismatch.answer import Answer, Named, RecordingFile, Remainder, Rival, UpperLimit, Verdict
+from analysis.mismatch.law_reading import law_of
+from analysis.mismatch.learning import is_learned, with_learned
 from analysis.mismatch.limits import complete_probability, probability_of_nothing, rivals_of_nothing, upper_limits
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.account import BlockAccount
@@ -36,10 +38,12 @@ from analysis.mismatch.selection import Candidate, Selection, name_of, screened_
 from analysis.session import AnalysisError
 from daq.exchange import Recording
 from daq.records import Session
-from sim_backend.mechanisms.kinds import Mechanism
+from sim_backend.learned.families import form_named
+from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
 
 RIVALS = 4  # that are reported
 LIKELY = 0.01  # probability from which on a rival's held-out error is computed too
+BEST_OF_NONE = 2  # candidates whose held-out error is computed where nothing is named: none of them is likely
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +60,7 @@ def diagnose(
     on_progress: OnProgress = silent,
     recordings: Sequence[RecordingFile] = (),
     sweeps: Sequence[Sweep] = (),
+    learn: bool = True,
 ) -> Diagnosis:
     """Find out what physics a rig lacks to explain an experiment's recordings.
 
@@ -71,17 +76,21 @@ def diagnose(
         The files that were read, for the answer.
     sweeps
         Steady responses of the same rig.
+    learn
+        Whether laws that nobody listed compete with what is listed.
     """
     # the matrices are small: further threads of the linear algebra would only get in each other's way; trial steps of a
     # fit that lead nowhere may overflow
     with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
         if isinstance(problem, RingDowns):
             selection, set_aside = select_for_impacts(problem, known, on_progress)
+            selection = with_learned(selection) if learn else selection
             on_progress("comparing with the held-out impacts")
             answer = answer_of(ImpactAccount(selection), recordings)
             return Diagnosis(replace(answer, set_aside=set_aside), selection)
         judge = BlockJudge.of(problem, known, on_progress, sweeps)
         found = select(judge, screened_baseline(judge))
+        found = with_learned(found) if learn else found
         on_progress("comparing with what was held out")
         return Diagnosis(answer_of(BlockAccount(found), recordings), found)
 
@@ -93,6 +102,7 @@ def diagnose_sessions(
     known: Sequence[Mechanism],
     on_progress: OnProgress = silent,
     recordings: Sequence[RecordingFile] = (),
+    learn: bool = True,
 ) -> Diagnosis:
     """Diagnose a session of impacts, or several of one rig together; their calibrations count as well.
 
@@ -119,7 +129,7 @@ def diagnose_sessions(
     """
     on_progress("identifying the modes of each impact")
     problem = ring_downs(sessions, rig, uncertainty)
-    found = diagnose(problem, known, on_progress, recordings)
+    found = diagnose(problem, known, on_progress, recordings, learn=learn)
     return replace(found, answer=with_load_drift(found.answer, sessions, known, problem.policy.level))
 
 
@@ -130,6 +140,7 @@ def diagnose_recordings(
     on_progress: OnProgress = silent,
     files: Sequence[RecordingFile] = (),
     sweeps: Sequence[Sweep] = (),
+    learn: bool = True,
 ) -> Diagnosis:
     """Diagnose recordings of a described rig, with measured inputs or after a tap that was not.
 
@@ -152,7 +163,7 @@ def diagnose_recordings(
     try:
         with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
             problem = problem_of(rig, [prepare(r, rig) for r in recordings])
-        return diagnose(problem, known, on_progress, files, sweeps)
+        return diagnose(problem, known, on_progress, files, sweeps, learn)
     except (np.linalg.LinAlgError, ArithmeticError) as error:
         raise AnalysisError(
             f"{source}: cannot be computed with the rig {rig.name!r} as described: its constants or its times are "
@@ -167,7 +178,9 @@ def answer_of(account: Account[Any], recordings: Sequence[RecordingFile] = ()) -
     far_off = account.far_off
     found = selection.p_value < policy.level or far_off
     verdict: Verdict = "consistent" if not found else "unexplained" if chosen is None else "missing_physics"
-    named = [] if chosen is None else [account.named(chosen, i) for i in range(len(selection.accepted))]
+    named = [] if chosen is None else [_named(account, chosen, i) for i in range(len(selection.accepted))]
+    if verdict == "missing_physics" and any(m.learned for m in named):
+        verdict = "new_physics"
     location = account.location(named) if found else None
     remainder = _remainder(account, verdict)
     if verdict == "unexplained" and location is not None:
@@ -191,6 +204,25 @@ def answer_of(account: Account[Any], recordings: Sequence[RecordingFile] = ()) -
         fitted=account.fitted(),
         decay=account.decay,
         worse_than_zero=account.worse_than_zero,
+    )
+
+
+def _named(account: Account[Any], chosen: Any, number: int) -> Named:
+    """Return what is said of a mechanism that was accepted; of a learned one with its law."""
+    named = account.named(chosen, number)
+    if not is_learned(chosen.terms[number]):
+        return named
+    account.selection.judge.on_progress("reading the learned law")
+    law = law_of(account, chosen, number, named.parameters)
+    named = replace(named, learned=True, law=law)
+    if not law.formulas or not isinstance(chosen.terms[number].mechanism, ForceLaw):
+        return named
+    best = law.formulas[0]  # it may be simpler than the law as it was first fitted
+    return replace(
+        named,
+        parameters=dict(best.parameters),
+        fixed={k: v for k, v in best.values.items() if k not in best.parameters},
+        statement=form_named(best.family).said(best.text, named.element or named.where),
     )
 
 
@@ -238,7 +270,13 @@ def _rivals(account: Account[Any]) -> tuple[Rival, ...]:
     for c in step.candidates:
         if named is None or c.id != named.id:
             others.setdefault(c.id, c)
-    found = [_rival(account, c, i == 0) for i, c in enumerate(list(others.values())[:RIVALS]) if i == 0 or c.fit]
+    certain = 1 if named else BEST_OF_NONE
+    first: float | None = None
+    found: list[Rival] = []
+    for i, c in enumerate(list(others.values())[:RIVALS]):
+        if i == 0 or c.fit:
+            found.append(_rival(account, c, i < certain, first))
+            first = None if named else found[0].heldout_rms
     return tuple(sorted(found, key=lambda r: -r.probability))
 
 
@@ -261,8 +299,11 @@ def _fitted(account: Account[Any], rival: Rival) -> Rival:
     return replace(rival, why=f"{rival.why} Fitted in full it is not admissible.")
 
 
-def _rival(account: Account[Any], candidate: Candidate[Any], runner_up: bool) -> Rival:
-    """Return what is said of another explanation; its held-out error where it could matter."""
+def _rival(account: Account[Any], candidate: Candidate[Any], certain: bool, first: float | None) -> Rival:
+    """Return what is said of another explanation; its held-out error where it could matter, or ``certain``.
+
+    ``first``: where nothing is named, the held-out error of the best.
+    """
     selection, weights = account.selection, account.weights(0)
     step, total = selection.steps[0], weights.total
     if selection.chosen is None or step.accepted is None:
@@ -270,8 +311,10 @@ def _rival(account: Account[Any], candidate: Candidate[Any], runner_up: bool) ->
         total = max(sum(weights.of.values()), 1.0) / max(probability_of_nothing(selection.left.p_value), 1e-300)
     probability = min(weights.of.get(candidate.id, 0.0) / total, 1.0) if total > 0 else 0.0
     error: float | None = None
-    if candidate.fit is not None and (runner_up or probability > LIKELY):
-        error = account.held_out_rms(selection.judge.to_the_end(candidate.fit))
+    likely = probability > LIKELY or selection.chosen is None
+    if candidate.fit is not None and (certain or likely):
+        # of one far behind the fit in which it lost is near enough: to its end it may creep for long
+        error = account.held_out_rms(selection.judge.to_the_end(candidate.fit) if likely else candidate.fit)
         error = error if math.isfinite(error) else None
     best = step.accepted or step.candidates[0]
     if candidate is best:
@@ -280,4 +323,6 @@ def _rival(account: Account[Any], candidate: Candidate[Any], runner_up: bool) ->
     why = account.compared(candidate, best)
     if error is not None and selection.chosen is not None and error < account.held_out_rms(selection.chosen):
         why = f"{why} {account.despite_its_error(candidate, best)}"
+    elif error is not None and first is not None and error < first:
+        why = f"{why} Its held-out error is smaller all the same: what was held out takes no part in the order."
     return Rival((candidate.id,), probability, error, why)

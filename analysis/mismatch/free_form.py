@@ -14,6 +14,7 @@ from numba import njit
 from analysis.mismatch.parameters import Term
 from sim_backend.arrangement import Arrangement, Element
 from sim_backend.force_law import REST
+from sim_backend.learned.forms import AT_LOAD, IN_LOAD, LOAD_EXPONENT, by_load
 from sim_backend.mechanisms.kinds import ChannelDistortion, ForceLaw, Quantity, Real, Scale, Values, law
 
 SHARE = 1e-4  # of the element's force: small enough for a first-order effect
@@ -28,6 +29,9 @@ OF_JOINTS = SHAPES[:21]  # where bodies meet; d5 and v are more of the same ther
 OF_SPRINGS = ("v", "d2", "d3", "abs_v_v", "sign_v", "a_d")
 JOINTLY = ("d2", "d3", "d5", "a_d", "a_v", "d_v", "abs_v_v", "v3", "d2_v", "sign_v", "d_late", "v_late")
 """Those that are fitted together."""
+STATIC = ("d2", "d3", "abs_d_d", "abs_d", "d5", "d_small")
+RATE = ("v2", "v3", "abs_v_v", "sign_v", "v_small", "d_v", "d2_v", "a_v")
+"""Those that a static law, and one of the rate, is made of where no formula is known."""
 SCALES = ("deformation", "rate", "duration")
 WEIGHTS, AT_SCALES = REST, REST + len(SHAPES)
 GAIN_AND_DELAY, CURVED = (0, 1), (2, 3)  # powers of a channel's change; 0 is its slope
@@ -62,19 +66,23 @@ def force_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
     return force + total
 
 
-def _any_force(component: str, names: Sequence[str]) -> ForceLaw:
-    """Return a force of these shapes."""
+def _any_force(component: str, names: Sequence[str], loaded: bool = False) -> ForceLaw:
+    """Return a force of these shapes; ``loaded``: they grow with a power of the load together."""
+    quantities = tuple(Quantity(name, "N", -1e25, 1e25, "share of this shape") for name in names)
     return ForceLaw(
         id="free_force",
         component=component,
         summary="a force of any smooth shape",
         source="restoring force surface",
-        parameters=tuple(Quantity(name, "N", -1e25, 1e25, "share of this shape") for name in names),
+        parameters=(*quantities, LOAD_EXPONENT) if loaded else quantities,
         strength=None,
         trials=lambda scale: [],
         statement=lambda values, name: "",
         law=force_law,
-        constants=lambda values, rest: tuple(values.get(name, 0.0) for name in (*SHAPES, *SCALES)),
+        constants=lambda values, rest: (
+            *(values.get(name, 0.0) * (by_load(values, rest.preload) if loaded else 1.0) for name in SHAPES),
+            *(values.get(name, 0.0) for name in SCALES),
+        ),
         fits=(),
         one_signed=False,
     )
@@ -130,6 +138,15 @@ def joint_term(rig: Arrangement, place: int, scale: Scale) -> Term:
     scales = {"deformation": scale.deformation, "rate": scale.rate, "duration": scale.duration_s}
     mechanism = _any_force(rig.elements[place].component, JOINTLY)
     return Term(mechanism, dict.fromkeys(JOINTLY, SHARE * scale.force) | scales, (place,))
+
+
+def free_law(term: Term, rig: Arrangement, scale: Scale, names: Sequence[str]) -> Term:
+    """Return the force of any shape in the place of a learned law, small, with its dependence on the load."""
+    loaded = rig.elements[term.place[0]].preload
+    scales = {"deformation": scale.deformation, "rate": scale.rate, "duration": scale.duration_s}
+    load = {k: term.values[k] for k in (AT_LOAD, IN_LOAD) if loaded}
+    mechanism = _any_force(rig.elements[term.place[0]].component, names, loaded)
+    return Term(mechanism, dict.fromkeys(names, SHARE * scale.force) | scales | load, term.place)
 
 
 def channel_trials(channels: int) -> list[Term]:

@@ -23,6 +23,9 @@ DAMPED_LESS = 10.0  # factor back after a step that did well at once
 PROBED = 0.1  # of a step, at which its second derivative is looked up
 MOST_BENT = 0.75  # second over first derivative along a step, beyond which it is straight
 SLOW_START = 4  # linearisations after which slopes are computed in full
+QUICK = 0.3  # of what the step before gained, below which a step with slopes used again comes near the minimum
+UNSURE = 1.0  # fall of chi-squared, over the reduced one, below which what costly slopes promise may be their error
+MOST_REUSED = 6  # steps with slopes used again: as many cost about as much as new slopes
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,50 +149,105 @@ def minimise(
     tuple
         The evaluation at the minimum, and whether full derivatives were used in the end.
     """
-    at, damping, stalled, iteration, gain = start, stopping.damping, 0, 0, math.inf
+    at, damping, stalled, iteration, reused, gain = start, stopping.damping, 0, 0, 0, math.inf
     exact = exact or not model.approximates
     slopes: Linearisation | None = None
     while iteration < stopping.most and not _given_up(at.objective, gain, iteration, stopping, race):
         fresh, slopes = slopes is None, slopes or model.linearise(at, exact)
-        iteration += fresh
+        iteration, reused = iteration + fresh, 0 if fresh else reused + 1
         begun = damping
-        trial, damping, expected = _tried(model, at, slopes, damping, iteration, stopping.tries if fresh else 1)
+        tries, scale = stopping.tries if fresh else 1, _scale(at.objective, stopping) if exact else 0.0
+        limits = tries, stopping.gain * scale, UNSURE * scale
+        trial, damping = _tried(model, at, slopes, damping, iteration, limits)
         if trial is None:
-            if fresh and exact:
+            if exact and (fresh or damping == 0):
                 break
             exact, damping, slopes = exact or fresh, 0.0, None
             continue
-        gain = at.objective - trial.objective
-        as_expected = model.reuses and exact and damping == 0 and gain > race.as_expected * expected
+        before, gain = gain, at.objective - trial.found.objective
+        quick = fresh or (gain < QUICK * before and reused < MOST_REUSED)
+        as_expected = model.reuses and exact and damping == 0 and gain > race.as_expected * trial.expected
         if damping == begun:
             damping = damping / DAMPED_LESS if damping > LEAST_DAMPING else 0.0
-        at = trial
-        if gain >= _enough(at.objective, stopping, race):
+        if gain >= _enough(trial.found.objective, stopping, race):
             exact = exact or iteration > SLOW_START
         else:
             stalled += fresh or as_expected
-            if stalled >= 2 - exact:
-                break
-        slopes = slopes if as_expected else None
+        slopes, at = _corrected(slopes, at, trial) if as_expected and quick else None, trial.found
+        if stalled >= 2 - exact:
+            break
     return at, exact
 
 
+@dataclass(frozen=True, slots=True)
+class _Trial(Generic[Point]):
+    """A step of the common parameters (k,) and of each segment's own, what it promised and what it ``found``."""
+
+    found: Evaluation[Point]
+    expected: float
+    step: Real
+    own: Sequence[Real]
+
+
 def _tried(
-    model: Fitted[Point], at: Evaluation[Point], slopes: Linearisation, damping: float, iteration: int, tries: int
-) -> tuple[Evaluation[Point] | None, float, float]:
-    """Step with more and more damping; return the first that does not rise, its damping, and the fall it promised."""
+    model: Fitted[Point],
+    at: Evaluation[Point],
+    slopes: Linearisation,
+    damping: float,
+    iteration: int,
+    limits: tuple[int, float, float],
+) -> tuple[_Trial[Point] | None, float]:
+    """Step with more and more damping; return the first that does not rise, and its damping.
+
+    ``limits`` are how often it tries, the fall that is not worth a step, and one that may be an error of the slopes.
+    With costly slopes that promise no more than the first no step is made; where they promise less than the other and
+    the first step rises, it is they that are not good enough.
+    Damping does nothing to a segment's own coefficients: where these are all that moves, one step tells.
+    """
     gradient, targets = _gradient(model, slopes, at)
+    tries, enough, unsure = limits
+    tries = min(tries, 1) if model.fixed.all() else tries
     for i in range(tries):
         step = bounded_step(slopes.normal, gradient, damping, model.fixed, model.bounds(at))
         own = _own_steps(slopes, targets, step)
+        expected = float(gradient @ step) + sum(float(t @ t) for t in targets)
+        if model.reuses and damping == 0 and expected < enough:
+            break
         path = _bent(model, at, slopes, damping, step, own, iteration) if model.bends and damping else (step, own)
-        trial = model.moved(at, *path, iteration)
-        if trial is not None and trial.objective <= at.objective + TIES:
-            return trial, damping, float(gradient @ step) + sum(float(t @ t) for t in targets)
+        found = model.moved(at, *path, iteration)
+        if found is not None and found.objective <= at.objective + TIES:
+            return _Trial(found, expected, *path), damping
+        if model.reuses and tries > 1 and damping == 0 and expected < unsure:
+            break
         damping = max(2**i * DAMPED_MORE * damping, LEAST_DAMPING)
         if damping > MOST_DAMPING:
             break
-    return None, damping, 0.0
+    return None, damping
+
+
+def _corrected(slopes: Linearisation, at: Evaluation[Point], trial: _Trial[Point]) -> Linearisation:
+    """Return slopes that tell of the last step what it did: of all that do, those that differ least (Broyden, 1965).
+
+    What the step did beyond what they told is counted as an effect of the common parameters, each measured by what it
+    does. Slopes that are a little off, in a direction along which all else can make up for most of a step, would
+    otherwise creep towards the minimum.
+    """
+    size = np.maximum(np.diag(slopes.normal), 0.0)
+    normal, tangents = slopes.normal.copy(), []
+    for t, before, after, own in zip(slopes.tangents, at.residuals, trial.found.residuals, trial.own, strict=True):
+        step = trial.step[t.where]
+        weight = size[t.where] * step
+        length = float(weight @ step)
+        if length > 0:
+            told = t.q @ (t.r @ own + t.cross @ step) + t.common @ step
+            missed = (before - after).ravel() - told
+            mimicked = t.q.T @ missed
+            cross = t.cross + np.outer(mimicked, weight / length)
+            common = t.common + np.outer(missed - t.q @ mimicked, weight / length)
+            normal[np.ix_(t.where, t.where)] += common.T @ common - t.common.T @ t.common
+            t = Tangent(t.where, t.q, t.r, cross, common)
+        tangents.append(t)
+    return Linearisation(slopes.basis, normal, tuple(tangents))
 
 
 def _bent(
@@ -238,7 +296,13 @@ def _enough(objective: float, stopping: Stopping, race: Race) -> float:
     least = max(stopping.gain, stopping.share * objective)
     if stopping.reference is None:
         return least
-    return max(least, min(race.little_share * abs(stopping.reference - objective), race.little))
+    little = max(race.little * _scale(objective, stopping), race.little)
+    return max(least, min(race.little_share * abs(stopping.reference - objective), little))
+
+
+def _scale(objective: float, stopping: Stopping) -> float:
+    """Return what chi-squared is measured by: the reduced one where that is above 1; 0 where the noise is not known."""
+    return max(1.0, stopping.share * objective / stopping.gain) if stopping.gain > 0 else 0.0
 
 
 def _gradient(model: Fitted[Point], slopes: Linearisation, at: Evaluation[Point]) -> tuple[Real, list[Real]]:

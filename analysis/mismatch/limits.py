@@ -149,7 +149,7 @@ def rivals_of_nothing(gains: Sequence[tuple[str, float]], p_value: float) -> tup
     first = max(best, key=lambda k: best[k])
     weights = [math.exp((v - best[first]) / 2) for v in best.values()]
     why = (
-        f"Of all score tests its takes away most of the residual, a chi-squared of {best[first]:.1f}; by chance "
-        f"alone the largest is as large with p = {p_value:.2g}."
+        f"Its score test takes away more than any other, a chi-squared of {best[first]:.1f}; by chance alone the "
+        f"largest is as large with p = {p_value:.2g}."
     )
     return (Rival((first,), (1 - probability_of_nothing(p_value)) / sum(weights), None, why),)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from sim_backend.acting import Acting
+from sim_backend.learned.forms import FORM
 from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, Quantity, SecondImpact, Tones
 from sim_backend.mechanisms.places import Place
 
@@ -79,8 +80,9 @@ class Term(Acting):
 
     @property
     def key(self) -> tuple[str, Place]:
-        """What makes two terms the same: mechanism and place."""
-        return self.mechanism.id, self.place
+        """What makes two terms the same: mechanism and place; of a learned law its family too."""
+        family = self.values.get(FORM)
+        return self.mechanism.id if family is None else f"{self.mechanism.id}:{family:g}", self.place
 
     @property
     def nonlinear(self) -> bool:

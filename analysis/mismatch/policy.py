@@ -19,6 +19,9 @@ DRAWN = "blind validations of described rigs with seeds 505 and 606"
 FRICTION = "simulated sessions as configured by default, with dry friction of 0.3, 1 and 5 mN"
 AS_SHIPPED = "null sessions of the simulator as shipped, with taps that go wrong"
 
+NAMED = "practice sessions 1 to 6, and sessions with unlisted effects that were named otherwise"
+UNLISTED = "sessions with unlisted effects made while the families were built"
+
 
 def _chosen(default: Any, meaning: str, unit: str, on: str, record: int) -> Any:
     """Declare a threshold: what it means, its unit, the data it was chosen on, the decision record that argues."""
@@ -90,6 +93,15 @@ class SelectionPolicy:
     )
     unnamed: float = _chosen(
         8.0, "evidence by which something without a name must lead to be likelier", "chi-squared", SEALED, 56
+    )
+    learned_share: float = _chosen(
+        0.001, "of what is named explains, by which a learned law must lead to replace it", "1", UNLISTED, 131
+    )
+    learned_promise: float = _chosen(
+        12.0, "evidence that a law must promise beside what is named to be fitted", "chi-squared", NAMED, 132
+    )
+    learned_near: float = _chosen(
+        0.1, "of that lead, up to which a law that can lead no further is not learned", "1", NAMED, 133
     )
     # scatter between impacts
     scatter_evidence: float = _chosen(30.0, "that per-impact constants must have", "chi-squared", SEALED, 57)

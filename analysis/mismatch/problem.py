@@ -109,6 +109,31 @@ class Fit:
 
 
 @dataclass(frozen=True, slots=True)
+class Rung:
+    """What candidates with as many waves of free amplitude each would ring in a segment, by its products.
+
+    Attributes
+    ----------
+    numbers
+        (t,) places of the candidates.
+    seen
+        (t, w + 1, m) products with the columns that were given, of the waves and of the effect on the rest.
+    gram
+        (t, w + 1, w + 1) products with each other.
+    """
+
+    numbers: NDArray[np.intp]
+    seen: Real
+    gram: Real
+
+    @classmethod
+    def of(cls, number: int, waves: Real, rest: Real, columns: Real) -> Rung:
+        """Return it for one candidate whose waves (w, N) and effect on the rest (N,) are at hand."""
+        x = np.concatenate([waves, rest[None]])
+        return cls(np.array([number], np.intp), (x @ columns)[None], (x @ x.T)[None])
+
+
+@dataclass(frozen=True, slots=True)
 class Columns:
     """What a segment's whitened residual is compared with.
 
@@ -123,8 +148,7 @@ class Columns:
     own
         (N, m) orthonormal basis of the nuisance parameters of the segment: its initial state, its offsets.
     ringing
-        Of a candidate term that adds a free vibration of its own: (w, N) waves of free amplitude, and (N,) its effect
-        on the rest.
+        Of the candidate terms that add a free vibration of their own: the products with columns (N, m).
     """
 
     where: NDArray[np.intp]
@@ -132,7 +156,7 @@ class Columns:
     made: Real
     residual: Real
     own: Real
-    ringing: Callable[[int], tuple[Real, Real]]
+    ringing: Callable[[Real], Sequence[Rung]]
 
 
 FitOf = TypeVar("FitOf", bound=Fit)
@@ -177,6 +201,10 @@ class Problem(ABC, Generic[FitOf]):
         """Return how far an element moves."""
 
     @abstractmethod
+    def reach_of(self, fitted: FitOf, place: int) -> tuple[float, float]:
+        """Return the largest deformation (m) and rate (m/s) of an element."""
+
+    @abstractmethod
     def columns(self, fitted: FitOf, terms: Sequence[Term], ringing: Sequence[Term]) -> Iterable[Iterable[Columns]]:
         """Return the columns of all segments, in parts that may be summed side by side."""
 
@@ -205,12 +233,11 @@ class Problem(ABC, Generic[FitOf]):
         scales: dict[int, Scale] = {}
         present = {t.key for t in fitted.terms}
         for mechanism, place in placed([m for m in known if self.allows(m)], self.arrangement):
-            if (mechanism.id, place) in present:
-                continue
             at = place[0] if isinstance(mechanism, ForceLaw) else 0
             if at not in scales:
                 scales[at] = self.scale_of(fitted, at)
-            found += [Term(mechanism, values, place) for values in mechanism.trials(scales[at])]
+            tried = [Term(mechanism, values, place) for values in mechanism.trials(scales[at])]
+            found += [term for term in tried if term.key not in present]
         return found
 
     def exhausted(self) -> bool:

@@ -13,6 +13,9 @@ NARROW = 0.15  # of its middle frequency: a band narrower than this is reported 
 MOST = 0.9  # of the excess power, by which it is located
 SEEN = 0.5  # chi-squared below which it is written as 0
 SURE = 1e-12  # p-values below are not worth their digits
+LARGE = 1e6  # chi-squared from which on it is written with three digits and a power of ten
+LEAST_PERCENT = 0.01  # below which a share is worth no digits
+SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def spread_of(edges: Real, power: Real, sure: NDArray[np.bool_]) -> tuple[float, float]:
@@ -49,6 +52,20 @@ def p_words(p_value: float) -> str:
     return f"p = {p_value:.2g}" if p_value > SURE else f"p < {SURE:g}"
 
 
+def count_words(value: float) -> str:
+    """Write a chi-squared, or what else is counted; a large one with three digits.
+
+    Examples
+    --------
+    >>> count_words(2606.7), count_words(14050730806.0)
+    ('2607', '1.41 × 10¹⁰')
+    """
+    if not LARGE <= abs(value) < np.inf:
+        return f"{value:.0f}"
+    digits, power = f"{value:.2e}".split("e+")
+    return f"{digits} × 10{str(int(power)).translate(SUPERSCRIPTS)}"
+
+
 def place_words(where: Location) -> str:
     """Say where something lies, such as ``in the lower mass at 4.1 kHz``."""
     element = f" ({where.element})" if where.element not in (None, where.component) else ""
@@ -72,8 +89,10 @@ def remainder_statement(
             f"Something is left beyond noise ({p_words(p_value)}) that no force or channel of any shape would take away"
         )
     else:
+        percent = 100 * share
+        part = f"{percent:.2g} %" if percent >= LEAST_PERCENT else f"less than {LEAST_PERCENT:g} %"
         said = (
-            f"Forces or channels of any shape would still take away a chi-squared of {chi_squared:.0f}, "
-            f"{100 * share:.2g} % of what {linear} misses ({p_words(p_value)})"
+            f"Something is left beyond noise ({p_words(p_value)}): forces or channels of any shape would take away a "
+            f"chi-squared of {count_words(chi_squared)} beyond chance, {part} of what {linear} misses"
         )
     return f"{said}; it lies {place_words(where)}.{held_out}"

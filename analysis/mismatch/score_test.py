@@ -16,17 +16,18 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from analysis.mismatch.chi_squared import p_of
+from analysis.mismatch.elimination import eliminated
 from analysis.mismatch.free_form import channel_trials, free_places, free_trials
 from analysis.mismatch.limits import amplitude_bound
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import Columns, FitOf, Problem
+from analysis.mismatch.ringing_tests import RingingTests
 from sim_backend.mechanisms.kinds import AddedBody, Mechanism, SecondImpact, Tones
 
 Real = NDArray[np.float64]
 
 FREE_FLOOR = 1e-5  # eigenvalue of the free terms' cosines below which they repeat each other
 REPEATED = 1e-12  # share of a signature that must be left beside what the rig can do
-RINGS_ITSELF = 1e-5  # share of a wave that must be left beside what the segment does by itself
 SCREENED, EACH = 35.0, 5.0  # work of a screening, and of each mechanism in it, of a sample
 DRAWS = 4000  # of the null distribution of the largest score
 
@@ -112,7 +113,7 @@ def screen(problem: Problem[FitOf], fitted: FitOf, known: Iterable[Mechanism]) -
     sums = _summed(problem, fitted, [*named, *free], ringing)
     precision = problem.precision(fitted)
     size = precision.size
-    schur = _eliminated(sums.gram, size, precision)
+    schur = eliminated(sums.gram, size, precision)
     inner, score = schur[:-1, :-1], schur[:-1, -1]
     scale = _Noise(problem.noise_known, float(schur[-1, -1]), sums.count - size)
     power = np.maximum(np.diag(inner), REPEATED * np.diag(sums.gram)[size:-1] + 1e-300)
@@ -121,7 +122,7 @@ def screen(problem: Problem[FitOf], fitted: FitOf, known: Iterable[Mechanism]) -
         _scored(t, float(value), float(s), float(g), scale)
         for t, value, s, g in zip(named, z, score, power, strict=False)
     ]
-    scores += sums.tests.scores(precision, scale)
+    scores += _rung_scores(ringing, sums.tests, precision, scale)
     for mechanism in known:
         if isinstance(mechanism, SecondImpact) and problem.allows(mechanism):
             scores.append(problem.second_impact(fitted, mechanism))
@@ -179,7 +180,7 @@ class _Sums:
     """Inner products of all columns over some segments, and the tests of what rings by itself."""
 
     gram: Real
-    tests: _RingingTests
+    tests: RingingTests
     count: int = 0
 
     def add(self, columns: Columns, size: int) -> None:
@@ -196,20 +197,17 @@ class _Sums:
         """Add what another one was given of further segments."""
         self.gram += other.gram
         self.count += other.count
-        self.tests.gain += other.tests.gain
-        self.tests.dof += other.tests.dof
-        self.tests.gram += other.tests.gram
-        for mine, others in zip(self.tests.lines, other.tests.lines, strict=True):
-            mine += others
+        self.tests.take(other.tests)
 
 
 def _summed(problem: Problem[FitOf], fitted: FitOf, terms: Sequence[Term], ringing: Sequence[Term]) -> _Sums:
     """Return the sums over all segments: always in the same parts, done side by side."""
     size = problem.precision(fitted).size
+    lines = [len(_lines_of(t)) if problem.noise_known else 0 for t in ringing]
 
     def part(columns: Iterable[Columns]) -> _Sums:
         width = size + len(terms) + 1
-        sums = _Sums(np.zeros((width, width)), _RingingTests(ringing, size, problem.noise_known))
+        sums = _Sums(np.zeros((width, width)), RingingTests(lines, size))
         for one in columns:
             sums.add(one, size)
         return sums
@@ -222,92 +220,28 @@ def _summed(problem: Problem[FitOf], fitted: FitOf, terms: Sequence[Term], ringi
     return first
 
 
-class _RingingTests:
-    """Tests of the vibrations that a term adds to every segment (bodies, tones), beside its effect on the modes.
-
-    Where the noise is known, how loud tones may be is bounded too.
-    """
-
-    def __init__(self, terms: Sequence[Term], known: int, noise_known: bool):
-        self.terms, self.known = terms, known
-        self.gain = np.zeros(len(terms))
-        self.dof = np.zeros(len(terms), int)
-        self.gram = np.zeros((len(terms), known + 2, known + 2))
-        lines = [len(_lines_of(t)) if noise_known else 0 for t in terms]
-        self.lines = [np.zeros((3, n)) for n in lines]  # power, information, freedom of each
-
-    def add(self, columns: Columns, block: Real) -> None:
-        """Take in a segment: ``block`` holds the constants' slopes and the residual, projected by its own columns."""
-        if not self.terms:
-            return
-        made = [columns.ringing(i) for i in range(len(self.terms))]
-        starts = np.cumsum([0] + [len(o) for o, _ in made])
-        x = np.concatenate([*(o for o, _ in made), [c for _, c in made]]).reshape(-1, block.shape[0])
-        seen, taken = x @ block, x @ columns.own  # what `own` takes up is subtracted from the products, not from x
-        inner = block.T @ block
-
-        def products(a: NDArray[np.int64], b: NDArray[np.int64]) -> Real:
-            return np.asarray(x[a] @ x[b].T - taken[a] @ taken[b].T, np.float64)
-
-        size = columns.where.size
-        local = np.r_[columns.where, self.known, self.known + 1]
-        for i in range(len(self.terms)):
-            o, c = np.arange(starts[i], starts[i + 1]), np.array([starts[-1] + i])
-            small = np.zeros((local.size, local.size))
-            rest = np.r_[np.arange(size), size + 1]
-            small[np.ix_(rest, rest)] = inner
-            small[size, rest] = small[rest, size] = seen[c[0]]
-            small[size, size] = products(c, c)[0, 0]
-            if o.size:
-                across = np.insert(seen[o], size, products(o, c)[:, 0], axis=1)
-                power = products(o, o)
-                if not np.all(np.diag(power) > RINGS_ITSELF * np.sum(x[o] ** 2, axis=1)):
-                    continue  # the rig rings at this frequency itself
-                if self.lines[i].size:
-                    self.lines[i] += _loudness(power, across[:, -1], self.lines[i].shape[1])
-                scale = np.sqrt(np.diag(power))
-                values, vectors = np.linalg.eigh(power / np.outer(scale, scale))
-                kept = values > 1e-8
-                across = (vectors[:, kept] / np.sqrt(values[kept])).T @ (across / scale[:, None])
-                self.gain[i] += float(across[:, -1] @ across[:, -1])
-                self.dof[i] += int(kept.sum())
-                small -= across.T @ across
-            self.gram[i][np.ix_(local, local)] += small
-
-    def scores(self, precision: Real, noise: _Noise) -> list[Score]:
-        """One for each term."""
-        found = []
-        for i, t in enumerate(self.terms):
-            rest = _eliminated(self.gram[i], self.known, precision)
-            alone = not rest[0, 0] > 1e-9 * self.gram[i][self.known, self.known]
-            value = 0.0 if alone else rest[0, 1] / math.sqrt(rest[0, 0])
-            signed = value > 0 or not t.mechanism.one_signed
-            gain = noise.chi_squared(self.gain[i] + (value**2 if signed else 0.0))
-            dof = int(self.dof[i]) + (0 if alone else 1)
-            strength = 0.0 if alone else rest[0, 1] / rest[0, 0]
-            error = math.nan if alone else noise.deviation / math.sqrt(rest[0, 0])
-            bounds = [amplitude_bound(*line) for line in self.lines[i].T if line[1] > 0]
-            loudest = max(bounds, default=math.nan)
-            p_value = float(chi2.sf(gain, max(dof, 1)))
-            found.append(Score(t, gain, dof, float(strength), p_value, error, bound=loudest))
-        return found
-
-
 def _lines_of(term: Term) -> Sequence[float]:
     """Return the frequencies (Hz) of tones."""
     return term.mechanism.lines(term.values) if isinstance(term.mechanism, Tones) else ()
 
 
-def _loudness(power: Real, seen: Real, lines: int) -> Real:
-    """Return (3, lines) power of each line's amplitude over its variance, inverse variance, and degrees of freedom.
-
-    ``power`` are the products of their cosines and sines (2 lines,) with each other, ``seen`` those with the residual;
-    each line is read with the other lines free.
-    """
-    spread = np.linalg.pinv(power, hermitian=True)
-    squares = ((spread @ seen) ** 2).reshape(lines, 2).sum(axis=1)
-    variance = np.diag(spread).reshape(lines, 2).mean(axis=1)
-    return np.array([squares / variance, 1 / variance, np.full(lines, 2.0)])
+def _rung_scores(terms: Sequence[Term], tests: RingingTests, precision: Real, noise: _Noise) -> list[Score]:
+    """Return the score of each term that adds vibrations to every segment."""
+    found, known = [], tests.known
+    for i, t in enumerate(terms):
+        rest = eliminated(tests.gram[i], known, precision)
+        alone = not rest[0, 0] > 1e-9 * tests.gram[i][known, known]
+        value = 0.0 if alone else rest[0, 1] / math.sqrt(rest[0, 0])
+        signed = value > 0 or not t.mechanism.one_signed
+        gain = noise.chi_squared(tests.gain[i] + (value**2 if signed else 0.0))
+        dof = int(tests.dof[i]) + (0 if alone else 1)
+        strength = 0.0 if alone else rest[0, 1] / rest[0, 0]
+        error = math.nan if alone else noise.deviation / math.sqrt(rest[0, 0])
+        bounds = [amplitude_bound(*line) for line in tests.lines[i].T if line[1] > 0]
+        loudest = max(bounds, default=math.nan)
+        p_value = float(chi2.sf(gain, max(dof, 1)))
+        found.append(Score(t, gain, dof, float(strength), p_value, error, bound=loudest))
+    return found
 
 
 def _free(cosines: Real, z: Real, first: int, free: Sequence[Mechanism]) -> FreeForm:
@@ -325,16 +259,6 @@ def _free(cosines: Real, z: Real, first: int, free: Sequence[Mechanism]) -> Free
         alone, own_dof = gain(first + np.flatnonzero([m.component == component for m in free]))
         by[component] = alone - own_dof
     return FreeForm(total, dof, float(chi2.sf(total, max(dof, 1))), by, float(np.max(z[everything] ** 2, initial=0.0)))
-
-
-def _eliminated(gram: Real, count: int, precision: Real) -> Real:
-    """Schur complement of the first ``count`` rows, (count,) being the precision they are known with."""
-    a = gram[:count, :count].copy()
-    a[np.arange(count), np.arange(count)] += precision
-    scale = np.sqrt(np.maximum(np.diag(a), 1e-300))
-    b = gram[:count, count:] / scale[:, None]
-    out: Real = gram[count:, count:] - b.T @ np.linalg.lstsq(a / np.outer(scale, scale), b, rcond=1e-12)[0]
-    return out
 
 
 def _overall(scores: Sequence[Score], others: Sequence[float], cosines: Real, one_signed: Sequence[bool]) -> float:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import Generic
 
 from analysis.mismatch.parameters import Term
+from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import FitOf, OnProgress, Problem
 from analysis.mismatch.score_test import Score, Screening, screen
 from sim_backend.mechanisms.kinds import AddedBody, Mechanism, SecondImpact, Tones
@@ -186,6 +187,23 @@ class Judge(ABC, Generic[FitOf]):
         """Return the full fit of one mechanism beside the linear rig, from its scores; None if not admissible."""
 
     @abstractmethod
+    def knowing(
+        self, known: Sequence[Mechanism], policy: SelectionPolicy, to_beat: FitOf | None = None
+    ) -> Judge[FitOf]:
+        """Return a judge of the same recordings that knows other mechanisms and has other thresholds.
+
+        Fits that cannot reach the one that is to be beaten may be given up.
+        """
+
+    @abstractmethod
+    def gained(self, before: FitOf, after: FitOf, parameters: int) -> float:
+        """Return the evidence of a fit over one before that has so many parameters less."""
+
+    @abstractmethod
+    def evidence_of(self, selection: Selection[FitOf]) -> float:
+        """Return the evidence of all mechanisms that a selection accepted, over the linear rig."""
+
+    @abstractmethod
     def to_the_end(self, fitted: FitOf) -> FitOf:
         """Return a candidate's fit as the fit of what is named is made, so that their held-out errors compare."""
 
@@ -214,14 +232,21 @@ def screened_baseline(judge: Judge[FitOf]) -> State[FitOf]:
     return State(fitted, judge.tested(fitted, judge.screen(fitted)))
 
 
-def select(judge: Judge[FitOf], baseline: State[FitOf]) -> Selection[FitOf]:
+def select(
+    judge: Judge[FitOf], baseline: State[FitOf], candidates: tuple[Candidate[FitOf], ...] | None = None
+) -> Selection[FitOf]:
     """Find the mechanisms that the recordings hold beyond the linear rig.
 
     Where what seemed best at first leads to no explanation, what was nearly as good is tried in its place.
+
+    Parameters
+    ----------
+    candidates
+        For the first place, where they are fitted already.
     """
     if baseline.screening.p_value >= judge.problem.policy.level:
         return judge.outcome(baseline, baseline)
-    candidates = judge.candidates(baseline)
+    candidates = judge.candidates(baseline) if candidates is None else candidates
     found = _forward(judge, baseline, candidates)
     if found.chosen is None and len(candidates) > 1 and not judge.exhausted() and judge.another_first(candidates):
         judge.on_progress(f"again, with {name_of(candidates[1].mechanism)} first")
@@ -230,9 +255,19 @@ def select(judge: Judge[FitOf], baseline: State[FitOf]) -> Selection[FitOf]:
     return found
 
 
-def _forward(judge: Judge[FitOf], baseline: State[FitOf], candidates: tuple[Candidate[FitOf], ...]) -> Selection[FitOf]:
+def go_on(judge: Judge[FitOf], baseline: State[FitOf], state: State[FitOf]) -> Selection[FitOf]:
+    """Look for what is at work beside the mechanisms of a state."""
+    return _forward(judge, baseline, (), state)
+
+
+def _forward(
+    judge: Judge[FitOf],
+    baseline: State[FitOf],
+    candidates: tuple[Candidate[FitOf], ...],
+    begun: State[FitOf] | None = None,
+) -> Selection[FitOf]:
     """Take the best candidate, then what is best beside it, as long as that pays."""
-    state, more = baseline, True
+    state, more = begun or baseline, True
     while more and len(state.current.terms) < judge.problem.policy.most_terms:
         if not state.first:
             if judge.exhausted():

@@ -112,5 +112,5 @@ def problem_of(*sessions: Session) -> RingDowns:
     return ring_downs(sessions, RIG, header_uncertainty(sessions[0]))
 
 
-def diagnosed(sessions: Sequence[Session], known: Sequence[Mechanism]) -> Diagnosis:
-    return diagnose_sessions(sessions, RIG, header_uncertainty(sessions[0]), known)
+def diagnosed(sessions: Sequence[Session], known: Sequence[Mechanism], learn: bool = False) -> Diagnosis:
+    return diagnose_sessions(sessions, RIG, header_uncertainty(sessions[0]), known, learn=learn)

@@ -113,6 +113,7 @@ def test_stiffness_and_damping_agree_with_a_simulation_from_their_inputs(session
         assert np.std(drawn) == pytest.approx(budget_of(results, quantity).standard_uncertainty, rel=0.02)
 
 
+@pytest.mark.slow
 def test_load_agrees_with_a_simulation_from_readings_weights_and_gravity(session):
     settings = small_config(*CHANGES, "calibration.common_weight_uncertainty_percent=0.05").calibration
     settings = settings.model_copy(

@@ -17,7 +17,7 @@ def test_the_hertz_law_is_the_power_of_three_halves_about_the_preload() -> None:
     rest = 1.5 * preload / stiffness
     d = np.linspace(-0.9, 2, 50) * rest
     p = np.array([preload, stiffness, 0.0, 1e-5])
-    extra = along(catalogue()["hertz_stiffness"][0].law, p, d, np.zeros(50), 0.0, 1e-5, np.zeros(MEMORY))
+    extra = along(catalogue()["hertz_stiffness"][0].law, p[None], d, np.zeros(50), 0.0, 1e-5, np.zeros(MEMORY))[0]
     expected = preload * ((rest + d) / rest) ** 1.5 - preload - stiffness * d
     assert np.allclose(extra, expected, atol=1e-12)
 
@@ -27,7 +27,7 @@ def test_a_slider_dissipates_four_times_its_force_times_the_sliding_in_a_cycle()
     d = reach * np.sin(np.linspace(0, 4 * math.pi, 40001))
     mechanism = catalogue()["micro_slip"][0]
     p = np.array([0.1, 1e6, 0.0, 1e-6, k, limit, 1.0])
-    force = along(mechanism.law, p, d, np.zeros(d.size), 0.0, 1e-6, np.zeros(MEMORY)) + k * d
+    force = along(mechanism.law, p[None], d, np.zeros(d.size), 0.0, 1e-6, np.zeros(MEMORY))[0] + k * d
     second = slice(20000, 40001)
     work = float(np.trapezoid(force[second], d[second]))
     assert work == pytest.approx(4 * limit * (reach - limit / k), rel=1e-3)
@@ -46,7 +46,7 @@ def test_menisci_pull_as_the_surfaces_part_and_other_attraction_on_both_ways(spe
     for name, (values, force) in expected.items():
         mechanism = catalogue()[name][0]
         p = np.array([0.2, 2e6, 3.0, 1e-5, *mechanism.constants(values, rest)])
-        found = along(mechanism.law, p, d, np.full(31, speed), 0.0, 1e-5, np.zeros(MEMORY))
+        found = along(mechanism.law, p[None], d, np.full(31, speed), 0.0, 1e-5, np.zeros(MEMORY))[0]
         assert np.allclose(found, force, atol=1e-12)
 
 
@@ -57,7 +57,7 @@ def work_of(name: str, values: dict[str, float], speed: float) -> float:
     d, v = 1e-7 * np.sin(phase), speed * np.cos(phase)
     h = 1e-7 / speed * phase[1]
     p = np.array([0.2, 2e6, 3.0, h, *mechanism.constants(values, AtRest(0.2, 2e6, 3.0))])
-    force = along(mechanism.law, p, d, v, 0.0, h, np.zeros(MEMORY))[2000:]
+    force = along(mechanism.law, p[None], d, v, 0.0, h, np.zeros(MEMORY))[0][2000:]
     return float(np.trapezoid(force, d[2000:]) / np.ptp(force) / 2e-7)
 
 
@@ -71,7 +71,7 @@ def test_a_contact_that_has_yielded_is_elastic_and_its_rest_has_moved() -> None:
     mechanism = catalogue()["plastic_loading"][0]
     d = 1e-7 * np.sin(np.linspace(0, 4 * math.pi, 4001))
     p = np.array([0.2, 2e6, 3.0, 1e-6, *mechanism.constants({"yielding_share": 0.5}, AtRest(0.2, 2e6, 3.0))])
-    force = along(mechanism.law, p, d, 0 * d, 0.0, 1e-6, np.zeros(MEMORY))
+    force = along(mechanism.law, p[None], d, 0 * d, 0.0, 1e-6, np.zeros(MEMORY))[0]
     rising = slice(0, 501)
     np.testing.assert_allclose(force[rising], -0.5 * 2e6 * d[rising], atol=1e-12)
     np.testing.assert_allclose(force[501:], -0.5 * 2e6 * 1e-7, rtol=1e-6)
@@ -99,7 +99,7 @@ def test_an_air_film_is_the_linear_reynolds_equation(side: float, gap: float, hz
     p = np.array([0.2, 0.0, 0.0, h, *mechanism.constants(values, AtRest(0.2, 0.0, 0.0))])
     assert p.size <= 20
     t = h * np.arange(40 * 400 + 1)
-    force = along(mechanism.law, p, np.sin(omega * t), omega * np.cos(omega * t), 0.0, h, np.zeros(MEMORY))
+    force = along(mechanism.law, p[None], np.sin(omega * t), omega * np.cos(omega * t), 0.0, h, np.zeros(MEMORY))[0]
     last = slice(-401, None)
     found = 2 / t[400] * np.trapezoid(force[last] * np.exp(-1j * omega * t[last]), dx=h) * 1j
     expected = squeezed(side, gap, omega)
@@ -113,7 +113,7 @@ def test_masing_hysteresis_dissipates_the_area_of_its_loop_and_softens_as_its_vi
     angle = np.linspace(0, 6 * np.pi, 6001)
     d, v = np.cos(angle), -np.sin(angle)
     p = np.array([0.0, 0.0, 0.0, angle[1], softening, exponent, 1.0])
-    force = along(micro_slip.law, p, d, v, 0.0, angle[1], np.zeros(MEMORY))
+    force = along(micro_slip.law, p[None], d, v, 0.0, angle[1], np.zeros(MEMORY))[0]
     # area of a Masing loop whose virgin curve lacks s |d|^e: 4 s (e - 1) / (e + 1)
     last = slice(4000, 6001)
     area = np.trapezoid(force[last], d[last])

@@ -85,6 +85,7 @@ def lower_displacement(mechanism: str, ratio: float) -> np.ndarray:
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mechanism", "ratio", "bound"),
     [("hertz_stiffness", 0.9, 1e-6), ("rough_surface_stiffness", 0.9, 3e-6), ("contact_loss", 1.3, 1e-5)],

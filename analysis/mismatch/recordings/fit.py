@@ -142,6 +142,11 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
             longest, float(mass[seen]), SHOWN * min(r.rate_hz for r in self.recordings),
         )  # fmt: skip
 
+    def reach_of(self, fitted: SimulatedFit, place: int) -> tuple[float, float]:
+        """Return the largest deformation (m) and rate (m/s) of an element."""
+        scale = self.scale_of(fitted, place)
+        return scale.deformation, scale.rate
+
     def _modes_hz(self, values: Mapping[str, float]) -> Real:
         """Return the undamped modes that are no rigid motion, Hz."""
         mass, _, stiffness = self.arrangement.matrices(values)

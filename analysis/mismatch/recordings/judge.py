@@ -15,6 +15,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from analysis.mismatch.parameters import Term
+from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.blocks import independent_samples, likelihood_ratio, mean_of
 from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit, linear_fit, problem_of
@@ -70,6 +71,21 @@ class BlockJudge(Judge[SimulatedFit]):
         """Fit the linear rig to the sweeps, if there are any, and to the recordings, to know their noise."""
         steady = fit_sweeps(problem.rig, sweeps) if sweeps else None
         return cls(problem.weighed(linear_fit(problem)), known, on_progress, tuple(sweeps), steady)
+
+    def knowing(
+        self, known: Sequence[Mechanism], policy: SelectionPolicy, to_beat: SimulatedFit | None = None
+    ) -> BlockJudge:
+        """Return a judge of the same blocks that knows other mechanisms and has other thresholds."""
+        return replace(self, known=known, screened={}, problem=replace(self.problem, policy=policy))
+
+    def gained(self, before: SimulatedFit, after: SimulatedFit, parameters: int) -> float:
+        """Return the evidence of a fit with so many parameters more than the one before."""
+        return likelihood_ratio(before, after, after) - self.problem.policy.parameter_cost * parameters
+
+    def evidence_of(self, selection: Selection[SimulatedFit]) -> float:
+        """Return the evidence of all that a selection accepted."""
+        parameters = sum(len(t.mechanism.parameters) for t in selection.best.terms)
+        return self.gained(selection.baseline, selection.best, parameters)
 
     @property
     def training(self) -> SimulatedRecordings:  # type: ignore[override]

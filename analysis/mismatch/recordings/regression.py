@@ -114,7 +114,8 @@ def _force(
     way = float(arrangement.vector(arrangement.elements[term.place[0]].row, constants)[0])
     rest = AtRest.of(arrangement.elements[term.place[0]], constants, simulation.rig.preload_n)
     p = mechanism.packed(term.values, rest, h)
-    force = along(mechanism.law, p, way * motion.displacement, way * motion.velocity, 0.0, h, np.zeros(MEMORY))
+    d, v = way * motion.displacement, way * motion.velocity
+    force = along(mechanism.law, p[None], d, v, 0.0, h, np.zeros(MEMORY))[0]
     return np.asarray(way * force / term.values[str(mechanism.strength)], np.float64)
 
 

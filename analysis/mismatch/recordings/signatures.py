@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analysis.mismatch.parameters import Term, lines_of
-from analysis.mismatch.problem import Columns
+from analysis.mismatch.problem import Columns, Rung
 from analysis.mismatch.recordings.inputs import at_rest_between_pulses
 from analysis.mismatch.recordings.model import residual, slopes, step_of
 from analysis.mismatch.recordings.motion import Own
@@ -69,4 +69,8 @@ def columns_of(
     common, own_slopes = slopes(changed, fitted.x, own, step_of(simulation), forward, scale)
     q, _ = np.linalg.qr(own_slopes)
     columns = np.array([made(t) for t in terms]).reshape(len(terms), len(own_slopes)).T
-    return Columns(np.arange(fitted.x.size), common, columns, -white(off), q, rings)
+
+    def rung(against: Real) -> list[Rung]:
+        return [Rung.of(i, *rings(i), against) for i in range(len(ringing))]
+
+    return Columns(np.arange(fitted.x.size), common, columns, -white(off), q, rung)

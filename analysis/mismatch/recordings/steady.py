@@ -98,7 +98,8 @@ def harmonic(term: Term, amplitude: float, omega: float) -> complex:
     angle = 2 * np.pi * np.arange(CYCLES * POINTS + 1) / POINTS
     d, v = amplitude * np.cos(angle), -amplitude * omega * np.sin(angle)
     h = 2 * np.pi / omega / POINTS
-    force = along(mechanism.law, mechanism.packed(term.values, AtRest(), h), d, v, 0.0, h, np.zeros(MEMORY))
+    p = mechanism.packed(term.values, AtRest(), h)
+    force = along(mechanism.law, p[None], d, v, 0.0, h, np.zeros(MEMORY))[0]
     last = slice((CYCLES - 1) * POINTS, CYCLES * POINTS)
     return complex(2 / POINTS * np.sum(force[last] * np.exp(-1j * angle[last])))
 

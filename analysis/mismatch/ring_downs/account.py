@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from analysis.mismatch.answer import (
 from analysis.mismatch.chi_squared import odds_of_nothing
 from analysis.mismatch.evidence.excess import excess_by_frequency, excess_by_time
 from analysis.mismatch.parameters import lines_of
-from analysis.mismatch.remainder import frequency_words, spread_of
+from analysis.mismatch.remainder import count_words, frequency_words, spread_of
 from analysis.mismatch.ring_downs.candidates import stiffness_evidence, with_stiffness
 from analysis.mismatch.ring_downs.corrected import contact_at_rest
 from analysis.mismatch.ring_downs.judge import ImpactJudge
@@ -39,7 +39,9 @@ RIVALRY = 0.02  # of the accepted one's weight, from which on a candidate is a r
 
 @dataclass(frozen=True, slots=True)
 class ImpactAccount(Account[RingDownFit]):
-    """See `Account`."""
+    """See `Account`; ``measured`` are the errors of fits on held-out impacts that were computed already."""
+
+    measured: dict[int, tuple[RingDownFit, tuple[float, int]]] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def judge(self) -> ImpactJudge:
@@ -119,12 +121,17 @@ class ImpactAccount(Account[RingDownFit]):
 
     def held_out_rms(self, fitted: RingDownFit) -> float:
         """Return the rms of the residual on held-out impacts, m/s2."""
-        return self.judge.held_out_rms(fitted)[0]
+        return self._held_out(fitted)[0]
+
+    def _held_out(self, fitted: RingDownFit) -> tuple[float, int]:
+        if id(fitted) not in self.measured:
+            self.measured[id(fitted)] = fitted, self.judge.held_out_rms(fitted)
+        return self.measured[id(fitted)][1]
 
     def summary(self, chosen: RingDownFit | None) -> FitSummary:
         """Return how well held-out impacts are predicted."""
         experiment = self.judge.problem.experiment
-        before, held = self.judge.held_out_rms(self.selection.baseline)
+        before, held = self._held_out(self.selection.baseline)
         after = self.held_out_rms(chosen) if chosen is not None and held else None
         return FitSummary(
             "m/s2", experiment.noise_rms, before, after, held, len(experiment.segments), len(set(experiment.loads_n))
@@ -197,17 +204,25 @@ class ImpactAccount(Account[RingDownFit]):
         return tuple(label for label, load in self.groups.items() if load in shown)
 
     def compared(self, candidate: Candidate[RingDownFit], best: Candidate[RingDownFit]) -> str:
-        """Say in a sentence how a rival compares with the best candidate."""
+        """Say in a sentence how a rival compares with the best candidate.
+
+        A fit that cannot reach the best any more is given up early, which the fit does not tell: to the end it would
+        have at least this evidence.
+        """
         what, own, first = best.id.replace("_", " "), with_stiffness(candidate), with_stiffness(best)
         if candidate.fit is None:
             return (
-                f"Its score test promises an evidence of {own:.0f} in units of chi-squared, where {what} has "
-                f"{first:.0f}; it was not fitted in full, which can gain more."
+                f"Its score test promises an evidence of {count_words(own)} in units of chi-squared, where {what} has "
+                f"{count_words(first)}; it was not fitted, which can gain more."
             )
-        said = f"Fitted in full it has an evidence of {own:.0f} in units of chi-squared, where {what} has {first:.0f}."
+        said = (
+            f"Fitted, it has an evidence of at least {count_words(own)} in units of chi-squared, where {what} has "
+            f"{count_words(first)}."
+        )
         against = candidate.evidence - own
         if against > 0.05 * max(first - own, 1.0):
-            said += f" That counts {against:.0f} against it, as k_c does not grow with the load as it would make it."
+            counts = f" That counts {count_words(against)} against it"
+            said += f"{counts}, as k_c does not grow with the load as it would make it."
         return said
 
     def despite_its_error(self, candidate: Candidate[RingDownFit], best: Candidate[RingDownFit]) -> str:
@@ -233,11 +248,12 @@ class ImpactAccount(Account[RingDownFit]):
         own = np.array([s.group == group for s in self.selection.baseline.segments])
         strongest = np.max(self.selection.baseline.force_ratios()[own])  # NaN without a preload
         ratio = float(np.fmin(STRONGER_TAP * strongest, MOST_FORCE_RATIO))
+        apart = float(f"{math.sqrt(between[group] / count[group]):.3g}")
         return NextExperiment(
             loads[group],
             ratio,
             (first, second),
-            f"At {1e3 * loads[group]:.0f} mN the two differ most: by {math.sqrt(between[group] / count[group]):.1f} "
+            f"At {1e3 * loads[group]:.0f} mN the two differ most: by {apart:g} "
             "standard deviations an impact at the taps made; a stronger one parts them further.",
             ("load", "tap"),
         )

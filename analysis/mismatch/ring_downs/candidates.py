@@ -11,7 +11,7 @@ import numpy as np
 
 from analysis.mismatch.chi_squared import evidence
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.ring_downs.continuation import continued
+from analysis.mismatch.ring_downs.continuation import continued, lengthened
 from analysis.mismatch.ring_downs.coordinates import admissible
 from analysis.mismatch.ring_downs.fit import (
     COMPETING_ITERATIONS,
@@ -67,10 +67,22 @@ def fitted_candidate(
     return found
 
 
-def explains(candidate: Candidate[RingDownFit]) -> bool:
-    """Whether a candidate was fitted and leaves so little that the fit cannot be lost."""
+def explains(current: RingDownFit, candidate: Candidate[RingDownFit]) -> bool:
+    """Whether a candidate was fitted and leaves so little of what the current fit misses that it cannot be lost."""
     fitted = candidate.fit
-    return fitted is not None and fitted.reduced_chi_squared < fitted.problem.policy.strong
+    if fitted is None:
+        return False
+    policy, missed = fitted.problem.policy, max(current.reduced_chi_squared - 1, 0.0)
+    return fitted.reduced_chi_squared < max(policy.strong, 1 + policy.may_be_left(1) * missed)
+
+
+def lengthened_candidate(
+    current: RingDownFit, score: Score, begin: RingDownFit, to_beat: float
+) -> Candidate[RingDownFit]:
+    """Return the fit of a force law that is begun with one of the first milliseconds."""
+    stop = Stop(COMPETING_ITERATIONS, competing=True, against=current.objective, to_beat=to_beat)
+    fitted = lengthened(current.problem, begin.terms, begin, stop)
+    return _judged(current, fitted, score, score.own_numbers)
 
 
 def continued_candidate(current: RingDownFit, candidate: Candidate[RingDownFit]) -> Candidate[RingDownFit]:
@@ -110,10 +122,11 @@ def _best(
     to_beat: float = math.inf,
 ) -> RingDownFit | None:
     """Fit a term beside others from some values and rigs, for a few steps each; continue with the best."""
-    fits = []
+    fits: list[RingDownFit] = []
     for term, begin in starts:
+        least = min([to_beat, *(f.objective for f in fits if rings(f))])
         with suppress(ValueError, np.linalg.LinAlgError):  # it cannot be joined with what is there already
-            fits.append(competing(problem, (*others, term), begin, delays, to_beat))
+            fits.append(competing(problem, (*others, term), begin, delays, least))
     best = min(fits, key=lambda f: (not rings(f), f.objective), default=None)
     if best is None or best.nonlinear or best.objective > to_beat:
         return best

@@ -1,7 +1,8 @@
-"""Fits of strong effects: from the late part of the segments, where the rig is nearly linear, to the whole.
+"""Fits of strong effects: to parts of the segments first, to the whole from there.
 
-Where an effect is so strong that the linear rig's constants are no start for it, the end of every segment still gives
-them. From there the segments are made longer step by step; the state at each earlier beginning comes from running the
+From their beginnings on, `lengthened`, if the linear rig's constants are near enough for a few periods. Where an effect
+is so strong that they are not, the end of every segment, where the rig is nearly linear, still gives them, `continued`:
+from there the segments are made longer step by step; the state at each earlier beginning comes from running the
 rig with its force law backward in time.
 """
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import Constants
-from analysis.mismatch.ring_downs.fit import MOST_ITERATIONS, Start, Stop, fit
+from analysis.mismatch.ring_downs.fit import AT_THE_MINIMUM, Start, Stop, fit
 from analysis.mismatch.ring_downs.linear import linear_rig
 from analysis.mismatch.ring_downs.modes import Sensitivity
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
@@ -24,10 +25,63 @@ from sim_backend.modal_response import step_weights
 LATE_S = (4e-3, 8e-3, 16e-3, 32e-3)  # after the tap: beginnings that are tried for a linear start
 SHARE = 0.75  # of the time after the tap that the next longer segments begin at
 LEAST_STEP_S = 1e-3
-FEW_ITERATIONS = 6
+FEW_ITERATIONS, ON_THE_WAY = 6, 5.0  # steps, and the gain in chi-squared of one that is the last, until all is fitted
 SHORT_S = 8e-3  # of late segments: so short that a wrong constant causes no cycle skipping
 SCAN = np.linspace(-0.08, 0.08, 41)  # relative changes of a load's stiffness that are tried
 LEAST_SAMPLES = 300
+FIRST_S = 6e-3  # after the pulse; longest for which the fits of simulated rough contacts tapped hard do not skip cycles
+LONGER = 2.0  # factor from one part of the segments that is fitted to the next
+_ON_THE_WAY = Stop(FEW_ITERATIONS, gain=ON_THE_WAY, known=False)
+
+
+def beginnings(problem: RingDowns, seconds: float) -> RingDowns:
+    """Return the same problem with so much of the beginning of every segment alone."""
+    samples = round(seconds * problem.experiment.sample_rate_hz)
+    return problem.with_segments(
+        [replace(s, y=s.y[:, :samples], raw=s.raw[:, :samples]) for s in problem.experiment.segments]
+    )
+
+
+def linear_at_first(problem: RingDowns, begin: RingDownFit) -> RingDownFit:
+    """Return the linear rig fitted to the first milliseconds, its masses as declared.
+
+    What a fit to whole segments makes of them stands in for a strong effect.
+
+    Parameters
+    ----------
+    begin
+        A fit of the linear rig to the same loads.
+    """
+    masses = problem.arrangement.masses
+    declared = {p.name: p.value for p in problem.arrangement.parameters if p.name in masses}
+    rig = [declared.get(n, v) for n, v in zip(begin.constants.names()[0], begin.constants.rig, strict=True)]
+    begin = replace(begin, constants=replace(begin.constants, rig=np.array(rig)))
+    return fit(beginnings(problem, FIRST_S), begin=begin, start=Start(kept=tuple(masses)), stop=_ON_THE_WAY)
+
+
+def lengthened(
+    problem: RingDowns, terms: Sequence[Term], begin: RingDownFit, stop: Stop = AT_THE_MINIMUM
+) -> RingDownFit:
+    """Fit the rig with force laws to ever longer beginnings of the segments, at last to the whole.
+
+    A constant that is a little off is out of phase at the end of a segment, where a fit to the whole is lost; it is not
+    within the first periods. Masses stay until the last fit: recordings of the motion alone hardly tell them, and far
+    from where they were declared there is no quick way back.
+
+    Parameters
+    ----------
+    begin
+        A fit with the constants to start from, of any segments.
+    stop
+        When the fit to the whole ends; where it competes, extra forces are computed in coarser steps all along.
+    """
+    on_the_way = replace(_ON_THE_WAY, competing=stop.competing)
+    whole = max(r.y.shape[1] for r in problem.experiment.segments) / problem.experiment.sample_rate_hz
+    seconds, current, start = FIRST_S, begin, Start(kept=tuple(problem.arrangement.masses))
+    while LONGER * seconds < whole:
+        current = fit(beginnings(problem, seconds), terms, current, start, on_the_way)
+        terms, start, seconds = current.terms, replace(start, amplitudes=current.amplitudes), LONGER * seconds
+    return fit(problem, terms, current, replace(start, kept=()), stop)
 
 
 def continued(
@@ -61,24 +115,21 @@ def continued(
             break
     if late is None:
         return None
-    current = fit(late.problem, terms, late, Start(held=held), Stop(FEW_ITERATIONS))
+    current = fit(late.problem, terms, late, Start(held=held), _ON_THE_WAY)
     while skipped > 0 and current.reduced_chi_squared < policy.strong:
         step = max(round((1 - SHARE) * skipped), round(LEAST_STEP_S * rate))
         nearer = max(skipped - step, 0)
         amplitudes = [earlier(current, i, skipped - nearer) for i in range(len(current.amplitudes))]
         skipped = nearer
         longer = problem.cropped(skipped)
-        most = FEW_ITERATIONS if skipped else MOST_ITERATIONS
-        current = fit(longer, current.terms, current, Start(held=held, amplitudes=amplitudes), Stop(most))
+        stop = _ON_THE_WAY if skipped else AT_THE_MINIMUM
+        current = fit(longer, current.terms, current, Start(held=held, amplitudes=amplitudes), stop)
     return current if skipped == 0 else None
 
 
 def _late(problem: RingDowns, begin: RingDownFit) -> RingDownFit:
     """Fit the linear rig to segments that begin late, each load's stiffness found by a scan of their first part."""
-    samples = round(SHORT_S * problem.experiment.sample_rate_hz)
-    short = problem.with_segments(
-        [replace(s, y=s.y[:, :samples], raw=s.raw[:, :samples]) for s in problem.experiment.segments]
-    )
+    short = beginnings(problem, SHORT_S)
     load = begin.constants.load.copy()
     for group in range(len(load)):
         left = []

@@ -9,13 +9,13 @@ import numpy as np
 
 from analysis.mismatch.answer import ContactAtRest
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.ring_downs.continuation import continued
+from analysis.mismatch.ring_downs.continuation import continued, lengthened, linear_at_first
 from analysis.mismatch.ring_downs.fit import Start, fit
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.score_test import screen
 from calibration.estimate import Estimate
 from sim_backend.arrays import Real
-from sim_backend.mechanisms.kinds import SecondImpact
+from sim_backend.mechanisms.kinds import ForceLaw, SecondImpact
 from sim_backend.two_mass import TwoMass
 
 STEP = 1e-6  # relative, of the differences of the damping ratio
@@ -76,7 +76,11 @@ def augmented(plain: RingDownFit, terms: Sequence[Term]) -> RingDownFit:
         if second_impacts
         else ()
     )
-    found = fit(plain.problem, terms, plain, Start(delays=delays))
+    laws = all(isinstance(t.mechanism, ForceLaw) for t in terms)
+    if laws and plain.reduced_chi_squared > plain.problem.policy.strong:
+        found = lengthened(plain.problem, terms, linear_at_first(plain.problem, plain))
+    else:
+        found = fit(plain.problem, terms, plain, Start(delays=delays))
     if found.only_laws and found.reduced_chi_squared > plain.problem.policy.strong:
         found = continued(plain.problem, found.terms, plain) or found
     return found

@@ -20,7 +20,7 @@ from sim_backend.mechanisms.kinds import AddedBody
 
 MOST_ITERATIONS = 25
 COMPETING_ITERATIONS = 12  # of a fit while fits compete; the one that wins goes on
-CONVERGED = 0.02  # change of chi-squared below which a fit is done
+CONVERGED = 0.02  # change of chi-squared, over the reduced one where that is above 1, below which a fit is done
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +53,22 @@ class Stop:
     Attributes
     ----------
     competing
-        It is only compared with others: it ends where a step gains little beside the difference to what it began with.
+        It is only compared with others: it ends where a step gains little beside the difference to what it began with,
+        or to the objective ``against``.
     to_beat
         Objective of another fit: a competing one that comes nearer too slowly to reach it is given up.
+    gain
+        Fall of chi-squared, over the reduced one where that is above 1, below which it is done.
+    known
+        Whether it is asked how well its parameters are known.
     """
 
     iterations: int = MOST_ITERATIONS
     competing: bool = False
+    against: float | None = None
     to_beat: float = math.inf
+    gain: float = CONVERGED
+    known: bool = True
 
 
 FROM_THE_DECLARED, AT_THE_MINIMUM = Start(), Stop()
@@ -96,11 +104,13 @@ def fit(
     rig, load, fixed = _constants_at_start(problem, added, begin, start)
     point = Point(rig, load, added.start_free(), tuple(np.zeros(0) for _ in segments), segments)
     model = RingDownModel(problem, added, fixed)
-    reference = begin.objective if stop.competing and begin is not None else None
+    against = stop.against if stop.against is not None or begin is None else begin.objective
+    reference = against if stop.competing else None
     first = model.begin(point, start.amplitudes, math.inf if reference is None else reference)
-    stopping = Stopping(stop.iterations, CONVERGED, reference=reference, to_beat=stop.to_beat)
+    share = stop.gain / max(sum(s.y.size for s in segments), 1)
+    stopping = Stopping(stop.iterations, stop.gain, share, reference=reference, to_beat=stop.to_beat)
     found, exact = minimise(model, first, stopping, problem.policy.race(), exact=bool(start.amplitudes))
-    return _finished(model, found, exact, known=reference is None or not added.nonlinear)
+    return _finished(model, found, exact, known=stop.known and (reference is None or not added.nonlinear))
 
 
 def _delayed(problem: RingDowns, begin: RingDownFit | None, start: Start, added: AddedResponse) -> tuple[Segment, ...]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from analysis.mismatch.ring_downs.continuation import continued
-from analysis.mismatch.ring_downs.fit import Start, fit
+from analysis.mismatch.ring_downs.fit import Start, Stop, fit
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
 from analysis.mismatch.score_test import screen
 from sim_backend.mechanisms.kinds import SecondImpact
@@ -66,7 +66,8 @@ def held_out_afterwards(fitted: RingDownFit) -> RingDownFit | None:
         amplitudes=amplitudes,
     )
     start = Start(amplitudes=amplitudes if fitted.nonlinear else ())
-    return held_out_fit(_impacts(own, held), fit(_impacts(own, training), fitted.terms, begin, start))
+    others = fit(_impacts(own, training), fitted.terms, begin, start, Stop(known=False))
+    return held_out_fit(_impacts(own, held), others)
 
 
 def second_impact_delays(problem: RingDowns, fitted: RingDownFit) -> tuple[float, ...]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from analysis.mismatch.chi_squared import evidence
+from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.ring_downs.apart import borne_out
 from analysis.mismatch.ring_downs.candidates import (
@@ -20,14 +21,17 @@ from analysis.mismatch.ring_downs.candidates import (
     elsewhere,
     explains,
     fitted_candidate,
+    lengthened_candidate,
     looked_for_again,
     screened_evidence,
     started,
     variants,
     with_stiffness,
 )
+from analysis.mismatch.ring_downs.first_look import Key, first_look
 from analysis.mismatch.ring_downs.fit import fit
 from analysis.mismatch.ring_downs.held_out import held_out_afterwards, held_out_fit, split
+from analysis.mismatch.ring_downs.order import Order, by_mechanism
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
 from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import (
@@ -58,6 +62,10 @@ class ImpactJudge(Judge[RingDownFit]):
         Numbers of the segments that take no part in fitting.
     hints
         Fits with constants of the training's groups: what they name is fitted in any case, from there as well.
+    must_reach
+        Objective that a first mechanism must reach; finite where it contests another, and a rough fit will do.
+    looks
+        Whether a first look is taken at strong effects; not for learned laws, on which it was not tried.
     """
 
     problem: RingDowns
@@ -66,6 +74,8 @@ class ImpactJudge(Judge[RingDownFit]):
     known: Sequence[Mechanism]
     on_progress: OnProgress = silent
     hints: tuple[RingDownFit, ...] = ()
+    must_reach: float = math.inf
+    looks: bool = True
 
     @classmethod
     def of(cls, problem: RingDowns, known: Sequence[Mechanism], on_progress: OnProgress = silent) -> ImpactJudge:
@@ -80,37 +90,53 @@ class ImpactJudge(Judge[RingDownFit]):
     def candidates(self, state: State[RingDownFit]) -> Candidates:
         """Fit the best screened mechanisms in full, each with those already accepted."""
         current, policy = state.current, self.problem.policy
-        hinted = {t.key: (t, hint) for hint in self.hints for t in hint.terms} if state.first else {}
-        by_id = _by_mechanism(state, hinted)
-        ranked = _each_mechanism_first([scores[0] for scores in by_id.values()])
+        contest = state.first and self.must_reach < math.inf
+        order = self._order(state, contest)
         found: list[Candidate[RingDownFit]] = []
         explained, best = False, 0.0
-        tried: set[tuple[str, tuple[int, ...]]] = set()
-        for score in ranked:
-            close = screened_evidence(score) > policy.close * screened_evidence(ranked[0])
-            certain = score.p_value < policy.level / max(len(ranked), 1)
-            promising = certain and (close or screened_evidence(score) > best)  # more than has been gained so far
+        tried: set[Key] = set()
+        for score in order.ranked():
+            key = score.term.key
+            behind = explained and order.behind(key)
             fitted = {mechanism for mechanism, _ in tried} | {score.term.mechanism.id}
-            enough = len(fitted) > (policy.finalists if explained else policy.most_finalists)
-            wanted = _key(score) in hinted or (state.first and _is_runner_up(current, score, found))
-            if tried and not wanted and (enough or not promising or self.exhausted()):
+            enough = len(fitted) > (policy.finalists if explained or contest else policy.most_finalists)
+            runner_up = state.first and not contest and _is_runner_up(current, score, found)
+            wanted = key in order.hinted or runner_up or key in order.look.explaining()
+            idle = enough or behind or not order.promising(score, best) or self.exhausted()
+            if tried and not wanted and idle:
                 found.append(Candidate(score, None, screened_evidence(score)))
                 continue
             self.on_progress(f"fitting {name_of(score.term.mechanism)}")
-            tried.add(_key(score))
-            starts = [(started(s), current) for s in variants(by_id[_key(score)], policy.hopeful)]
-            starts += [hinted[_key(score)]] if _key(score) in hinted else []
-            to_beat = math.inf if wanted else current.objective - policy.serious * best
-            one = fitted_candidate(current, score, starts, to_beat)
+            tried.add(key)
+            to_beat = math.inf if wanted and not behind else current.objective - policy.serious * best
+            to_beat = min(to_beat, self.must_reach) if contest else to_beat
+            begin = order.begin(key)
+            if begin is not None:
+                one = lengthened_candidate(current, score, begin, to_beat)
+            else:
+                starts = [order.hinted[key]] if key in order.hinted else []
+                starts += [(started(s), current) for s in variants(order.scores[key], policy.hopeful)]
+                one = fitted_candidate(current, score, starts, to_beat)
             best = max(best, one.evidence)
-            explained = explained or explains(one)
+            explained = explained or explains(current, one)
             found.append(one)
-        if not explained:
-            found = self._by_continuation(current, found)
-        found = self._from_elsewhere(current, found, {k: v for k, v in by_id.items() if k in tried})
+        if not contest:
+            seen_early = explained or order.look.explaining()
+            found = found if seen_early else self._by_continuation(current, found)
+            found = self._from_elsewhere(current, found, {k: v for k, v in order.scores.items() if k in tried})
         found = [c for c in found if borne_out(current, c)]
         found.sort(key=lambda c: (c.fit is None, -with_stiffness(c)))
         return tuple(found)
+
+    def _order(self, state: State[RingDownFit], contest: bool) -> Order:
+        """Return what there is to fit; of a strong effect a first look is taken where nothing is hinted at."""
+        current, policy = state.current, self.problem.policy
+        hinted = {t.key: (t, hint) for hint in self.hints for t in hint.terms} if state.first else {}
+        if not (state.first and self.looks) or contest or hinted or current.reduced_chi_squared < policy.strong:
+            return Order(by_mechanism(state, hinted), policy, hinted=hinted)
+        self.on_progress("fitting force laws to the first milliseconds")
+        scores = by_mechanism(state, every_law=True)
+        return Order(scores, policy, first_look(current, scores))
 
     def _by_continuation(
         self, current: RingDownFit, candidates: list[Candidate[RingDownFit]]
@@ -119,7 +145,7 @@ class ImpactJudge(Judge[RingDownFit]):
         out: list[Candidate[RingDownFit]] = []
         for c in sorted(candidates, key=lambda c: (c.fit is None, -c.evidence)):
             law = c.fit is not None and c.fit.only_laws
-            if law and not any(explains(o) for o in out) and not (out and self.exhausted()):
+            if law and not any(explains(current, o) for o in out) and not (out and self.exhausted()):
                 self.on_progress(f"fitting {name_of(c.mechanism)} by continuation")
                 c = continued_candidate(current, c)
             out.append(c)
@@ -138,9 +164,9 @@ class ImpactJudge(Judge[RingDownFit]):
         for c in candidates:
             body = isinstance(c.mechanism, AddedBody) and c.mechanism.body is not None
             hopeful = c.fit is None or c.evidence > least
-            if body and hopeful and _key(c.score) in by_id and not self.exhausted():
+            if body and hopeful and c.score.term.key in by_id and not self.exhausted():
                 self.on_progress(f"fitting {name_of(c.mechanism)} from elsewhere")
-                starts = elsewhere(current, by_id[_key(c.score)])
+                starts = elsewhere(current, by_id[c.score.term.key])
                 again = fitted_candidate(current, c.score, starts, current.objective - c.evidence)
                 c = max(c, again, key=lambda one: one.evidence)
             out.append(c)
@@ -233,12 +259,33 @@ class ImpactJudge(Judge[RingDownFit]):
 
     def _lead_of_the_unnamed(self, baseline: State[RingDownFit], state: State[RingDownFit]) -> float:
         """Return by how much a single force without a name has more evidence than all that is named together."""
-        named = baseline.current.objective - state.current.objective
-        accepted = [(s.accepted, s.before) for s in state.steps if s.accepted is not None]
+        named = self._explained(baseline.current, state.current, state.steps)
+        return evidence(baseline.screening.free.best_alone, 0, 1) - named
+
+    def _explained(self, baseline: RingDownFit, current: RingDownFit, steps: Steps) -> float:
+        """Return the evidence of all mechanisms that were accepted in steps, together."""
+        named = baseline.objective - current.objective
+        accepted = [(s.accepted, s.before) for s in steps if s.accepted is not None]
         for place, (one, before) in enumerate(accepted):
             gain = before.objective - one.fit.objective if one.fit is not None else 0.0
             named -= gain - one.evidence + (self.problem.policy.least_gain if place else 0.0)
-        return evidence(baseline.screening.free.best_alone, 0, 1) - named
+        return named
+
+    def evidence_of(self, selection: Selection[RingDownFit]) -> float:
+        """Return the evidence of all that a selection accepted."""
+        return self._explained(selection.baseline, selection.best, selection.steps)
+
+    def gained(self, before: RingDownFit, after: RingDownFit, parameters: int) -> float:
+        """Return the evidence of a fit with so many parameters more than the one before."""
+        return evidence(before.objective - after.objective, 0, parameters, self.problem.policy.parameter_cost)
+
+    def knowing(
+        self, known: Sequence[Mechanism], policy: SelectionPolicy, to_beat: RingDownFit | None = None
+    ) -> ImpactJudge:
+        """Return a judge of the same impacts that knows other mechanisms and has other thresholds."""
+        reach = math.inf if to_beat is None else to_beat.objective + policy.parameter_cost
+        problem = replace(self.problem, policy=policy)
+        return replace(self, known=known, hints=(), must_reach=reach, looks=False, problem=problem)
 
     def another_first(self, candidates: Sequence[Candidate[RingDownFit]]) -> bool:
         """Whether the second candidate is nearly as good as the first."""
@@ -267,34 +314,6 @@ def _is_runner_up(current: RingDownFit, score: Score, found: Sequence[Candidate[
     if score.term.mechanism.id in tried or len(found) >= MOST_TRIED:
         return False
     return len({c.id for c in found if c.fit is not None and borne_out(current, c)}) < RIVALS
-
-
-def _key(score: Score) -> tuple[str, tuple[int, ...]]:
-    return score.term.key
-
-
-def _by_mechanism(
-    state: State[RingDownFit], hinted: Collection[tuple[str, tuple[int, ...]]] = ()
-) -> dict[tuple[str, tuple[int, ...]], list[Score]]:
-    """Return the scores of each mechanism in each place that promises anything or is hinted at, best first."""
-    present = {t.key for t in state.current.terms}
-    found: dict[tuple[str, tuple[int, ...]], list[Score]] = {}
-    for score in sorted(state.screening.scores, key=lambda s: -screened_evidence(s)):
-        if _key(score) not in present and (screened_evidence(score) > 0 or _key(score) in hinted):
-            found.setdefault(_key(score), []).append(score)
-    return found
-
-
-def _each_mechanism_first(scores: Sequence[Score]) -> list[Score]:
-    """Return the scores with the best place of every mechanism before its other places, which look much alike."""
-    seen: set[str] = set()
-    first: list[Score] = []
-    others: list[Score] = []
-    for score in scores:
-        mechanism = score.term.mechanism.id
-        (others if mechanism in seen else first).append(score)
-        seen.add(mechanism)
-    return first + others
 
 
 def _without_idle_ones(fitted: RingDownFit, steps: Steps) -> tuple[RingDownFit, Steps]:

@@ -135,8 +135,8 @@ class RingDowns(Problem["RingDownFit"]):
         """Return the columns of what rings in every segment by itself, the tones among terms too."""
         return Nuisance(self.experiment, np.append(self.slow, 2j * np.pi * np.array(lines_of(terms))))
 
-    def scale_of(self, fitted: RingDownFit, place: int) -> Scale:
-        """Return how far an element moves after the taps."""
+    def _moved(self, fitted: RingDownFit, place: int) -> Real:
+        """Return (segments, 4) deformation, rate, preload over stiffness and force of an element after each tap."""
         count, rate = int(EARLY_S * self.experiment.sample_rate_hz), self.experiment.sample_rate_hz
         t = np.arange(count) / rate
         values = [fitted.constants.at(g) for g in range(len(fitted.modes))]
@@ -144,12 +144,23 @@ class RingDowns(Problem["RingDownFit"]):
         own = [elements[place].stiffness, *(e.stiffness for e in elements)]  # of the first that has one
         name = next(n for n in own if n is not None)
         rows = []
-        for segment, amplitudes in zip(self.experiment.segments, fitted.amplitudes, strict=True):
+        for segment, amplitudes in zip(fitted.segments, fitted.amplitudes, strict=True):
             stiffness = values[segment.group][name]
             d, v = fitted.responded(segment.group).motion(amplitudes, place, t)
             largest = float(np.abs(d).max())
             rows.append((largest, np.abs(v).max(), segment.preload_n / stiffness, stiffness * largest))
-        deformation, rate_, static, force = map(float, np.median(rows, axis=0))
+        return np.array(rows, np.float64)
+
+    def reach_of(self, fitted: RingDownFit, place: int) -> tuple[float, float]:
+        """Return the largest deformation (m) and rate (m/s) of an element."""
+        deformation, rate, *_ = self._moved(fitted, place).max(axis=0).tolist()
+        return deformation, rate
+
+    def scale_of(self, fitted: RingDownFit, place: int) -> Scale:
+        """Return how far an element moves after the taps."""
+        rate = self.experiment.sample_rate_hz
+        values = [fitted.constants.at(g) for g in range(len(fitted.modes))]
+        deformation, rate_, static, force = map(float, np.median(self._moved(fitted, place), axis=0))
         hz = np.array([np.abs(m.rig.poles) / (2 * np.pi) for m in fitted.modes])
         seen = self.arrangement.masses[self.arrangement.bodies.index(self.arrangement.sensors[0].row[0][0])]
         longest = max(s.y.shape[1] for s in self.experiment.segments) / rate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import pearsonr
@@ -13,14 +13,51 @@ from analysis.mismatch.answer import SetAside
 from analysis.mismatch.chi_squared import evidence
 from analysis.mismatch.problem import Constants, OnProgress
 from analysis.mismatch.ring_downs.apart import apart, follow_strength, no_law_explains, set_aside, without
-from analysis.mismatch.ring_downs.fit import Start, fit
+from analysis.mismatch.ring_downs.fit import Start, Stop, fit
 from analysis.mismatch.ring_downs.judge import ImpactJudge
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
-from analysis.mismatch.selection import Selection, State, screened_baseline, select
+from analysis.mismatch.selection import Selection, State, select
 from sim_backend.mechanisms.kinds import Mechanism
 
 Found = tuple[Selection[RingDownFit], tuple[SetAside, ...]]
-Begun = tuple[ImpactJudge, State[RingDownFit]]
+MOST_TESTS = 1e4  # more than a screening makes: by one p-value below the level over this its overall one is below, too
+
+
+@dataclass(slots=True)
+class _Begun:
+    """Where a selection begins: the linear rig as fitted, screened when that is asked for first."""
+
+    judge: ImpactJudge
+    current: RingDownFit
+    _state: State[RingDownFit] | None = None
+
+    @classmethod
+    def of(cls, judge: ImpactJudge) -> _Begun:
+        """Fit the linear rig to what is not held out."""
+        judge.on_progress("fitting the linear rig")
+        return cls(judge, judge.baseline())
+
+    @property
+    def state(self) -> State[RingDownFit]:
+        """The fit with the scores of all mechanisms."""
+        if self._state is None:
+            self.judge.on_progress("screening")
+            self._state = State(self.current, self.judge.tested(self.current, self.judge.screen(self.current)))
+        return self._state
+
+    @property
+    def consistent(self) -> bool:
+        """Whether the linear rig will do; where that is plain without any mechanism's score, none is computed."""
+        level = self.judge.problem.policy.level
+        if self._state is None:
+            plain, _ = self.judge.training.unmodelled(self.current)
+            if min(plain, default=1.0) < level / MOST_TESTS:
+                return False
+        return self.state.screening.p_value >= level
+
+    def selected(self) -> Selection[RingDownFit]:
+        """Return the selection from here."""
+        return select(self.judge, self.state)
 
 
 def select_for_impacts(problem: RingDowns, known: Sequence[Mechanism], on_progress: OnProgress) -> Found:
@@ -30,20 +67,20 @@ def select_for_impacts(problem: RingDowns, known: Sequence[Mechanism], on_progre
     nothing explains them all, but something the others, and they are not the strongest.
     """
     begun = _begun(problem, known, on_progress)
-    state = begun[-1][1]
-    if _consistent(begun):
-        return select(*begun[-1]), ()
-    odd = apart(state.current)
-    rest = without(problem, _names(state.current, odd)) if odd else None
-    if rest is not None and no_law_explains(state.current, state.screening, odd):
+    last = begun[-1]
+    if last.consistent:
+        return last.selected(), ()
+    odd = apart(last.current)
+    rest = without(problem, _names(last.current, odd)) if odd else None
+    if rest is not None and no_law_explains(last.current, last.state.screening, odd):
         on_progress("again, without what a few impacts alone show")
-        others = _begun(rest, known, on_progress)
-        if _consistent(others):
-            return select(*others[-1]), set_aside(state.current, odd)
-    found, last = _selected(begun)
+        others = _begun(rest, known, on_progress)[-1]
+        if others.consistent:
+            return others.selected(), set_aside(last.current, odd)
+    found, ended, aside = _selected(begun)
     if found.chosen is not None:
-        return found, ()
-    return _without_odd_ones(problem, known, on_progress, last.best) or (found, ())
+        return found, aside
+    return _without_odd_ones(problem, known, on_progress, ended.best) or (found, ())
 
 
 def _without_odd_ones(
@@ -59,8 +96,8 @@ def _without_odd_ones(
         return None
     on_progress("again, without what a few impacts alone show")
     others = _begun(rest, known, on_progress)
-    again = select(*others[-1]) if _consistent(others) else _selected(others)[0]
-    explained = again.chosen is not None or _consistent(others)
+    again = others[-1].selected() if others[-1].consistent else _selected(others)[0]
+    explained = again.chosen is not None or others[-1].consistent
     return (again, set_aside(best, odd)) if explained else None
 
 
@@ -68,73 +105,97 @@ def _names(fitted: RingDownFit, numbers: Sequence[int]) -> set[str]:
     return {fitted.segments[i].name for i in numbers}
 
 
-def _begun(problem: RingDowns, known: Sequence[Mechanism], on_progress: OnProgress) -> tuple[Begun, ...]:
+def _begun(problem: RingDowns, known: Sequence[Mechanism], on_progress: OnProgress) -> tuple[_Begun, ...]:
     """Return where a selection begins; the same with constants of its own for every impact where these scatter."""
-    judge = ImpactJudge.of(problem, known, on_progress)
-    baseline = screened_baseline(judge)
-    if baseline.screening.p_value >= problem.policy.level or not scattered(baseline.current):
-        return ((judge, baseline),)
+    first = _Begun.of(ImpactJudge.of(problem, known, on_progress))
+    if first.consistent or scattered(first.current) is None:
+        return (first,)
     on_progress("again, with constants of its own for every impact")
-    return (judge, baseline), _begun_for_each_impact(judge)
+    return first, _begun_for_each_impact(first.judge)
 
 
-def _begun_for_each_impact(judge: ImpactJudge) -> Begun:
-    other = ImpactJudge.of(judge.problem.per_impact_constants(), judge.known, judge.on_progress)
-    return other, screened_baseline(other)
+def _begun_for_each_impact(judge: ImpactJudge) -> _Begun:
+    return _Begun.of(ImpactJudge.of(judge.problem.per_impact_constants(), judge.known, judge.on_progress))
 
 
-def _consistent(begun: tuple[Begun, ...]) -> bool:
-    judge, state = begun[-1]
-    return state.screening.p_value >= judge.problem.policy.level
+def _selected(
+    begun: tuple[_Begun, ...],
+) -> tuple[Selection[RingDownFit], Selection[RingDownFit], tuple[SetAside, ...]]:
+    """Select with constants of each load first, then with those of each impact.
 
-
-def _selected(begun: tuple[Begun, ...]) -> tuple[Selection[RingDownFit], Selection[RingDownFit]]:
-    """Select with constants of each load first, then with those of each impact; return what counts, and the last.
-
-    A strong effect hides at first that the constants scatter: what it leaves beyond noise may be that.
+    Returns
+    -------
+    tuple
+        What counts, the last selection, and impacts that were set aside.
     """
-    judge = begun[0][0]
-    plain = select(*begun[0])
+    plain = begun[0].selected()
     if plain.chosen is not None:
-        if plain.left.p_value >= judge.problem.policy.level or not scattered(plain.chosen):
-            return plain, plain
-        judge.on_progress("again, with constants of its own for every impact")
-        other, baseline = begun[1] if len(begun) > 1 else _begun_for_each_impact(judge)
-        hint = replace(plain.chosen, constants=_own_constants(plain.chosen, judge.problem))
-        again = select(replace(other, hints=(hint,)), baseline)
-        better = again.chosen is not None and again.left.p_value > plain.left.p_value
-        return (again, again) if better else (plain, plain)
+        again, aside = _refined(begun, plain, plain.chosen)
+        return again, again, aside
     if len(begun) == 1:
-        return plain, plain
-    again = select(*begun[-1])
+        return plain, plain, ()
+    again = begun[-1].selected()
     # where nothing is named, what is said is said of the linear rig that explains more: scatter is not missing physics
-    return (again if again.chosen is not None or again.p_value > plain.p_value else plain), again
+    return (again if again.chosen is not None or again.p_value > plain.p_value else plain), again, ()
 
 
-def scattered(baseline: RingDownFit) -> bool:
-    """Whether the contact's constants differ from impact to impact of a load by more than noise, and by chance.
+def _refined(begun: tuple[_Begun, ...], plain: Selection[RingDownFit], chosen: RingDownFit) -> Found:
+    """Select again where what a named mechanism leaves may be scatter of the constants, or peculiar to few impacts.
+
+    A strong effect hides both at first.
+    """
+    judge = begun[0].judge
+    problem, level = judge.problem, judge.problem.policy.level
+    if plain.left.p_value >= level:
+        return plain, ()
+    own = scattered(chosen)
+    last = own or chosen
+    odd = apart(last)
+    rest = without(problem, _names(last, odd)) if odd and not follow_strength(last, odd) else None
+    if own is None and rest is None:
+        return plain, ()
+    if own is None:
+        judge.on_progress("again, without what a few impacts alone show")
+        other = _Begun.of(ImpactJudge.of(rest or problem, judge.known, judge.on_progress))
+    elif rest is None and len(begun) > 1:
+        other = begun[1]
+    else:
+        judge.on_progress("again, with constants of its own for every impact")
+        other = _begun_for_each_impact(replace(judge, problem=rest or problem))
+    hint = replace(chosen, constants=_own_constants(other.judge.problem, chosen, own))
+    again = select(replace(other.judge, hints=(hint,)), other.state)
+    better = again.chosen is not None and again.left.p_value > plain.left.p_value
+    return (again, set_aside(last, odd) if rest is not None else ()) if better else (plain, ())
+
+
+def scattered(baseline: RingDownFit) -> RingDownFit | None:
+    """Return the fit with constants of every impact where they differ at a load by more than noise, and by chance.
 
     That is not missing physics: what differs must not follow the strength of the tap.
     """
     policy, segments = baseline.problem.policy, baseline.problem.experiment.segments
     if baseline.constants.load.shape[1] == 0 or baseline.problem.scattered:
-        return False
-    own = replace(baseline, constants=_own_constants(baseline, baseline.problem))
+        return None
     start = Start(amplitudes=baseline.amplitudes if baseline.nonlinear else ())
-    free = fit(baseline.problem.per_impact_constants(), baseline.terms, own, start)
+    problem = baseline.problem.per_impact_constants()
+    begin = replace(baseline, constants=_own_constants(problem, baseline))
+    free = fit(problem, baseline.terms, begin, start, Stop(known=False))
     freed = (len(segments) - len(baseline.constants.load)) * baseline.constants.load.shape[1]
     if evidence(baseline.objective - free.objective, freed) < policy.scatter_evidence:
-        return False
+        return None
     stiffness = np.log(free.constants.load[:, 0])
     strength = np.array([math.log(float(np.abs(a).max())) for a in free.amplitudes])
     for group in range(len(baseline.constants.load)):
         at = [i for i, s in enumerate(segments) if s.group == group]
         stiffness[at] -= stiffness[at].mean()
         strength[at] -= strength[at].mean()
-    return float(pearsonr(stiffness, strength).pvalue) > policy.level
+    return free if float(pearsonr(stiffness, strength).pvalue) > policy.level else None
 
 
-def _own_constants(fitted: RingDownFit, problem: RingDowns) -> Constants:
-    """Return a fit's constants with those of its loads for every impact of a problem."""
-    groups = [s.group for s in problem.experiment.segments]
-    return replace(fitted.constants, load=fitted.constants.load[groups])
+def _own_constants(problem: RingDowns, *fits: RingDownFit | None) -> Constants:
+    """Return constants for every group of a problem: of its impact where the last fit has it, else of its load."""
+    known = [f for f in fits if f is not None]
+    of_load = {s.preload_n: f.constants.load[s.group] for f in known for s in f.segments}
+    of_impact = {s.name: f.constants.load[s.group] for f in known for s in f.segments}
+    load = {s.group: of_impact.get(s.name, of_load[s.preload_n]) for s in problem.experiment.segments}
+    return replace(known[-1].constants, load=np.array([load[g] for g in range(len(load))]))

@@ -3,69 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.problem import Columns
-from analysis.mismatch.ring_downs.linear import LinearRig, linear_rigs
+from analysis.mismatch.problem import Columns, Rung
 from analysis.mismatch.ring_downs.modes import slope_columns
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.ring_downs.response import responses, whiten
-from sim_backend.arrays import Complex, Real
+from analysis.mismatch.ring_downs.ringing import families, rung
+from sim_backend.arrays import Real
 from sim_backend.force_law import MEMORY, along
-from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion, ForceLaw, Tones
+from sim_backend.mechanisms.kinds import AtRest, ChannelDistortion, ForceLaw
 from sim_backend.modal_response import parabolas
 
 SUBSTEPS = 2  # of a sample
 PARTS = 2  # in which segments are gone through side by side
 
 
-@dataclass(frozen=True, slots=True)
-class _Change:
-    """Changes of poles (p,) and gains (c, p) by an added body; poles, gains and left shapes of its own modes."""
-
-    poles: Complex
-    gains: Complex
-    own_poles: Complex
-    own_gains: Complex
-    own_left: Complex
-
-
 class Signatures:
     """Of all segments of a fit; ``terms`` add bodies or tones, which ring on by themselves in every segment."""
 
     def __init__(self, fitted: RingDownFit, terms: Sequence[Term]):
-        self.fitted, self.terms = fitted, terms
+        self.fitted = fitted
         self.rate = fitted.problem.experiment.sample_rate_hz
         self.to = [fitted.responded(g) for g in range(len(fitted.modes))]
-        self.tapped = fitted.arrangement.bodies.index(fitted.arrangement.tapped)
         self.peak = max(float(np.abs(s.raw).max()) for s in fitted.problem.experiment.segments)
-        self.changes = [self._changes(t) for t in terms]
-
-    def _changes(self, term: Term) -> list[_Change]:
-        """Return what a body that is added changes at every load."""
-        if not isinstance(term.mechanism, AddedBody):
-            return []
-        fitted, experiment = self.fitted, self.fitted.problem.experiment
-        arrangement = term.mechanism.extend(fitted.arrangement, term.values, term.place)
-        groups = len(fitted.constants.load)
-        values = {k: np.full(groups, v) for k, v in arrangement.declared().items()} | fitted.constants.stacked()
-        rigs = linear_rigs(arrangement, values, fitted.problem.analog, experiment.noise, self.rate)
-        return [_change(rig, to.rig) for rig, to in zip(rigs, self.to, strict=True)]
-
-
-def _change(rig: LinearRig, base: LinearRig) -> _Change:
-    taken: list[int] = []
-    for s in base.poles:
-        order = np.argsort(np.abs(rig.poles - s))
-        taken.append(next(int(i) for i in order if int(i) not in taken))
-    rest = [i for i in range(len(rig.poles)) if i not in taken]
-    return _Change(
-        rig.poles[taken] - base.poles, rig.gains[:, taken] - base.gains, rig.poles[rest], rig.gains[:, rest],
-        rig.left[:, rest],
-    )  # fmt: skip
+        self.families = families(fitted, terms, [to.rig for to in self.to])
 
 
 def columns_of(fitted: RingDownFit, terms: Sequence[Term], ringing: Sequence[Term]) -> list[Iterator[Columns]]:
@@ -89,7 +54,7 @@ def _part(signatures: Signatures, terms: Sequence[Term], numbers: Sequence[int])
         slopes = slope_columns(modes, fitted.amplitudes[number], segment, signatures.rate).reshape(len(own), -1)
         made = one.shared(terms).reshape(len(terms), -1).T
         where = np.r_[np.arange(common), common + segment.group * each + np.arange(each)]
-        yield Columns(where, slopes, made, fitted.residuals[number].ravel(), own, one.ringing)
+        yield Columns(where, slopes, made, fitted.residuals[number].ravel(), own, one.rung)
 
 
 class SegmentSignatures:
@@ -134,34 +99,16 @@ class SegmentSignatures:
             d, v = self.to.motion(self.amplitudes, place, t - lead)
             forces = np.empty((len(at), 1, t.size))
             rest = AtRest.of(elements[place], self.values, self.segment.preload_n)
-            for out, (i, mechanism) in zip(forces[:, 0], at, strict=True):
-                p = mechanism.packed(terms[i].values, rest, h)
-                out[:] = along(mechanism.law, p, d, v, begin_s, h, np.zeros(MEMORY))
+            same: dict[Any, list[int]] = {}
+            for row, (_, mechanism) in enumerate(at):
+                same.setdefault(mechanism.law, []).append(row)
+            for law, rows in same.items():
+                p = np.stack([at[row][1].packed(terms[at[row][0]].values, rest, h) for row in rows])
+                forces[rows, 0] = along(law, p, d, v, begin_s, h, np.zeros(MEMORY))
             respond = responses([self.to] * len(at), [place], h, SUBSTEPS)
             found[[i for i, _ in at]] += respond(forces, parabolas(forces))[:, :, run_up:]
 
-    def ringing(self, index: int) -> tuple[Real, Real]:
-        """Return waves (k, c n) of coefficients of the segment's own, and what the session's term does (c n,)."""
-        term = self.session.terms[index]
-        if isinstance(term.mechanism, Tones):
-            return self._lines(term.mechanism.lines(term.values)), np.zeros(self.clean.size)
-        base, change = self.to.rig, self.session.changes[index][self.segment.group]
-        shared = (change.gains @ self.waves.T + ((base.gains * change.poles) @ self.waves.T) * self.t).real
-        if term.phase_locked:
-            tapped = self.session.tapped
-            b = (
-                self.amplitudes[0] * change.own_left[tapped] / base.left[tapped, 0]
-                * np.exp((change.own_poles - base.poles[0]) * self.segment.since_tap_s)
-            )  # fmt: skip
-            rung = (change.own_gains @ (np.exp(np.outer(change.own_poles, self.t)) * (2 * b)[:, None])).real
-            return np.zeros((0, self.clean.size)), (shared + rung).ravel()
-        return self._waves(change.own_poles, change.own_gains.T), shared.ravel()
-
-    def _lines(self, lines: Sequence[float]) -> Real:
-        poles = 2j * np.pi * np.array(lines)
-        return self._waves(poles, np.stack([m.gain(poles, self.session.rate) for m in self.noise], axis=1))
-
-    def _waves(self, poles: Complex, gains: Complex) -> Real:
-        """Return (2 k, c n) cosine and sine of each pole with its gains (k, c)."""
-        waves = gains[:, :, None] * np.exp(np.outer(poles, self.t))[:, None]
-        return np.stack([waves.real, waves.imag], axis=1).reshape(2 * len(poles), gains.shape[1] * self.t.size)
+    def rung(self, columns: Real) -> list[Rung]:
+        """Return the products of what the session's terms ring with columns (c n, m)."""
+        families = self.session.families[self.segment.group]
+        return rung(families, self.to.rig, self.segment, self.amplitudes, columns, self.session.rate)

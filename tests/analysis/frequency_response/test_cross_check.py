@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.frequency_response.cross_check import CrossCheck, cross_checks, hammer_so_far
+from analysis.frequency_response.cross_check import CrossCheck, cross_checks
 from calibration.estimate import Estimate
 from daq.records import Impact, RigDescription, Session
 from daq.settings import Trigger
@@ -179,13 +179,3 @@ def test_a_hammer_that_is_too_soft_is_told(simulated) -> None:
     found = _check(_with_force(session, soft), truth)
     assert found.fit is None
     assert "use a harder tip" in found.sentence
-
-
-def test_what_the_hammer_shows_while_taps_are_made(simulated) -> None:
-    impacts = simulated[0].impacts
-    assert "excites to 43" in hammer_so_far(impacts[:1])
-    assert "coherence" not in hammer_so_far(impacts[:1])
-    assert "4 taps: coherence 0.9" in hammer_so_far(impacts) or "coherence 1.00" in hammer_so_far(impacts)
-    dead = [replace(i, force=np.zeros_like(i.force)) for i in impacts]
-    assert hammer_so_far(dead[:1]).startswith("hammer: no hit can be used: ")
-    assert hammer_so_far([replace(i, force=None) for i in impacts]) == ""

@@ -39,7 +39,7 @@ SHIPPED = files("mesotap.configuration").joinpath(TESTER_FILE).read_text(encodin
 
 @functools.cache
 def answer_of(case: str, *excluded: str) -> Answer:
-    return diagnosed([practice(case)], variants(without(catalogue(), excluded))).answer
+    return diagnosed([practice(case)], variants(without(catalogue(), excluded)), learn=True).answer
 
 
 @pytest.mark.slow
@@ -87,6 +87,7 @@ def test_the_answer_is_what_other_programs_read() -> None:
     assert json.loads(json.dumps(answer, allow_nan=False)) == answer
 
 
+@pytest.mark.slow
 def test_scatter_between_impacts_is_no_missing_physics() -> None:
     rng = np.random.default_rng(5)
 
@@ -155,6 +156,19 @@ def test_an_upper_limit_is_the_bound_of_the_score_in_the_parameters_unit() -> No
         assert limit.probability == 0.95
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["rough_surface_stiffness", "hertz_stiffness"])
+def test_a_contact_tapped_with_nearly_all_of_its_load_is_named(name: str) -> None:
+    """The score of a law in which nothing is free says little where the law is strong."""
+    others = [listed(k) for k in ("hertz_stiffness", "contact_creep", "adhesion", "rough_surface_stiffness")]
+    answer = diagnosed([session_of(with_law(name), ratios=(0.3, 0.6, 0.9))], others).answer
+    assert [m.id for m in answer.mechanisms] == [name]
+    assert answer.mechanisms[0].probability > 0.9
+    assert answer.fit.heldout_rms_after is not None
+    assert answer.fit.heldout_rms_after < 1.05 * answer.fit.noise_rms < 0.1 * answer.fit.heldout_rms_before
+
+
+@pytest.mark.slow
 def test_what_is_named_has_no_upper_limit() -> None:
     session = session_of(with_law(), noise=0.02)
     louder = np.array([[1.0], [1.02]])

@@ -203,3 +203,53 @@ def test_where_one_parameter_is_held_back_the_others_know_it() -> None:
     ranges = np.array([-1.0, -1e6]), np.array([1.0, 1e6])
     found = bounded_step(normal, normal @ np.array([7.0, 2.0]), 0.0, np.zeros(2, bool), ranges)
     assert found == pytest.approx([1.0, 2.0 + 0.8 * (7.0 - 1.0)])
+
+
+@dataclass
+class Misjudged(Segments):
+    """Its slopes lie at an angle to the true ones and promise so little that each step does all it promised."""
+
+    reuses: bool = True
+    tilt: Real = field(default_factory=lambda: np.zeros(0))
+    evaluated: int = 0
+    linearised: int = 0
+
+    def evaluate(self, at: Point) -> Evaluation[Point]:
+        self.evaluated += 1
+        return super().evaluate(at)
+
+    def linearise(self, at: Evaluation[Point], exact: bool) -> Linearisation:
+        self.linearised += 1
+        true = super().linearise(at, exact)
+        tangents = []
+        for t, x in zip(true.tangents, self.x, strict=True):
+            tilted = self.tilt[: len(x), None] * np.linalg.norm(x)
+            tangents.append(Tangent.of(t.where, np.zeros((len(x), 0)), 3 * (0.17 * x + 0.98 * tilted)))
+        return Linearisation(true.basis, sum(t.common.T @ t.common for t in tangents), tuple(tangents))
+
+
+def test_slopes_that_are_off_do_not_creep_to_the_minimum() -> None:
+    rng = np.random.default_rng(4)
+    x = np.zeros((40, 1))
+    x[0] = 1.0
+    tilt = np.zeros(40)
+    tilt[1] = 1.0
+    y = 300 * x[:, 0] + 0.1 * rng.standard_normal(40) * (tilt == 0)
+    wide = np.array([np.inf])
+    model = Misjudged([x], [np.zeros((40, 0))], [y], -wide, wide, np.zeros(1), tilt=tilt)
+    found, _ = minimise(model, model.begin(), Stopping(25, 0.02), POLICY.race())
+    assert found.point.common[0] == pytest.approx(300.0, abs=0.3)
+    assert model.evaluated <= 10
+    assert model.linearised <= 3
+
+
+def test_a_segment_s_own_coefficients_are_not_tried_again_with_damping_that_does_nothing_to_them() -> None:
+    model = Misjudged([np.zeros((3, 1))], [np.eye(3)], [np.ones(3)], np.zeros(1), np.zeros(1), np.zeros(1))
+    model.fixed[:] = True
+    model.linearise = lambda at, exact: Linearisation(  # type: ignore[method-assign]
+        np.eye(1), np.zeros((1, 1)), (Tangent.of(np.arange(1), -np.eye(3), np.zeros((3, 1))),)
+    )
+    begun = model.begin()
+    found, _ = minimise(model, begun, Stopping(25, 0.02), POLICY.race())
+    assert found is begun
+    assert model.evaluated == 2

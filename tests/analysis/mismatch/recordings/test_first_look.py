@@ -3,22 +3,21 @@ import pytest
 
 from analysis.mismatch.recordings.first_look import first_look
 from daq.exchange import Recording
-from tests.analysis.mismatch.recordings.described_rigs import OMEGA, RATE, SAMPLES, motion, noise_input
+from tests.analysis.mismatch.recordings.described_rigs import OMEGA, RATE, SAMPLES, driven
 
 
 def recording(columns, names, unit="", rate=RATE):
     return Recording(np.array(columns), rate, tuple(names), unit, "made here")
 
 
-def driven():
-    u = noise_input(SAMPLES, RATE, 0.5, 40, seed=5)
-    x, v = motion(lambda s, x, v: 100 * s - OMEGA**2 * x - 0.08 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, u)
+def by_quantity():
+    u, x, v = driven()
     return u, {"displacement": x, "velocity": v, "acceleration": 100 * u - OMEGA**2 * x - 0.08 * OMEGA * v}
 
 
 @pytest.mark.parametrize("quantity", ["displacement", "velocity", "acceleration"])
 def test_a_driven_rig_without_names_shows_its_input_its_mode_and_what_its_sensor_sees(quantity):
-    u, motions = driven()
+    u, motions = by_quantity()
     y = motions[quantity] + 1e-3 * np.std(motions[quantity]) * np.random.default_rng(1).normal(size=SAMPLES)
     look = first_look(recording([y, u], ["1", "2"]), inputs=["2"])
     assert [c.name for c in look.inputs] == ["2"]
@@ -29,14 +28,14 @@ def test_a_driven_rig_without_names_shows_its_input_its_mode_and_what_its_sensor
 
 
 def test_the_least_predictable_of_nameless_channels_is_taken_for_the_input():
-    u, motions = driven()
+    u, motions = by_quantity()
     look = first_look(recording([motions["displacement"], u], ["1", "2"]))
     assert [(c.name, c.told) for c in look.inputs] == [("2", False)]
 
 
 @pytest.mark.parametrize("name", ["force", "Hammer_1", "u", "input"])
 def test_names_tell_an_input(name):
-    u, motions = driven()
+    u, motions = by_quantity()
     look = first_look(recording([u, motions["velocity"]], [name, "speed of the mass"]))
     assert [c.kind for c in look.channels] == ["force", "sensor"]
     assert look.sensors[0].quantity == "velocity"

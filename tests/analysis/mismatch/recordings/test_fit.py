@@ -50,6 +50,7 @@ def test_p_values_of_linear_rigs_are_not_small_too_often(u: Real) -> None:
     assert small <= 4  # more than four of eight below 0.1: less than once in two thousand
 
 
+@pytest.mark.slow
 def test_held_out_samples_take_no_part(u: Real) -> None:
     rig = parse_rig(SPRING + INPUT + sensor("velocity") + "recording: {held_out: [{name: end, from_s: 9}]}\n")
     good, spoilt = duffing(u), duffing(u)

@@ -60,6 +60,7 @@ def errors_of(seed: int, noise: float, pole: float = 0.0, jump: float = 0.0, at:
     return held_out_errors(fit(problem, parts=(FIT, CHOOSE), fine=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pole", [0.0, 0.9])
 def test_noise_is_within_noise_as_often_as_it_should(pole: float) -> None:
     p_values = [errors_of(seed, 0.01, pole).p_value for seed in range(16)]

@@ -46,6 +46,7 @@ def stage(friction: float) -> Recording:
     return Recording(seen, RATE, ("u", "x"), "", "made")
 
 
+@pytest.mark.slow
 def test_a_stage_in_closed_loop_with_nothing_hidden_is_consistent() -> None:
     found = diagnose_recordings([stage(0.0)], parse_rig(STAGE), variants(catalogue()))
     assert found.answer.verdict == "consistent"

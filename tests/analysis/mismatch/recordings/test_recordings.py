@@ -113,6 +113,7 @@ def test_a_base_that_shakes_and_drag_seen_by_acceleration(u: Real) -> None:
     assert found.mechanisms[0].parameters["quadratic_damping_n_s2_per_m2"].value == pytest.approx(3, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_pendulum_with_drag_is_named_by_its_sine_and_its_drag_and_time_is_not_ruled_out() -> None:
     y = motion(lambda s, x, v: -36 * np.sin(x) - 0.02 * v - 0.03 * v * np.abs(v), [0.35, 0.0], SAMPLES, 50.0)
     found = answer_of(parse_rig(PENDULUM), [recorded([y[0]], 50.0, 0.003)], KNOWN)
@@ -143,6 +144,7 @@ def test_a_stiffness_that_settles_with_time_is_named_as_such() -> None:
     assert found.mechanisms[0].parameters["settling_time_s"].value == pytest.approx(4, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stiffness", [1e-12, 5.0, 15.79, 157_910.0])
 def test_a_rig_described_far_from_the_one_recorded_is_not_consistent(stiffness: float) -> None:
     t = np.arange(3000) / 1000

@@ -73,6 +73,7 @@ def test_two_taps_off_centre_that_ring_each_at_a_frequency_of_its_own_are_both_s
     )
 
 
+@pytest.mark.slow
 def test_a_knock_at_the_table_during_one_record_is_said(linear: Session) -> None:
     found = diagnosed([with_added(linear, {0: ringing(1500.0, 0.2, 0.05)})], KNOWN).answer
     assert (found.verdict, [a.name for a in found.set_aside]) == ("consistent", [linear.impacts[0].name])
@@ -80,6 +81,17 @@ def test_a_knock_at_the_table_during_one_record_is_said(linear: Session) -> None
     assert "that no other does" in found.set_aside[0].statement
 
 
+@pytest.mark.slow
+def test_beneath_a_strong_law_an_odd_tap_is_set_aside_and_nothing_is_left() -> None:
+    session = session_of(with_law("hertz_stiffness"), ratios=(0.9, 0.3, 0.5, 0.7))
+    odd = {5: OFF_CENTRE * ringing(4000.0, 0.3)}
+    found = diagnosed([with_added(session, odd)], [listed("hertz_stiffness"), listed("contact_creep")]).answer
+    assert [m.id for m in found.mechanisms] == ["hertz_stiffness"]
+    assert [a.name for a in found.set_aside] == [session.impacts[5].name]
+    assert found.remainder.p_value > 0.01
+
+
+@pytest.mark.slow
 def test_what_many_impacts_show_is_not_set_aside(linear: Session) -> None:
     turned = {i: OFF_CENTRE * ringing(4000.0, 0.3) for i in range(0, 12, 3)}
     assert len(turned) > problem_of(linear).policy.set_aside * 12

@@ -67,6 +67,7 @@ def test_a_fit_beside_laws_begins_at_the_amplitudes_they_left(
     assert tuple(start.amplitudes) == (begin.amplitudes if taken_over else ())
 
 
+@pytest.mark.slow
 def test_when_a_second_impact_fell_is_looked_for_again_beside_what_came_later() -> None:
     share, late, gain = 0.2, 120, 0.02
     session = session_of(with_law(), noise=0.02)

@@ -1,12 +1,13 @@
-"""Strong effects: from the late part of the segments to the whole."""
+"""Strong effects: from parts of the segments to the whole."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from analysis.mismatch.ring_downs.continuation import continued, earlier
-from analysis.mismatch.ring_downs.fit import RingDowns, fit
+from analysis.mismatch.ring_downs.continuation import continued, earlier, lengthened, linear_at_first
+from analysis.mismatch.ring_downs.fit import COMPETING_ITERATIONS, RingDowns, Stop, fit
+from analysis.mismatch.ring_downs.held_out import split
 from tests.analysis.practice import needs_data, practice, truth
 from tests.analysis.ring_downs import LOADS_N, problem_of, session_of, two_mass, with_law
 from tests.analysis.terms import at_work
@@ -54,3 +55,26 @@ def test_surfaces_that_part_are_fitted_without_any_recording() -> None:
     assert after < 1.1
     true = [two_mass(load).kc for load in LOADS_N]
     assert found.constants.load[:, 0] == pytest.approx(true, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("law", "other"),
+    [
+        ("rough_surface_stiffness", "hertz_stiffness"),
+        pytest.param("hertz_stiffness", "rough_surface_stiffness", marks=pytest.mark.slow),
+    ],
+)
+def test_a_law_that_a_fit_to_whole_segments_loses_is_fitted_from_their_beginnings(law: str, other: str) -> None:
+    ratios = (0.3, 0.6, 0.9) if law == "rough_surface_stiffness" else (0.5, 0.7, 0.95)
+    whole = problem_of(session_of(with_law(law), noise=5e-4, ratios=ratios))
+    problem = whole.only(split(whole)[0])
+    linear = fit(problem)
+    at_once = fit(problem, (at_work(law, {}),), linear, stop=Stop(COMPETING_ITERATIONS, competing=True))
+    early = linear_at_first(problem, linear)
+    found = lengthened(problem, (at_work(law, {}),), early)
+    assert at_once.reduced_chi_squared > 100  # it is lost
+    assert found.reduced_chi_squared < 1.5
+    true = [two_mass(load).kc for load in LOADS_N]
+    assert found.constants.load[:, 0] == pytest.approx(true, rel=1e-3)
+    assert found.penalty < 16  # masses are as declared, within their uncertainty
+    assert lengthened(problem, (at_work(other, {}),), early).reduced_chi_squared > 1000

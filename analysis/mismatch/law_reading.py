@@ -1,0 +1,263 @@
+"""What a learned law is: symmetry, exponents, whether it conserves energy, formulas, its curve with a band.
+
+A formula is held against a force of any shape in the same element, which is fitted for that; several are offered where
+the recordings do not part them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from analysis.mismatch.account import Account
+from analysis.mismatch.answer import Formula, Interval, Law, LawKind, LawTable
+from analysis.mismatch.free_form import RATE, STATIC, free_law
+from analysis.mismatch.intervals import NORMAL_95, intervals
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.problem import Fit
+from analysis.mismatch.score_test import Score
+from sim_backend.arrays import Real
+from sim_backend.force_law import MEMORY
+from sim_backend.learned.families import form_of
+from sim_backend.learned.forms import AT_LOAD, FORM, IN_DEFLECTION, IN_LOAD, IN_RATE, TIME, Form, held
+from sim_backend.mechanisms.kinds import AtRest, ForceLaw
+
+SIMPLE = (0.0, 1.0, 2.0, 3.0, 0.5, 1.5, 2.5, 4.0, 5.0, 1 / 3, 2 / 3, 4 / 3, 0.25, 0.75)
+"""Exponents that a formula is written with where they are within the interval, the first of them first."""
+NOTHING_LOST = -1.0  # logarithm of a Bayes factor: less than this is no loss
+OTHERS, PROMISING = 4, 0.1  # further families that a formula is looked for in, those with this share of the score
+POINTS, ACROSS = 41, 21  # of a curve, of a surface in each direction
+STEP = 1e-4  # of differences
+AT_THE_END = 1e-3  # of a parameter's value, within which it is at the end of its range
+LETS_GO = "letting_go"  # the family of what acts for a while
+AT_THE_TAP_S = 5e-3  # what ends before belongs to the excitation, on the body that is tapped
+FREE = {"static": STATIC, "rate": RATE}
+EXPONENTS = {"deflection": IN_DEFLECTION, "rate": IN_RATE, "load": IN_LOAD}
+
+
+@dataclass(frozen=True, slots=True)
+class _Read:
+    """A fitted law: the term, its number in the fit, what it gains, and its parameters with intervals."""
+
+    fitted: Fit
+    number: int
+    gained: float
+    parameters: Mapping[str, Interval]
+
+    @property
+    def term(self) -> Term:
+        return self.fitted.terms[self.number]
+
+    @property
+    def form(self) -> Form:
+        return form_of(self.term.values)
+
+    @property
+    def pinned(self) -> bool:
+        """Whether a parameter is at the end of its range, where the family is another one."""
+        at = [(float(self.term.values[q.name]), q) for q in self.term.mechanism.parameters]
+        return any(min(abs(value - q.low), abs(value - q.high)) <= AT_THE_END * abs(value) for value, q in at)
+
+
+def law_of(account: Account[Any], fitted: Any, number: int, parameters: Mapping[str, Interval]) -> Law:
+    """Return what is known of a learned law.
+
+    Parameters
+    ----------
+    fitted, number
+        The chosen fit and the law's place among its terms.
+    parameters
+        With their intervals.
+    """
+    selection = account.selection
+    before = selection.accepted[number].before
+    own = _Read(fitted, number, _gained(account, before, fitted, number), parameters)
+    others = [own]
+    if number == len(fitted.terms) - 1:
+        others += _others(account, before, own)
+        others += [simple for r in others if (simple := _simple(account, before, r)) is not None]
+    free = _free(account, before, own)
+    against = own.gained if free is None else free.gained
+    as_good = [r for r in others if (r.gained - against) / 2 >= NOTHING_LOST and not r.pinned]
+    offered = sorted(as_good, key=lambda r: -r.gained)
+    best = offered[0] if offered else own
+    formulas = tuple(_formula(r, (r.gained - against) / 2) for r in offered)
+    valid = _valid(account, fitted, own)
+    return Law(
+        kind=_kind(best, selection.problem.arrangement.tapped, selection.problem.arrangement.elements),
+        symmetry=best.form.symmetry,
+        conservative=best.form.conservative,
+        exponents=_exponents(best, others),
+        formulas=formulas,
+        valid=valid,
+        table=_table(best if offered else free or own, best, valid),
+    )
+
+
+def _formula(read: _Read, evidence: float) -> Formula:
+    values = {k: float(v) for k, v in read.term.values.items() if k != FORM}
+    return Formula(read.form.text(values), read.parameters, evidence, read.form.key, values)
+
+
+def _gained(account: Account[Any], before: Any, fitted: Any, number: int) -> float:
+    judge = account.selection.judge
+    return judge.gained(before, fitted, sum(len(t.mechanism.parameters) for t in fitted.terms[number:]))
+
+
+def _kind(own: _Read, tapped: str, elements: Sequence[Any]) -> LawKind:
+    """Return the kind; what acts on the tapped body until shortly after the tap belongs to the excitation."""
+    if own.form.key != LETS_GO or own.term.values[TIME] > AT_THE_TAP_S:
+        return own.form.kind
+    row = elements[own.term.place[0]].row
+    return "input" if [body for body, _ in row] == [tapped] else "time"
+
+
+def _refitted(account: Account[Any], before: Any, term: Term) -> _Read | None:
+    """Fit a term beside what stood before; None where it cannot be fitted."""
+    judge = account.selection.judge
+    with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
+        fitted = judge.fitted_alone(before, [Score(term, 0.0, 1, 1.0, 0.0)])
+        if fitted is not None:
+            fitted = judge.to_the_end(fitted)
+            number = len(fitted.terms) - 1
+            return _Read(fitted, number, _gained(account, before, fitted, number), intervals(fitted, number))
+    return None
+
+
+def _simple(account: Account[Any], before: Any, own: _Read) -> _Read | None:
+    """Return the law with its exponents at simple numbers within their intervals; None where none is within."""
+    simple: dict[str, float] = {}
+    for name in EXPONENTS.values():
+        known = own.parameters.get(name)
+        if known is not None:
+            within = [x for x in SIMPLE if known.low <= x <= known.high]
+            simple |= {name: within[0]} if within else {}
+    if not simple:
+        return None
+    return _refitted(account, before, replace(own.term, mechanism=held(own.term.mechanism, list(simple)),
+                                              values={**own.term.values, **simple}))  # fmt: skip
+
+
+def _others(account: Account[Any], before: Any, own: _Read) -> list[_Read]:
+    """Return fits of the other families of the same kind in the same place whose scores are not far behind."""
+    step = account.selection.accepted[own.number]
+    best: dict[float, Score] = {}
+    for score in step.screening.scores:
+        same = (score.term.mechanism.id, score.term.place) == (own.term.mechanism.id, own.term.place)
+        if same and FORM in score.term.values:
+            form = score.term.values[FORM]
+            best[form] = max(best.get(form, score), score, key=lambda s: s.gain)
+    mine = best.pop(own.term.values[FORM], None)
+    least = PROMISING * (mine.gain if mine is not None else 0.0)
+    ranked = sorted((s for s in best.values() if s.gain > least), key=lambda s: -s.gain)[:OTHERS]
+    found = []
+    for score in ranked:
+        with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
+            fitted = account.selection.judge.fitted_alone(before, [score])
+            if fitted is not None:
+                fitted = account.selection.judge.to_the_end(fitted)
+                number = len(fitted.terms) - 1
+                gained = _gained(account, before, fitted, number)
+                found.append(_Read(fitted, number, gained, intervals(fitted, number)))
+    return found
+
+
+def _free(account: Account[Any], before: Any, own: _Read) -> _Read | None:
+    """Return the fit of a force of any shape in the same place; None for a kind that has none."""
+    names = FREE.get(own.form.kind)
+    if names is None:
+        return None
+    problem = account.selection.judge.training
+    scale = problem.scale_of(before, own.term.place[0])
+    return _refitted(account, before, free_law(own.term, problem.arrangement, scale, names))
+
+
+def _exponents(best: _Read, others: Sequence[_Read]) -> dict[str, Interval | None]:
+    """Return the exponents of the law, or of the power law that is nearest to it, from the fit where they are free."""
+    powers = sorted((r for r in others if r.form.exponents), key=lambda r: -r.gained)
+    nearest = best if best.form.exponents or not powers else powers[0]
+    own = {*nearest.form.exponents.values()}
+    free = next((r for r in others if r.form is nearest.form and own & {*r.parameters}), nearest)
+    found: dict[str, Interval | None] = {}
+    for name, parameter in EXPONENTS.items():
+        known = free.parameters.get(parameter)
+        fixed = nearest.term.values.get(parameter, 0.0)
+        found[name] = known or (Interval(fixed, fixed, fixed, "1") if fixed else None)
+    return found
+
+
+def _valid(account: Account[Any], fitted: Any, own: _Read) -> dict[str, tuple[float, float]]:
+    """Return the ranges that the recordings cover."""
+    groups = account.groups.values()
+    valid = {"load_mn": (1e3 * min(groups), 1e3 * max(groups))} if groups else {}
+    if not isinstance(own.term.mechanism, ForceLaw):
+        return valid
+    deflection, rate = account.selection.judge.training.reach_of(fitted, own.term.place[0])
+    return {"deflection": (-deflection, deflection), "rate": (-rate, rate), **valid}
+
+
+def _table(best: _Read, own: _Read, valid: Mapping[str, tuple[float, float]]) -> LawTable | None:
+    """Return the law as a curve over what the recordings cover, or a surface, at the reference load; with a band."""
+    mechanism, kind = best.term.mechanism, own.form.kind
+    if not isinstance(mechanism, ForceLaw) or kind not in FREE:
+        return None
+    deflection, rate = valid["deflection"][1], valid["rate"][1]
+    surface = kind == "rate" and (IN_DEFLECTION in own.form.exponents.values())
+    count = ACROSS if surface else POINTS
+    along = {"deflection_m": _both_ways(deflection, count), "rate_m_per_s": _both_ways(rate, count)}
+    one = "deflection_m" if kind == "static" else "rate_m_per_s"
+    axes = along if surface else {one: along[one]}
+    grid = np.meshgrid(*axes.values(), indexing="ij")
+    at = dict(zip(axes, grid, strict=True))
+    d, v = (np.asarray(at.get(name, np.zeros_like(grid[0]))).ravel() for name in along)
+    middle = _forces(best.term, d, v)
+    covariance = best.fitted.term_covariances[best.number]
+    slopes = []
+    for q in [q for q in mechanism.parameters if q.name in best.term.values]:
+        value = best.term.values[q.name]
+        step = STEP * (1.0 if q.log else max(abs(value), STEP))
+        moved = value * math.exp(step) if q.log else value + step
+        slopes.append((_forces(best.term.moved({q.name: moved}), d, v) - middle) / step)
+    made = np.array(slopes)
+    reach = NORMAL_95 * np.sqrt(np.maximum(np.einsum("in,ij,jn->n", made, covariance, made), 0.0))
+    low, high, force = (x.reshape(grid[0].shape) for x in (middle - reach, middle + reach, middle))
+    return LawTable(axes, force, low, high)
+
+
+def force_on(fitted: Any, term: Term, learned: Term, axes: Mapping[str, Real]) -> Real:
+    """Return the force (N) of a term without a memory on the grid of a learned law, at that law's reference load.
+
+    With the element's constants at the load that is nearest to it.
+    """
+    mechanism, load = term.mechanism, learned.values.get(AT_LOAD, 0.0)
+    if not isinstance(mechanism, ForceLaw):
+        raise TypeError(f"{mechanism.id} is no force law")
+    experiment = getattr(fitted.problem, "experiment", None)  # recordings of a described rig have no loads
+    loads = np.array(getattr(experiment, "loads_n", (load,)))
+    values = fitted.constants.at(int(np.argmin(np.abs(loads - load))))
+    rest = AtRest.of(fitted.arrangement.elements[term.place[0]], values, load)
+    grid = np.meshgrid(*axes.values(), indexing="ij")
+    at = dict(zip(axes, grid, strict=True))
+    d, v = (np.asarray(at.get(name, np.zeros_like(grid[0]))).ravel() for name in ("deflection_m", "rate_m_per_s"))
+    p, memory = mechanism.packed(term.values, rest, 1.0), np.zeros(MEMORY)
+    base = rest.stiffness * d + rest.damping * v
+    force = [mechanism.law(b, x, y, 0.0, p, memory, memory) - b for b, x, y in zip(base, d, v, strict=True)]
+    return np.array(force).reshape(grid[0].shape)
+
+
+def _both_ways(reach: float, count: int) -> Real:
+    return np.linspace(-reach, reach, count)
+
+
+def _forces(term: Term, d: Real, v: Real) -> Real:
+    """Return (n,) the force of a law without a memory, at its reference load."""
+    mechanism = term.mechanism
+    assert isinstance(mechanism, ForceLaw)  # noqa: S101
+    p = mechanism.packed(term.values, AtRest(preload=term.values.get(AT_LOAD, 0.0)), 1.0)
+    memory = np.zeros(MEMORY)
+    return np.array([mechanism.law(0.0, x, y, 0.0, p, memory, memory) for x, y in zip(d, v, strict=True)])

@@ -1,0 +1,98 @@
+"""Laws that nobody listed: the same selection once more, from families of laws in place of the catalogue.
+
+Where nothing listed explains, or what is named leaves something beyond noise, a law is learned and competes with it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.ring_downs.candidates import screened_evidence
+from analysis.mismatch.score_test import Screening
+from analysis.mismatch.selection import Selection, SelectionStep, State, go_on, screened_baseline, select
+from sim_backend.learned.families import learned_mechanisms
+from sim_backend.learned.forms import FORM
+
+SCATTER = 3.0  # standard deviations of chi-squared by which noise may hide that more is left
+
+
+def is_learned(term: Term) -> bool:
+    """Whether a term is a learned law, and no mechanism of the catalogue."""
+    return FORM in term.values
+
+
+def with_learned(selection: Selection[Any]) -> Selection[Any]:
+    """Return the selection of learned laws where it explains better than what is listed, else the selection itself.
+
+    Nothing is learned where the linear rig leaves nothing beyond noise, nor yet of recordings whose noise is not known:
+    their evidence has not been held against laws that are there; nor where what is named leaves too little for a law to
+    come near to replacing it. What is named counts as less likely the nearer a learned law comes to that.
+    """
+    judge, policy = selection.judge, selection.problem.policy
+    named = selection.chosen
+    if selection.p_value >= policy.level or not selection.problem.noise_known:
+        return selection
+    explained = judge.evidence_of(selection)
+    least = max(policy.unnamed, policy.learned_share * explained)
+    if named is not None and _most_lead(named) < policy.learned_near * least:
+        return selection
+    judge.on_progress("learning a law that nobody listed")
+    judge.training.budget.spent = 0.0
+    # a single force without a name is one of the families: it is no reason to name none of them
+    anyhow = replace(policy, unnamed=math.inf)
+    learner = judge.knowing(learned_mechanisms(), anyhow, to_beat=named if _single(named) else None)
+    if named is not None and not _single(named) and _promised(learner.screen(named)) < policy.learned_promise:
+        return selection  # what is named together leaves nothing to a law
+    fresh = screened_baseline(learner)
+    begun = State(fresh.current, replace(fresh.screening, p_value=selection.p_value))
+    first = learner.candidates(begun)
+    if _single(named) and max((c.evidence for c in first if c.fit is not None), default=-math.inf) < explained:
+        return selection
+    found = select(learner, begun, first)
+    if found.chosen is None and selection.best.terms:
+        beside = State(selection.best, learner.screen(selection.best), selection.steps)
+        further = go_on(learner, begun, beside)
+        found = further if further.chosen is not None and any(map(is_learned, further.chosen.terms)) else found
+    if found.chosen is None or not any(map(is_learned, found.chosen.terms)):
+        return selection
+    if named is None:
+        return _beside(found, selection)
+    lead = judge.evidence_of(found) - explained
+    if lead > least:
+        return _beside(found, selection)
+    unnamed = max(selection.left.unnamed, policy.unnamed * lead / least)
+    return replace(selection, left=replace(selection.left, unnamed=unnamed))
+
+
+def _most_lead(named: Any) -> float:
+    """Return the evidence by which another fit could lead at most: what is left beyond noise, and its scatter."""
+    numbers = sum(r.size for r in named.residuals)
+    return float(named.chi_squared) - numbers + SCATTER * math.sqrt(2 * numbers)
+
+
+def _single(named: Any) -> bool:
+    """Whether one mechanism alone is named."""
+    return named is not None and len(named.terms) == 1
+
+
+def _promised(screening: Screening) -> float:
+    """Return the evidence that the best of the scores promises."""
+    return max((screened_evidence(score) for score in screening.scores), default=0.0)
+
+
+def _beside(found: Selection[Any], listed: Selection[Any]) -> Selection[Any]:
+    """Return a selection of learned laws with the listed mechanisms that were fitted among its candidates."""
+    listed.judge.on_progress("looking at what the learned law leaves")
+    found = replace(found, last_screening=listed.judge.screen(found.best))  # limits are those of what is listed
+    if not listed.steps or found.chosen is None or not is_learned(found.chosen.terms[0]):
+        return found
+    first: SelectionStep[Any] = found.steps[0]
+    ids = {c.id for c in first.candidates}
+    others = [c for c in listed.steps[0].candidates if c.fit is not None and c.id not in ids]
+    scores = sorted((*first.screening.scores, *listed.screening.scores), key=lambda s: -s.gain)
+    first = replace(first, screening=replace(first.screening, scores=tuple(scores)))
+    fitted = sorted((*first.candidates, *others), key=lambda c: (c.fit is None, -c.evidence))
+    return replace(found, steps=(replace(first, candidates=tuple(fitted)), *found.steps[1:]))

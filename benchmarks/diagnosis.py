@@ -35,6 +35,7 @@ from mesotap.proof.generator.scenarios import effect_named
 from sim_backend.mechanisms.catalogue import catalogue, variants
 
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "diagnosis.md"
+BY_HAND = "## Sessions of 8 loads x 8 impacts"  # from here on the page is kept
 LOADS, IMPACTS, SAMPLES = 6, 48, 2500
 CASES = (
     ("", 0.0, ""),
@@ -123,7 +124,8 @@ def main() -> None:
             if number:
                 print(effect or "nothing", without and "(excluded)", row, flush=True)
                 rows.append((effect or "nothing", d, bool(without), row))
-    PAGE.write_text(page(rows, chosen.seed))
+    _, mark, rest = PAGE.read_text().partition(BY_HAND)
+    PAGE.write_text(page(rows, chosen.seed) + (f"\n{mark}{rest}" if mark else ""))
 
 
 def page(rows: list[tuple[str, float, bool, dict[str, object]]], seed: int) -> str:

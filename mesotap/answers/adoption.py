@@ -61,28 +61,26 @@ def read_diagnosis(path: Path) -> AdoptedModel:
     RecordingError
         A sentence: the file is none, or names nothing that could be adopted.
     """
-    try:
-        content = parsed_once(read_regular(path, LARGEST_FILE, "a diagnosis"))
-    except RecordingError:
-        raise
-    except GivenTwice as error:
-        raise RecordingError(f"{path}: {error}; it is ambiguous which one counts") from error
-    except (ValueError, RecursionError) as error:
-        raise RecordingError(f"{path}: is not JSON") from error
-    if not isinstance(content, dict) or content.get("format") != FORMAT or _version(content) is None:
-        raise RecordingError(f"{path}: is not a {FORMAT} 1 or 2")
+    content = diagnosis_in(path)
     if _version(content) == 2 and content.get("rig") != TESTER:
         raise RecordingError(f"{path}: is of another rig than the {TESTER}, which alone can be simulated with it")
     try:
         acting = [m for m in content["mechanisms"] if m.get("where") != LOAD_CELL]
+        if any(m.get("learned") for m in acting):
+            raise RecordingError(
+                f"{path}: holds a law that was learned, which has no name yet: keep it with 'mesotap learn {path} "
+                "--name NAME', name its folder in the configuration, diagnose the session again and adopt that answer"
+            )
         found = {
-            str(m["id"]): {k: _number(v["value"]) for k, v in m["parameters"].items()}
-            | {k: _number(v) for k, v in m.get("fixed", {}).items()}
+            str(m["id"]): {k: finite_number(v["value"]) for k, v in m["parameters"].items()}
+            | {k: finite_number(v) for k, v in m.get("fixed", {}).items()}
             for m in acting
         }
         augmented = content.get(FITTED[content["version"]]) or {"loads": [], "rig": {}}
         loads = [_load(entry) for entry in augmented["loads"]]
-        rig = {name: _number(known["value"]) for name, known in augmented["rig"].items()}
+        rig = {name: finite_number(known["value"]) for name, known in augmented["rig"].items()}
+    except RecordingError:
+        raise
     except (LookupError, TypeError, AttributeError, ValueError, OverflowError) as error:
         what = f"{FORMAT} {content['version']} ({type(error).__name__}: {error})"
         raise RecordingError(f"{path}: is not a complete {what}") from error
@@ -96,6 +94,27 @@ def read_diagnosis(path: Path) -> AdoptedModel:
             "nothing to adopt"
         )
     return AdoptedModel(str(path), found, tuple(sorted(loads, key=lambda p: p.load_mn)), rig)
+
+
+def diagnosis_in(path: Path) -> dict[str, Any]:
+    """Return the JSON of a diagnosis, of either version.
+
+    Raises
+    ------
+    RecordingError
+        A sentence: the file is none.
+    """
+    try:
+        content = parsed_once(read_regular(path, LARGEST_FILE, "a diagnosis"))
+    except RecordingError:
+        raise
+    except GivenTwice as error:
+        raise RecordingError(f"{path}: {error}; it is ambiguous which one counts") from error
+    except (ValueError, RecursionError) as error:
+        raise RecordingError(f"{path}: is not JSON") from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT or _version(content) is None:
+        raise RecordingError(f"{path}: is not a {FORMAT} 1 or 2")
+    return content
 
 
 def _version(content: Mapping[str, Any]) -> int | None:
@@ -113,7 +132,14 @@ def _refuse_impossible(loads: Sequence[AdoptedLoad], path: Path) -> None:
             raise RecordingError(f"{path}: tells of the load {load:g} mN twice; diagnose the session again")
 
 
-def _number(value: Any) -> float:
+def finite_number(value: Any) -> float:
+    """Return a number of a file.
+
+    Raises
+    ------
+    ValueError
+        It is none, or not finite.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError(f"{value!r} is not a number")
     return float(value)
@@ -121,9 +147,9 @@ def _number(value: Any) -> float:
 
 def _load(entry: Mapping[str, Any]) -> AdoptedLoad:
     return AdoptedLoad(
-        _number(entry["load_mn"]),
-        _number(entry["contact_stiffness_n_per_m"]["value"]),
-        _number(entry["damping_ratio"]["value"]),
+        finite_number(entry["load_mn"]),
+        finite_number(entry["contact_stiffness_n_per_m"]["value"]),
+        finite_number(entry["damping_ratio"]["value"]),
     )
 
 

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from analysis.mismatch.remainder import p_words
+from analysis.mismatch.remainder import count_words, p_words
 from analysis.mismatch.ring_downs.candidates import with_stiffness
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.selection import Candidate, Selection
 from mesotap.answers.diagnosis_page import Table
 from mesotap.answers.diagnosis_text import words
 from mesotap.answers.rounding import UNKNOWN
-from sim_backend.mechanisms.kinds import Mechanism
+from mesotap.report.typesetting import prose
+from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
 
 UNSEEN = "ring-downs do not show it"
 
@@ -45,14 +46,15 @@ def candidates(selection: Selection[RingDownFit], known: Mapping[str, tuple[Mech
         if name not in scores or score.gain > scores[name][0]:
             scores[name] = score.gain, score.p_value
     rows = []
-    for name, family in known.items():
+    learned = {c.id: (c.mechanism,) for c in tried.values() if c.id not in known}
+    for name, family in {**known, **learned}.items():
         tried_one = tried.get(name)
         gain, p = scores.get(name, (None, None))
         fitted = tried_one.fit if tried_one is not None else None
         rows.append(
             Row(
                 name,
-                family[0].component,
+                family[0].component or _component(tried_one, selection),
                 gain,
                 p,
                 None if fitted is None else selection.baseline.objective - fitted.objective,
@@ -62,6 +64,13 @@ def candidates(selection: Selection[RingDownFit], known: Mapping[str, tuple[Mech
             )
         )
     return sorted(rows, key=lambda r: (not r.named, r.fitted is None, -(r.fitted or 0.0), -(r.screened or 0.0)))
+
+
+def _component(learned: Candidate[RingDownFit] | None, selection: Selection[RingDownFit]) -> str:
+    """Return of which part of the rig a learned law is."""
+    if learned is None or not isinstance(learned.mechanism, ForceLaw):
+        return "learned"
+    return selection.problem.arrangement.elements[learned.score.term.place[0]].component
 
 
 def _outcome(
@@ -83,17 +92,18 @@ def _outcome(
     if p > selection.problem.policy.level:
         return f"nothing of it in the residual (p = {p:.2g})"
     if best is not None:
-        promised = UNKNOWN if tried_one is None else f"{tried_one.evidence:.0f}"
-        return f"not fitted in full: score test promises {promised}, {words(best.id)} has {best.evidence:.0f} in full"
-    return "not fitted in full"
+        promised = UNKNOWN if tried_one is None else count_words(tried_one.evidence)
+        has = f"{words(best.id)} fitted has {count_words(best.evidence)}"
+        return f"not fitted: score test promises {promised}, {has}"
+    return "not fitted"
 
 
 def _beside(one: Candidate[RingDownFit], best: Candidate[RingDownFit]) -> str:
-    """Say what decided against a candidate that was fitted in full; how k_c grows with the load counts, too."""
+    """Say what decided against a candidate that was fitted; how k_c grows with the load counts, too."""
     own, first = with_stiffness(one), with_stiffness(best)
-    said = f"full fit: {first - own:.0f} less than {words(best.id)}"
+    said = f"fitted: {count_words(first - own)} less than {words(best.id)}"
     against = one.evidence - own
-    return f"{said}, {against:.0f} of it by how k_c grows with the load" if against >= 1 else said
+    return f"{said}, {count_words(against)} of it by how k_c grows with the load" if against >= 1 else said
 
 
 def candidate_table(selection: Selection[RingDownFit], known: Mapping[str, tuple[Mechanism, ...]]) -> Table:
@@ -103,19 +113,20 @@ def candidate_table(selection: Selection[RingDownFit], known: Mapping[str, tuple
             Markup("<strong>{}</strong>").format(c.id) if c.named else c.id,
             c.component,
             _whole(c.screened),
-            UNKNOWN if c.p_value is None else p_words(c.p_value).removeprefix("p = ").removeprefix("p "),
+            UNKNOWN if c.p_value is None else prose(p_words(c.p_value).removeprefix("p = ").removeprefix("p ")),
             _whole(c.fitted),
             _whole(c.evidence),
-            c.outcome,
+            prose(c.outcome),
         )
         for c in candidates(selection, known)
     )
     caption = (
-        "All mechanisms: chi-squared that each takes away by its score test and by its full fit, evidence (what is "
-        "left of that beyond what its free parameters take away by chance), and why it is or is not named. The "
+        "All mechanisms: chi-squared that each takes away by its score test and by its fit, evidence (what is left "
+        "of that beyond what its free parameters take away by chance), and why it is or is not named. A fit that "
+        "cannot reach the best any more is given up: it would take away at least what is given. The "
         f"overall test has the level {100 * selection.problem.policy.level:.0f} %."
     )
-    headings = ("Mechanism", "Component", "Score test", "p", "Full fit", "Evidence", "Outcome")
+    headings = ("Mechanism", "Component", "Score test", "p", "Fit", "Evidence", "Outcome")
     return Table(caption, headings, rows, (0, 1, 6))
 
 
@@ -131,4 +142,4 @@ def considered(selection: Selection[RingDownFit], known: Mapping[str, tuple[Mech
 
 
 def _whole(value: float | None) -> str:
-    return UNKNOWN if value is None else f"{value:.0f}"
+    return UNKNOWN if value is None else prose(count_words(value))

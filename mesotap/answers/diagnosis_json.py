@@ -157,7 +157,8 @@ def _law(law: Law) -> dict[str, Any]:
 
 def _formula(formula: Formula) -> dict[str, Any]:
     parameters = {k: {**_interval(v), "unit": v.unit} for k, v in formula.parameters.items()}
-    return {"text": formula.text, "parameters": parameters, "evidence": formula.evidence}
+    own = {"family": formula.family, "values": dict(formula.values)} if formula.family else {}
+    return {"text": formula.text, "parameters": parameters, "evidence": formula.evidence, **own}
 
 
 def _table(table: LawTable) -> dict[str, Any]:

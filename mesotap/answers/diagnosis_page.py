@@ -17,6 +17,7 @@ from mesotap.answers.diagnosis_text import (
     next_words,
     no_rival,
     probability_words,
+    rivals_are,
     verdict_sentence,
     what_was_recorded,
 )
@@ -62,6 +63,8 @@ class Evidence:
         The selection of mechanisms, and what the fits made of the rig's constants.
     considered
         Where no mechanism had to be fitted, a sentence that says so instead of a table.
+    laws, law_pictures
+        What is known of learned laws, and their curves.
     excluded
         Mechanisms that did not take part.
     method
@@ -76,11 +79,13 @@ class Evidence:
     excluded: tuple[str, ...]
     method: str | Markup
     considered: str = ""
+    laws: tuple[Table, ...] = ()
+    law_pictures: tuple[Picture, ...] = ()
 
     @property
     def pictures(self) -> tuple[Picture, ...]:
         """All figures, in the order of the page."""
-        return (*self.where, *self.what, *self.gained)
+        return (*self.law_pictures, *self.where, *self.what, *self.gained)
 
 
 def write_page(
@@ -122,6 +127,7 @@ def write_page(
         held_out=_held_out(answer),
         next_words=next_words,
         no_rival=no_rival,
+        rivals_are=rivals_are(answer),
         pdf_figures=pdf_figures,
     )  # fmt: skip
     return written(folder / "diagnosis.html", html)

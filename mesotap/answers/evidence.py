@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from analysis.mismatch.diagnosis import Diagnosis
 from analysis.mismatch.recordings.account import BlockAccount
@@ -10,6 +11,7 @@ from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.results import SessionResults
 from mesotap.answers.diagnosis_page import Evidence
 from mesotap.answers.impact_evidence import evidence_of_impacts
+from mesotap.answers.law_evidence import evidence_of_laws
 from mesotap.answers.recording_evidence import evidence_of_recordings
 from sim_backend.mechanisms.kinds import Mechanism
 
@@ -27,5 +29,8 @@ def evidence_of(
         Of a session's linear analysis, for frequency and damping against amplitude.
     """
     if isinstance(found.selection.judge, BlockJudge):
-        return evidence_of_recordings(BlockAccount(found.selection), known)
-    return evidence_of_impacts(found.selection, known, results)
+        behind = evidence_of_recordings(BlockAccount(found.selection), known)
+    else:
+        behind = evidence_of_impacts(found.selection, known, results)
+    pictures, tables = evidence_of_laws(found)
+    return replace(behind, laws=tables, law_pictures=pictures)

@@ -55,7 +55,7 @@ def cross_check_json(found: CrossCheck) -> dict[str, Any]:
     return {
         "load_set": int(found.load_set),
         "target_load_mn": found.target_load_mn if math.isfinite(found.target_load_mn) else None,
-        **{name: _estimate(value) for name, value in names.items()},
+        **{name: estimate_json(value) for name, value in names.items()},
         "standard_errors": score if math.isfinite(score) else None,
         "agrees": found.agrees,
         "not_identified": "" if fit is None else fit.not_identified,
@@ -159,7 +159,8 @@ def _complex(values: NDArray[np.complex128]) -> list[list[float | None]]:
     return [_rounded(np.array([v.real, v.imag])) for v in values]
 
 
-def _estimate(estimate: Estimate | None) -> dict[str, float] | None:
+def estimate_json(estimate: Estimate | None) -> dict[str, float] | None:
+    """Return value and ends of an estimate; None where one of them is not known."""
     if estimate is None:
         return None
     numbers = estimate.as_json()

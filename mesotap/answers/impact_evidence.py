@@ -21,9 +21,11 @@ from mesotap.answers.diagnosis_page import C_C, K_C, ZETA_2, Evidence, Picture, 
 from mesotap.answers.diagnosis_text import words
 from mesotap.answers.rounding import significant, with_uncertainty
 from mesotap.report import figures
+from sim_backend.arrangement import Parameter
 from sim_backend.mechanisms.catalogue import catalogue
 from sim_backend.mechanisms.kinds import Mechanism
 
+FAR_OFF = 3.0  # declared uncertainties beyond which a constant is marked: one sound constant in 400
 METHOD = Markup(
     "All loads and impacts are fitted together by Eq. 9 with its own constants free within their uncertainties, {k} "
     "and <i>c</i><sub>c</sub> of each load, the state of both masses when each pulse has ended, the declared filter "
@@ -70,6 +72,13 @@ def _augmented(selection: RingDownSelection) -> RingDownFit | None:
 def law_name(fit: RingDownFit | None) -> str:
     """Name the mechanisms of a fit."""
     return "" if fit is None else " and ".join(words(t.mechanism.id) for t in fit.terms)
+
+
+def _beside(selection: RingDownSelection) -> str:
+    """Say what the better model has more than Eq. 9: what was left out, or the best that is not named."""
+    if selection.chosen is not None or not selection.best.terms:
+        return "with what was left out"
+    return f"with {law_name(selection.best)} (not named)"
 
 
 def _where(before: RingDownFit, results: SessionResults | None, tester: bool) -> tuple[Picture, ...]:
@@ -122,18 +131,19 @@ def _varying(before: RingDownFit) -> Picture:
 
 def _force(selection: RingDownSelection) -> Picture:
     before, after = selection.baseline, _augmented(selection)
+    unnamed = " (not named)" if selection.chosen is None and after is not None else ""
     numbers = telling_impacts(before, selection.best)
     columns = "Left: the strongest impact of the load that tells most; right: its weakest. " if len(numbers) > 1 else ""
     return Picture(
         "force",
-        figures.force_figure([_picture(before, after, number) for number in numbers], law_name(after)),
+        figures.force_figure([_picture(before, after, number) for number in numbers], law_name(after) + unnamed),
         "Contact force against deflection, reconstructed and by the laws",
         Markup(
             "The contact's force, read off the recordings without a law: <i>m</i><sub>2</sub> <i>a</i><sub>2</sub> + "
             "<i>k</i><sub>2</sub> <i>x</i><sub>2</sub> is the force, the upper mass's equation gives its own motion. "
             "{}Top: against deflection; bottom: what it is beyond Eq. 9's, as points and as means over bins of the "
-            "deflection. Dashed: minus the load, where the surfaces would part. The slow part of the deflection, "
-            "which no accelerometer shows, is chosen so that swings of all sizes lie on one curve."
+            "deflection. Dashed, where it is in view: minus the load, at which the surfaces would part. The slow part "
+            "of the deflection, which no accelerometer shows, is chosen so that swings of all sizes lie on one curve."
         ).format(columns),
     )
 
@@ -148,17 +158,18 @@ def _picture(before: RingDownFit, after: RingDownFit | None, number: int) -> fig
 
 
 def _gained(selection: RingDownSelection) -> tuple[Picture, ...]:
-    before, after = selection.baseline, _augmented(selection)
+    before, after, later = selection.baseline, _augmented(selection), _beside(selection)
     spectra = Picture(
         "spectra",
-        figures.residual_spectra_figure(spectrum(before), None if after is None else spectrum(after)),
+        figures.residual_spectra_figure(spectrum(before), None if after is None else spectrum(after), later=later),
         "Residual spectra before and after, over the noise",
         "Spectra of the residuals over the noise, all fitted impacts together, smoothed over nine bins.",
     )
     judge = selection.judge
     if not isinstance(judge, ImpactJudge) or not judge.held_out:
         return (spectra,)
-    kept = figures.held_out_figure(judge.held_out_fit(before), None if after is None else judge.held_out_fit(after))
+    held_out = None if after is None else judge.held_out_fit(after)
+    kept = figures.held_out_figure(judge.held_out_fit(before), held_out, later)
     label = "Residual of each held-out impact before and after"
     caption = "Every held-out impact: rms of the whitened residual over that of the noise."
     return (Picture("held_out", kept, label, caption), spectra)
@@ -169,19 +180,30 @@ def _contact(selection: RingDownSelection) -> Table:
     before = contact_at_rest(selection.baseline)
     corrected = () if after is None else contact_at_rest(after)
     k, z = Markup("{} [MN/m]").format(K_C), Markup("{} [%]").format(ZETA_2)
+    unnamed = "" if selection.chosen is not None else ", which is not named,"
     rows: list[tuple[str, ...]] = []
     for place, plain in enumerate(before):
         row = [f"{1e3 * plain.load_n:.1f}"]
         row += [with_uncertainty(c.stiffness, 1e-6) for c in (plain, *corrected[place : place + 1])]
         row += [with_uncertainty(c.damping_ratio, 100) for c in (plain, *corrected[place : place + 1])]
         rows.append(tuple(row))
-    beside = f", and with {law_name(after)} in the model, where they are those at zero amplitude" if after else ""
+    beside = (
+        f", and with {law_name(after)}{unnamed} in the model, where they are those at zero amplitude" if after else ""
+    )
     mean = ", of the mean of a load's impacts where these scatter" if selection.best.problem.scattered else ""
     caption = Markup("{} and {} by Eq. 9{}; ± is half of the 95 % interval of the joint fit{}.").format(
         K_C, ZETA_2, beside, mean
     )
-    models = (", Eq. 9", ", corrected") if after else (", Eq. 9",)
+    found = ", corrected" if selection.chosen is not None else ", with it"
+    models = (", Eq. 9", found) if after else (", Eq. 9",)
     return Table(caption, ("Load [mN]", *(q + m for q in (k, z) for m in models)), tuple(rows), ())
+
+
+def _against_declared(value: float, declared: Parameter) -> Markup:
+    """Write a fitted constant, marked where it is far from what was declared."""
+    off = abs(value - declared.value) / declared.uncertainty if declared.uncertainty > 0 else 0.0
+    mark = Markup(" <b>({} off)</b>").format(f"{off:.0f} uncertainties") if off > FAR_OFF else ""
+    return Markup("{}{}").format(significant(value, 5), mark)
 
 
 def _constants(selection: RingDownSelection) -> Table:
@@ -192,10 +214,13 @@ def _constants(selection: RingDownSelection) -> Table:
         (
             Markup("<i>{}</i><sub>{}</sub> [{}]").format(p.name[0], p.name[1:], p.unit),
             with_uncertainty(Estimate(p.value, p.uncertainty)),
-            *(significant(v[p.name], 5) for v in values),
+            *(_against_declared(v[p.name], p) for v in values),
         )
         for p in selection.best.problem.arrangement.parameters
         if p.name in values[0]
     )
-    caption = "What the fits had to change of the declared constants; a wrong value is not missing physics."
-    return Table(caption, ("Constant", "Declared", *("Eq. 9", "With what was left out")[: len(fits)]), rows)
+    caption = (
+        "What the fits had to change of the declared constants; a wrong value is not missing physics. One that ends "
+        f"more than {FAR_OFF:g} uncertainties off is marked: it was declared wrongly or stands in for something."
+    )
+    return Table(caption, ("Constant", "Declared", *("Eq. 9", f"W{_beside(selection)[1:]}")[: len(fits)]), rows)

@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from analysis.mismatch.recordings.account import BlockAccount
 from analysis.mismatch.recordings.blocks import mean_of
+from analysis.mismatch.recordings.constants import constant_intervals
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.reasons import reason
 from analysis.mismatch.recordings.recorded import CHOOSE
@@ -16,9 +17,11 @@ from analysis.mismatch.selection import SelectionStep
 from mesotap.answers.diagnosis_page import Evidence, Picture, Table
 from mesotap.answers.rounding import significant
 from mesotap.report import figures
+from sim_backend.arrangement import Parameter
 from sim_backend.mechanisms.catalogue import catalogue
 from sim_backend.mechanisms.kinds import Mechanism
 
+DECLARED_COVERAGE = 2.0  # times the standard uncertainty of a description, as shown
 METHOD = (
     "The recording is simulated from end to end. Blocks of it fit, others choose, others are held out; nothing is "
     "refitted on what is held out. A mechanism is added where the choosing blocks get better by more than chance and "
@@ -59,10 +62,35 @@ def _errors(account: BlockAccount) -> Picture:
 def _constants(account: BlockAccount) -> Table:
     fitted = account.fitted()
     constants = {} if fitted is None else fitted.constants
-    rows = tuple(
-        (name, significant(value, 5), "" if unit == "1" else unit) for name, (value, unit) in constants.items()
+    declared = {p.name: p for p in account.described.arrangement.parameters}
+    found = constant_intervals(account.selection.best)
+    rows = []
+    for name, (value, unit) in constants.items():
+        shown = "" if unit == "1" else unit
+        rows.append((name, significant(value, 5), _interval(found.get(name)), shown, _declared(declared.get(name))))
+    caption = (
+        "Constants of the rig as fitted, with 95 % intervals from what the fit leaves, in its own colour. They hold "
+        "for the rig with what is named above, and are too narrow where something remains unexplained. Declared: ± is "
+        "twice the standard uncertainty of the description."
     )
-    return Table("Constants of the rig as fitted.", ("Constant", "Value", "Unit"), rows, (0, 2))
+    return Table(caption, ("Constant", "Value", "95 % interval", "Unit", "Declared"), tuple(rows), (0, 2, 3, 4))
+
+
+def _interval(found: tuple[float, float] | None) -> str:
+    if found is None:
+        return "not fitted"
+    low, high = found
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return "not determined by these recordings"
+    return f"{significant(low, 5)} to {significant(high, 5)}"
+
+
+def _declared(constant: Parameter | None) -> str:
+    if constant is None or not math.isfinite(constant.uncertainty):
+        return "unknown"
+    if constant.uncertainty == 0.0:
+        return f"{significant(constant.value, 5)}, exactly"
+    return f"{significant(constant.value, 5)} ± {significant(DECLARED_COVERAGE * constant.uncertainty, 2)}"
 
 
 def _step(step: SelectionStep[SimulatedFit], account: BlockAccount, *, first: bool) -> Table:

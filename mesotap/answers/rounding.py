@@ -68,3 +68,14 @@ def _plain(value: float, half_width: float) -> str:
     if decimals < 0:
         return f"{round(value, decimals):z.0f} ± {uncertainty:.0f}"
     return f"{value:z.{decimals}f} ± {uncertainty:.{decimals}f}"
+
+
+def counted(number: int, what: str) -> str:
+    """Return how many of something there are, in words that fit one of them too.
+
+    Examples
+    --------
+    >>> counted(1, "session"), counted(2, "session")
+    ('1 session', '2 sessions')
+    """
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"

@@ -130,6 +130,8 @@ def _taps(session: Session, results: SessionResults) -> Trust:
     words, where = f"{rejected} of {made} rejected", "#taps"
     if left_out:
         words += f", {left_out} left out by the choice of hits"
+    if session.refused:
+        words += ", and not every record of the file could be read"
     if not made or len(few) == len(results.loads):
         again = f"Tap more often at each load: eight accepted taps are usual.{why}"
         return Trust(
@@ -201,17 +203,16 @@ def _physics(session: Session, folder: Path) -> Trust:
         command = f"mesotap diagnose {quote(file)} --report FOLDER"
         run = f"Have the model tested ('{command}', the folder of this page), then write it again ('mesotap report')."
         return Trust(what, Light.OPEN, "Not tested: no diagnosis was run.", "", run)
+    page = DIAGNOSIS_PAGE if (folder / DIAGNOSIS_PAGE).is_file() else ""
     if answer["verdict"] == "consistent":
-        return Trust(what, Light.GOOD, "A diagnosis found nothing that it leaves out.", DIAGNOSIS_PAGE)
+        return Trust(what, Light.GOOD, "A diagnosis found nothing that it leaves out.", page)
     named = " and ".join(str(m["statement"]).rstrip(".") for m in answer["mechanisms"])
     if answer["verdict"] == "unexplained" or not named:
         again = "Read the diagnosis: it says where the mismatch is and what would tell more."
-        return Trust(
-            what, Light.DOUBT, "It leaves something out that no known mechanism explains.", DIAGNOSIS_PAGE, again
-        )
+        return Trust(what, Light.DOUBT, "It leaves something out that no known mechanism explains.", page, again)
     chance = significant(float(answer["mechanisms"][0]["probability"]), 2)
     again = f"Correct the numbers for it: 'mesotap analyze {quote(file)} --model {DIAGNOSIS} --report corrected'."
-    return Trust(what, Light.DOUBT, f"It leaves something out (probability {chance}): {named}.", DIAGNOSIS_PAGE, again)
+    return Trust(what, Light.DOUBT, f"It leaves something out (probability {chance}): {named}.", page, again)
 
 
 def _diagnosis(session: Session, folder: Path) -> dict[str, Any] | None:

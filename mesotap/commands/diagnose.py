@@ -52,6 +52,8 @@ class Asked:
         Mechanisms that are excluded.
     json, report
         Where to write the answer and the page.
+    learn
+        Whether laws that nobody listed compete.
     """
 
     rig: Path | None = None
@@ -60,6 +62,7 @@ class Asked:
     json: Path | None = None
     report: Path | None = None
     contract: Version = 2
+    learn: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +85,7 @@ def diagnose(files: Sequence[Path], asked: Asked, console: Console) -> None:
     read = read_files([file_of(file) for file in files], asked.rig, console)
     make_ready(asked.json, asked.report)
     began = time.monotonic()
-    found = diagnosed(read, known, console)
+    found = diagnosed(read, known, console, learn=asked.learn)
     content = diagnosis_json(found.answer, time.monotonic() - began, asked.contract)
     content |= {"remarks": list(read.remarks)} if read.remarks else {}
     write_json(asked.json, content)
@@ -95,12 +98,17 @@ def diagnose(files: Sequence[Path], asked: Asked, console: Console) -> None:
 def read_files(files: Sequence[Path], rig_file: Path | None, console: Console) -> Read:
     """Read the files; a further file that holds steady responses of a described rig is taken for them."""
     from mesotap.commands.recordings import believed, show_left_out, show_remarks
-    from mesotap.configuration.usual_recordings import recording_remarks, rig_remarks, session_remarks
+    from mesotap.configuration.usual_recordings import (
+        recording_remarks,
+        refused_records,
+        rig_remarks,
+        session_remarks,
+    )
 
     rig = tester_rig() if rig_file is None else load_rig(rig_file)
     if rig_file is None or _is_session(files[0]):
         sessions = tuple(_session(file, rig_file is None) for file in files)
-        unusual = [one for session in sessions for one in session_remarks(session)]
+        unusual = [one for session in sessions for one in (*refused_records(session), *session_remarks(session))]
         show_remarks(unusual, console)
         return Read(rig, recording_files(files), sessions, remarks=tuple(unusual))
     recordings: list[Recording] = []
@@ -179,7 +187,11 @@ def own_folders(config: Path | None) -> tuple[str, ...]:
 
 
 def diagnosed(
-    read: Read, known: Known, console: Console, told: Callable[[str], None] = lambda stage: None
+    read: Read,
+    known: Known,
+    console: Console,
+    told: Callable[[str], None] = lambda stage: None,
+    learn: bool = True,
 ) -> Diagnosis:
     """Diagnose what was read under a progress line."""
     listed = variants(known)
@@ -190,9 +202,9 @@ def diagnosed(
             told(stage)
 
         if not read.sessions:
-            return diagnose_recordings(read.recordings, read.rig, listed, on_progress, read.files, read.sweeps)
+            return diagnose_recordings(read.recordings, read.rig, listed, on_progress, read.files, read.sweeps, learn)
         uncertainty = header_uncertainty(read.sessions[0])
-        return diagnose_sessions(read.sessions, read.rig, uncertainty, listed, on_progress, read.files)
+        return diagnose_sessions(read.sessions, read.rig, uncertainty, listed, on_progress, read.files, learn)
 
 
 def report_of(

@@ -8,20 +8,28 @@ from typing import Any
 
 from mesotap.proof.generator.effects import LISTED
 
-CONSISTENT, MISSING, UNEXPLAINED = "consistent", "missing_physics", "unexplained"
+CONSISTENT, MISSING, NEW, UNEXPLAINED = "consistent", "missing_physics", "new_physics", "unexplained"
 LEVEL = 0.01
 """Of the test: below this p-value something counts as detected."""
 
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """A mechanism that an answer names."""
+    """A mechanism that an answer names, or a law that it learned.
+
+    ``element`` is the rig's own name of where it acts; ``kind`` and ``exponents`` (95 % intervals) are those of a
+    learned law.
+    """
 
     id: str
     probability: float
     component: str
     alike: tuple[str, ...]
     intervals: Mapping[str, tuple[float, float]]
+    learned: bool = False
+    element: str = ""
+    kind: str = ""
+    exponents: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +56,11 @@ class Entry:
         Parameter and 95 % upper limit of each mechanism that is not named, by id.
     complete
         Stated probability that what is named, and nothing else, is there.
+    element
+        Where the answer locates what is missing: that of the first name, or else of the location; empty where it names
+        none.
+    channels
+        Those of the location.
     """
 
     name: str
@@ -67,6 +80,8 @@ class Entry:
     likeness: float | None = None
     limits: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     complete: float = float("nan")
+    element: str = ""
+    channels: tuple[str, ...] = ()
 
     @property
     def detected(self) -> bool:
@@ -119,9 +134,22 @@ def entry_of(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> 
         seconds=float(answer["seconds"]),
         limits={u["id"]: (u["parameter"], float(u["value"])) for u in answer.get("upper_limits", ())},
         complete=float(answer.get("complete_probability", float("nan"))),
+        element=(named[0].element if named else "") or str(location.get("element") or ""),
+        channels=tuple(location.get("channels") or ()),
     )
 
 
 def _named(m: Mapping[str, Any]) -> Named:
     intervals = {name: (float(v["low"]), float(v["high"])) for name, v in m["parameters"].items()}
-    return Named(m["id"], float(m["probability"]), m["where"], tuple(m["indistinguishable_from"]), intervals)
+    law = m.get("law") or {}
+    return Named(
+        m["id"],
+        float(m["probability"]),
+        m["where"],
+        tuple(m["indistinguishable_from"]),
+        intervals,
+        learned=bool(m.get("learned")),
+        element=str(m.get("element") or ""),
+        kind=str(law.get("kind") or ""),
+        exponents={k: (float(v["low"]), float(v["high"])) for k, v in (law.get("exponents") or {}).items() if v},
+    )

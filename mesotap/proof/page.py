@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from daq.durable import write_whole
-from mesotap.proof import scores
-from mesotap.proof.entries import LEVEL, Entry
+from mesotap.proof import law_page, law_scores, scores
+from mesotap.proof.entries import LEVEL, NEW, UNEXPLAINED, Entry
 from mesotap.proof.figures import confusion_figure, detection_figure, p_value_figure, reliability_figure
 from mesotap.proof.generator.effects import LISTED
+from mesotap.proof.scored import completeness, scored, seconds
 from mesotap.proof.scores import Count
 from mesotap.report.figures._files import save
 
@@ -45,7 +42,7 @@ class Proof:
 def write(proof: Proof, folder: Path) -> Path:
     """Write ``proof.md``, ``scores.json`` and the figures into a folder; return the page."""
     folder.mkdir(parents=True, exist_ok=True)
-    found = scored(proof)
+    found = scored(proof.entries, proof.failures)
     write_whole(folder / "scores.json", (json.dumps(found, indent=1, allow_nan=False) + "\n").encode())
     entries = proof.entries
     nulls, lines = scores.nulls(entries), scores.by_grade(entries)
@@ -61,74 +58,6 @@ def write(proof: Proof, folder: Path) -> Path:
     page = folder / "proof.md"
     write_whole(page, _page(proof, folder).encode())
     return page
-
-
-def scored(proof: Proof) -> dict[str, Any]:
-    """Return all scores as JSON types; shares come with their 95 % intervals."""
-    entries = proof.entries
-    lines, brier = scores.calibration(entries)
-    held = scores.held_out(entries)
-    covering = scores.coverage(entries)
-    answer = {
-        "format": "mesotap-proof",
-        "version": 1,
-        "sessions": len(entries),
-        "failures": proof.failures,
-        "nulls": asdict(scores.nulls(entries)),
-        "single": [asdict(g) for g in scores.by_grade(entries)],
-        "excluded": [asdict(g) for g in scores.unlisted(entries, "excluded")],
-        "outside": [asdict(g) for g in scores.unlisted(entries, "outside")],
-        "two": asdict(scores.pairs(entries)),
-        "coverage": [asdict(c) for c in covering],
-        "coverage_together": asdict(scores.together(covering)),
-        "upper_limits": [{"grade": g, **asdict(count)} for g, count in scores.limits(entries)],
-        "complete": _complete_scores(entries),
-        "calibration": [asdict(r) for r in lines],
-        "brier": brier,
-        "held_out": {"median": held.median, "within": asdict(held.within), "ratios": held.ratios},
-        "confusion": scores.confusion(entries),
-        "seconds": _seconds(entries),
-        "entries": [_line(e) for e in entries],
-    }
-    out: dict[str, Any] = _plain(answer)
-    return out
-
-
-def _plain(value: Any) -> Any:
-    """Return JSON types; counts get their share and interval, what is no number becomes null."""
-    if isinstance(value, dict):
-        out = {k: _plain(v) for k, v in value.items()}
-        if set(value) == {"hits", "of"}:
-            count = Count(value["hits"], value["of"])
-            out |= {"share": _plain(count.share), "interval": list(count.interval)}
-        return out
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _line(e: Entry) -> dict[str, Any]:
-    return {
-        "session": e.name,
-        "kind": e.kind,
-        "hidden": list(e.effects),
-        "d": e.d,
-        "d_of_each": list(e.d_of_each),
-        "verdict": e.verdict,
-        "p_value": e.p_value,
-        "located": e.located,
-        "named": [{"id": m.id, "probability": m.probability, "alike": list(m.alike)} for m in e.named],
-        "likeness": e.likeness,
-        "heldout_over_knowing": e.heldout_rms / e.knowing_rms if e.knowing_rms > 0 else None,
-        "seconds": e.seconds,
-    }
-
-
-def _seconds(entries: Sequence[Entry]) -> dict[str, float]:
-    if not entries:
-        return {"median": math.nan, "largest": math.nan}
-    taken = [e.seconds for e in entries]
-    return {"median": float(np.median(taken)), "largest": max(taken)}
 
 
 def _share(count: Count) -> str:
@@ -156,6 +85,7 @@ def _page(proof: Proof, folder: Path) -> str:
         _singles,
         _confusion,
         _unlisted,
+        _laws,
         _pairs,
         _coverage,
         _limits,
@@ -239,9 +169,18 @@ def _unlisted(entries: Sequence[Entry], folder: Path) -> str:
         lines = [g for g in scores.unlisted(entries, kind) if g.unexplained.of]
         if lines:
             rows = [(f"{g.grade:g}", _share(g.unexplained), _share(g.confident_wrong), _share(g.missed)) for g in lines]
-            headings = ("d", "`unexplained`", "a name stated with more than 0.9", "`consistent`")
+            headings = (
+                "d",
+                "`unexplained` or `new_physics`",
+                "a listed name stated with more than 0.9",
+                "`consistent`",
+            )
             parts.append(_joined(heading, _table(headings, rows)))
     return _joined(*parts)
+
+
+def _laws(entries: Sequence[Entry], folder: Path) -> str:
+    return law_page.section(entries, _share, _table)
 
 
 def _pairs(entries: Sequence[Entry], folder: Path) -> str:
@@ -256,22 +195,9 @@ def _pairs(entries: Sequence[Entry], folder: Path) -> str:
     )
 
 
-def _complete_scores(entries: Sequence[Entry]) -> dict[str, float | None]:
-    """Return mean stated probability of completeness, how often it was so, and Brier's score."""
-    stated = [(e.complete, scores.complete(e)) for e in entries if math.isfinite(e.complete)]
-    if not stated:
-        return {"stated": None, "true": None, "brier": None}
-    count = len(stated)
-    return {
-        "stated": sum(p for p, _ in stated) / count,
-        "true": sum(right for _, right in stated) / count,
-        "brier": sum((p - right) ** 2 for p, right in stated) / count,
-    }
-
-
 def _limits(entries: Sequence[Entry], folder: Path) -> str:
     lines = scores.limits(entries)
-    found = _complete_scores(entries)
+    found = completeness(entries)
     parts = []
     if lines:
         parts += [
@@ -316,7 +242,7 @@ def _calibration(entries: Sequence[Entry], folder: Path) -> str:
 
 def _held_out(entries: Sequence[Entry], folder: Path) -> str:
     found = scores.held_out(entries)
-    taken = _seconds(entries)
+    taken = seconds(entries)
     time = f"A diagnosis took {taken['median']:.0f} s (median), {taken['largest']:.0f} s at most."
     if not found.ratios:
         return _joined("## Held-out impacts and time", time)
@@ -346,8 +272,10 @@ def _mistakes(entries: Sequence[Entry], folder: Path) -> str:
 def _mistaken(e: Entry) -> bool:
     if e.kind == "null":
         return e.detected
-    if e.kind in ("excluded", "outside"):
-        return e.verdict != "unexplained"
+    if e.kind == "outside":
+        return not law_scores.noticed(e)
+    if e.kind == "excluded":
+        return e.verdict not in (NEW, UNEXPLAINED)
     return scores.grade(e.d) >= 30 and not e.covered
 
 

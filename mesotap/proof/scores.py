@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.stats import binomtest, chi2, kstest, ncx2
 
-from mesotap.proof.entries import CONSISTENT, LEVEL, MISSING, UNEXPLAINED, Entry, Named
+from mesotap.proof.entries import CONSISTENT, LEVEL, MISSING, NEW, UNEXPLAINED, Entry, Named
 from mesotap.proof.parameters import true_parameters
 
 GRADES = (3.0, 10.0, 30.0, 100.0, 300.0)
@@ -138,13 +138,21 @@ def true_of(m: Named, e: Entry) -> bool:
 
 
 def confidently_wrong(e: Entry) -> bool:
-    """Return whether any name is stated with confidence that is neither true nor said to look like what is."""
-    return any(m.probability > CONFIDENT and not true_of(m, e) for m in e.named)
+    """Return whether any name is stated with confidence that is neither true nor said to look like what is.
+
+    A law that was learned names nothing: it is wrong where nothing is hidden in its component.
+    """
+    return any(
+        m.probability > CONFIDENT and not (m.component in e.components if m.learned else true_of(m, e)) for m in e.named
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Unlisted:
-    """What was said, at one grade, where no name can be right."""
+    """What was said, at one grade, where no listed name can be right.
+
+    ``unexplained`` counts laws that were learned (`new_physics`), too; ``confident_wrong`` listed names first.
+    """
 
     grade: float
     unexplained: Count
@@ -157,11 +165,13 @@ def unlisted(entries: Sequence[Entry], kind: str) -> list[Unlisted]:
     out = []
     for g in GRADES[2:]:
         mine = [e for e in entries if e.kind == kind and grade(e.d) == g]
-        confident = counted(e.first is not None and e.first.probability > CONFIDENT for e in mine)
+        confident = counted(
+            e.first is not None and not e.first.learned and e.first.probability > CONFIDENT for e in mine
+        )
         out.append(
             Unlisted(
                 g,
-                counted(e.verdict == UNEXPLAINED for e in mine),
+                counted(e.verdict in (UNEXPLAINED, NEW) for e in mine),
                 confident,
                 counted(e.verdict == CONSISTENT for e in mine),
             )
@@ -269,10 +279,14 @@ class Reliability:
 def calibration(entries: Sequence[Entry]) -> tuple[list[Reliability], float]:
     """Score the stated probabilities of all names, and return Brier's score of them (NaN without any).
 
-    A name is right where it, or one of its declared look-alikes, is hidden in the session and on the list.
+    A name is right where it, or one of its declared look-alikes, is hidden in the session and on the list. Learned laws
+    are left out.
     """
     stated = [
-        (m.probability, e.kind not in ("excluded", "outside") and true_of(m, e)) for e in entries for m in e.named
+        (m.probability, e.kind not in ("excluded", "outside") and true_of(m, e))
+        for e in entries
+        for m in e.named
+        if not m.learned
     ]
     out = []
     for low, high in pairwise(STATED):

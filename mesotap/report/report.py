@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections import Counter
@@ -44,6 +45,7 @@ from mesotap.answers.summary import summary
 from mesotap.answers.trust import trusted, what_next
 from mesotap.report import figures
 from mesotap.report.figures import Recording
+from mesotap.report.typesetting import prose, unit
 
 if TYPE_CHECKING:
     from mesotap.answers.assurance import Beside
@@ -385,8 +387,9 @@ def written(path: Path, text: str) -> Path:
     return path
 
 
+@functools.cache
 def environment() -> Environment:
-    """Return the templates' environment, with the filters that all pages share."""
+    """Return the templates' environment, with the filters that all pages share; it keeps what it has compiled."""
     templates = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
         autoescape=True,
@@ -399,8 +402,10 @@ def environment() -> Environment:
     templates.filters["signed"] = _signed
     templates.filters["known"] = lambda parameter: _typographic(known(parameter))
     templates.filters["chance"] = chance
-    templates.filters["moment"] = lambda text: text.replace("T", " ").removesuffix("Z")
-    templates.filters["prose"] = lambda text: text.replace(" %", "\N{NO-BREAK SPACE}%").replace("m/s2", "m/s²")
+    templates.filters["moment"] = lambda text: text.replace("T", " ").removesuffix("Z").removesuffix("+00:00")
+    templates.filters["prose"] = prose
+    templates.filters["unit"] = unit
+    templates.filters["minus"] = _typographic
     return templates
 
 

@@ -14,7 +14,8 @@ from mesotap.proof.generator.integration import Machine
 from mesotap.proof.generator.plan import Plan
 
 
-def _attached(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
+def attached(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
+    """A part of s kg stands on a mount of ``c["frequency_hz"]`` and ``c["zeta"]`` on the lower mass."""
     angular = 2 * math.pi * c["frequency_hz"]
     direction = np.zeros(machine.mass.size + 1)
     direction[1], direction[-1] = -1.0, 1.0
@@ -214,7 +215,7 @@ BODIES = (
     Effect(
         "attached_mass", "lower mass", 5e-4, 0.02, _tell_attached,
         draw=lambda rng, plan: {"frequency_hz": float(rng.uniform(1500, 4500)), "zeta": float(rng.uniform(0.01, 0.04))},
-        machined=_attached,
+        machined=attached,
     ),
     Effect(
         "frame_compliance", "frame", 0.05, 1.0, _tell_feet("frame"), draw=_draw_feet((0,), (1,)), machined=_on_feet,

@@ -53,13 +53,17 @@ class Concealed:
 def signals(session: Concealed) -> Real:
     """Return the (n, 2, samples) channels from the tap on, without noise, m/s2."""
     plan = session.plan
-    machine, delay = machine_of(plan), 0.0
+    machine = machine_of(plan)
+    delay: float | Real = 0.0
     for h in _in_order(session.hidden):
         if h.effect.machined is not None:
             machine = h.effect.machined(machine, plan, h.strength, h.character)
         if h.effect.delay is not None:
-            delay += h.effect.delay(h.strength, h.character)
+            delay = delay + h.effect.delay(plan, h.strength, h.character)
     seen = integrate(machine, plan.steps, plan.step_s)
+    for h in _in_order(session.hidden):
+        if h.effect.mounted is not None:
+            seen = h.effect.mounted(np.broadcast_to(seen, (len(seen), 2, seen.shape[2])), plan, h.strength, h.character)
     y = sampled(plan, filtered(plan, seen, session.undeclared_hz), delay)
     for h in _in_order(session.hidden):
         if h.effect.sensed is not None:
@@ -107,7 +111,7 @@ def conceal(plan: Plan, effect: Effect, character: Character, d: float, beside: 
         else:
             high = strength
         slope = 1.0
-        if below is not None and reached > 0 and below[1] > 0 and strength != below[0]:
+        if below is not None and 0 < reached < math.inf and 0 < below[1] < math.inf and strength != below[0]:
             slope = float(np.clip(math.log(reached / below[1]) / math.log(strength / below[0]), 0.5, 6.0))
         below = (strength, reached)
         following = strength * (d / max(reached, 1e-3 * d)) ** (1 / slope) if math.isfinite(reached) else strength / 4
@@ -201,6 +205,7 @@ def truth(concealed: Concealed, d: float, knowing: float) -> dict[str, Any]:
         "kinds": [h.effect.id for h in concealed.hidden],
         "components": [h.effect.component for h in concealed.hidden],
         "outside": any(not h.effect.listed for h in concealed.hidden),
+        "laws": [h.effect.nature.told(h.character) for h in concealed.hidden if h.effect.nature is not None],
         "effect": effect,
         "strength": [h.strength for h in concealed.hidden],
         "d": d,

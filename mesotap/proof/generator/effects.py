@@ -7,7 +7,6 @@ on the machine, on the sampled channels, or on both. `parameters` gives the true
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -29,6 +28,9 @@ from mesotap.proof.generator.effect import (
 )
 from mesotap.proof.generator.integration import Machine
 from mesotap.proof.generator.laws import Law
+from mesotap.proof.generator.outside import CONTACT
+from mesotap.proof.generator.outside_chain import CHAIN, OTHERS
+from mesotap.proof.generator.outside_ground import ABSORBED, GROUND
 from mesotap.proof.generator.plan import PRETRIGGER, RATE_HZ, Plan
 
 Real = NDArray[np.float64]
@@ -176,38 +178,6 @@ def _draw_hum(rng: np.random.Generator, plan: Plan) -> Character:
     }
 
 
-def _bilinear(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return in_spring(machine, plan, 1, Law.BILINEAR, s)
-
-
-def _drifting(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return in_spring(machine, plan, 1, Law.DRIFTING, s, c["time_s"])
-
-
-def _cubed_rate(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return in_contact(machine, plan, Law.CUBED_RATE, s / typical_rate(plan) ** 2 * plan.of_each_impact(plan.cc))
-
-
-def _modulated(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return in_contact(machine, plan, Law.MODULATED, s, 2 * np.pi * c["frequency_hz"], c["phases"])
-
-
-def _stepped(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
-    return in_contact(machine, plan, Law.STEP, s, c["times_s"])
-
-
-def _curved_sensors(y: Real, plan: Plan, s: float, c: Character) -> Real:
-    return np.asarray(y + s * y**2 / float(np.abs(y).max()))
-
-
-def _times(low: float, high: float) -> Callable[[np.random.Generator, Plan], Character]:
-    return lambda rng, plan: {"time_s": float(np.exp(rng.uniform(math.log(low), math.log(high))))}
-
-
-def _strength_only(plan: Plan, s: float, c: Character) -> dict[str, Any]:
-    return {"strength": s, **{k: v for k, v in c.items() if np.isscalar(v)}}
-
-
 _LISTED = (
     Effect(
         "hertz_stiffness", "contact", 0.5, 2.5, lambda p, s, c: {"force_exponent": 1.5},
@@ -280,7 +250,7 @@ _LISTED = (
     ),
     Effect(
         "channel_skew", "sensor chain", 0.01, 1.0, lambda p, s, c: {"delay_of_b_samples": c["sign"] * s},
-        draw=_draw_sign, delay=lambda s, c: c["sign"] * s,
+        draw=_draw_sign, delay=lambda plan, s, c: c["sign"] * s,
     ),
     Effect(
         "clipping", "sensor chain", 0.1, 0.8,
@@ -292,25 +262,7 @@ _LISTED = (
     ),
 )  # fmt: skip
 
-_OUTSIDE = (
-    Effect("bilinear_spring", "tube springs", 0.01, 0.5, _strength_only, machined=_bilinear, listed=False),
-    Effect(
-        "drifting_spring", "tube springs", 0.002, 0.3, _strength_only,
-        draw=_times(5e-3, 40e-3), machined=_drifting, listed=False,
-    ),
-    Effect("cubed_rate_damping", "contact", 0.1, 1.5, _strength_only, machined=_cubed_rate, listed=False),
-    Effect(
-        "shaken_contact", "contact", 0.003, 0.3, _strength_only, machined=_modulated, listed=False,
-        draw=lambda rng, plan: {
-            "frequency_hz": float(rng.uniform(70, 250)), "phases": rng.uniform(0, 2 * np.pi, plan.group.size)
-        },
-    ),
-    Effect("curved_sensors", "sensor chain", 0.01, 0.5, _strength_only, sensed=_curved_sensors, listed=False),
-    Effect(
-        "stiffness_step", "contact", 0.002, 0.2, _strength_only, machined=_stepped, listed=False,
-        draw=lambda rng, plan: {"times_s": rng.uniform(5e-3, 25e-3, plan.group.size)},
-    ),
-)  # fmt: skip
-
 LISTED = {e.id: e for e in _LISTED}
-OUTSIDE = {e.id: e for e in _OUTSIDE}
+OUTSIDE = {e.id: e for e in (*CONTACT, *GROUND, *CHAIN, *OTHERS)}
+HIDING = {e.id: e for e in ABSORBED}
+"""Outside the list, and hidden by a free decay: not drawn."""

@@ -54,6 +54,8 @@ class Machine:
         The laws, in the order in which they act.
     placed
         (c, b) places of the bodies, m, to what each channel sees besides, m/s2; None where it sees none.
+    thrown
+        (n, b) rates of the bodies at the start of each impact, m/s; None where all are at rest.
     """
 
     mass: Real
@@ -65,10 +67,11 @@ class Machine:
     pulses: Real
     acting: tuple[Acting, ...] = field(default=())
     placed: Real | None = None
+    thrown: Real | None = None
 
 
 def integrate(machine: Machine, steps: int, step_s: float) -> Real:
-    """Return what the channels see, (n, c, steps) m/s2, from rest at the start of the first pulse."""
+    """Return what the channels see, (n, c, steps) m/s2, from the start of the first pulse."""
     count = machine.stiffness.shape[0]
     bodies = machine.mass.size
     acting = machine.acting
@@ -88,6 +91,7 @@ def integrate(machine: Machine, steps: int, step_s: float) -> Real:
         machine.contact_line,
         machine.seen,
         _padded(machine),
+        np.zeros((count, bodies)) if machine.thrown is None else machine.thrown,
         machine.pulses,
         laws,
         directions,
@@ -153,8 +157,8 @@ def _accelerate(
 
 @njit
 def _integrate(
-    mass: Real, stiffness: Real, damping: Real, contact: Real, line: Real, seen: Real, placed: Real, pulses: Real,
-    laws: Whole, directions: Real, numbers: Real, h: float, out: Real,
+    mass: Real, stiffness: Real, damping: Real, contact: Real, line: Real, seen: Real, placed: Real, thrown: Real,
+    pulses: Real, laws: Whole, directions: Real, numbers: Real, h: float, out: Real,
 ) -> None:  # fmt: skip
     bodies = mass.size
     x = np.zeros(bodies)
@@ -170,7 +174,7 @@ def _integrate(
     start = np.zeros(laws.size)
     for n in range(out.shape[0]):
         x[:] = 0.0
-        v[:] = 0.0
+        v[:] = thrown[n]
         memory[:] = 0.0
         start[:] = 0.0
         for s in range(out.shape[2]):

@@ -25,9 +25,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mesotap.proof.generator import unlisted_laws
+
 Real = NDArray[np.float64]
 
 MEMORY = 8  # numbers that a law may remember
+UNLISTED = unlisted_laws.FIRST  # from here on the laws are of `unlisted_laws`
+push_unlisted, remember_unlisted, unlisted_remembers = (
+    unlisted_laws.push,
+    unlisted_laws.remember,
+    unlisted_laws.remembers,
+)
 OWN = 3  # place of a law's own numbers in ``p``
 CREVICE = 0.05  # of the film at rest: as thin as it gets
 
@@ -184,6 +192,8 @@ def attraction(p: Real, d: float) -> float:
 @njit
 def push(law: int, p: Real, t: float, d: float, v: float, m: Real, force: float) -> float:
     """Return the force of a law, N."""
+    if law >= UNLISTED:
+        return push_unlisted(law, p, t, d, v, m)
     if law == _HERTZ:
         return hertz(p, d)
     if law == _EXPONENTIAL:
@@ -228,7 +238,7 @@ def push(law: int, p: Real, t: float, d: float, v: float, m: Real, force: float)
 @njit
 def remembers(law: int) -> bool:
     """Return whether a law has a memory."""
-    return law in (_SLIDERS, _LEAKING, _YIELDING)
+    return unlisted_remembers(law) if law >= UNLISTED else law in (_SLIDERS, _LEAKING, _YIELDING)
 
 
 @njit
@@ -237,6 +247,8 @@ def remember(law: int, p: Real, i: int, before: float, d0: float, d: float, elap
 
     Of springs that leak the force, of what yields the largest deformation, of sliders the deformation of each.
     """
+    if law >= UNLISTED:
+        return remember_unlisted(law, p, i, before, d0, d, elapsed)
     if law == _LEAKING:
         if i >= p[3] or elapsed <= 0.0:
             return before

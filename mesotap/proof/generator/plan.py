@@ -21,6 +21,7 @@ PRETRIGGER = 250
 LONGEST_PULSE_S = 0.5e-3
 SETTLED_S = 0.5e-3  # after the longest pulse, until the recorder's low-pass has rung out
 SOFTEST_CONTACT = 0.8e6  # N/m: below it the contact mode lies at the system mode
+AHEAD = 6  # samples that a clock may be ahead at the end of a record
 LOUDEST_S = 8e-3  # after a tap: by then the contact has borne the most
 
 
@@ -89,8 +90,8 @@ class Plan:
 
     @property
     def steps(self) -> int:
-        """Steps of a whole record."""
-        return (self.samples + 1) * STEPS_PER_SAMPLE
+        """Steps of a whole record, and of what a clock that is fast sees of the time after it."""
+        return (self.samples + 1 + AHEAD) * STEPS_PER_SAMPLE
 
     @property
     def static(self) -> Real:
@@ -131,7 +132,11 @@ def machine_of(plan: Plan) -> Machine:
 
 
 def random_plan(
-    rng: np.random.Generator, exponent: float | None = None, exact: bool = False, force_ratio: float | None = None
+    rng: np.random.Generator,
+    exponent: float | None = None,
+    exact: bool = False,
+    force_ratio: float | None = None,
+    size: tuple[int, int] | None = None,
 ) -> Plan:
     """Draw a session.
 
@@ -143,6 +148,8 @@ def random_plan(
         Whether the rig is as declared and its noise white.
     force_ratio
         Median peak of the dynamic contact force over the preload; drawn without.
+    size
+        How many loads and how many taps at each; drawn without, from 3 to 8 and from 4 to 8.
     """
     spring = rng.uniform(3.0e5, 5.0e5)
     declared_springs = (spring, spring * (1 + 0.005 * rng.standard_normal()))
@@ -150,7 +157,7 @@ def random_plan(
     masses = tuple(m * (1 + error * MASS_ERROR * rng.standard_normal()) for m in MASSES_KG)
     springs = tuple(k * (1 + error * SPRING_ERROR * rng.standard_normal()) for k in declared_springs)
 
-    count = int(rng.integers(3, 9))
+    count, taps = (int(rng.integers(3, 9)), None) if size is None else size
     loads = _apart(rng, count)
     exponent = float(rng.uniform(1 / 3, 1.0)) if exponent is None else exponent
     highest = float(np.exp(rng.uniform(math.log(1200.0), math.log(4000.0))))
@@ -162,7 +169,7 @@ def random_plan(
     angular = np.sqrt((springs[1] + 2 * kc) / masses[1])
     cc = zeta * masses[1] * angular
 
-    group = np.repeat(np.arange(count), int(rng.integers(4, 9)))
+    group = np.repeat(np.arange(count), int(rng.integers(4, 9)) if taps is None else taps)
     n = group.size
     pulses = np.zeros((n, 1, 5))
     pulses[:, 0, 1] = rng.uniform(0.2e-3, LONGEST_PULSE_S) * rng.uniform(0.85, 1.0, n)
@@ -195,7 +202,7 @@ def _apart(rng: np.random.Generator, count: int) -> Real:
     """Draw loads from 70 to 1000 mN that differ by 8 % at least, N."""
     while True:
         loads = np.sort(np.exp(rng.uniform(math.log(0.07), math.log(1.0), count)))
-        if np.all(np.diff(np.log(loads)) > 0.08) and loads[-1] > 2 * loads[0]:
+        if np.all(np.diff(np.log(loads)) > 0.08) and (count == 1 or loads[-1] > 2 * loads[0]):
             return np.asarray(loads, float)
 
 

@@ -30,8 +30,8 @@ def filtered(plan: Plan, seen: Real, undeclared_hz: float = math.inf) -> Real:
     return np.asarray(out)
 
 
-def sampled(plan: Plan, fine: Real, delay_of_b: float = 0.0) -> Real:
-    """Return what channels A and B sample, (n, 2, samples); B's signal comes ``delay_of_b`` samples late.
+def sampled(plan: Plan, fine: Real, delay_of_b: float | Real = 0.0) -> Real:
+    """Return what channels A and B sample, (n, 2, samples); B's signal comes ``delay_of_b`` samples late, each or all.
 
     Between the steps of the integration B is interpolated by a cubic through four of them.
     """

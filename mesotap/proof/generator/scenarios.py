@@ -51,6 +51,8 @@ class Scenario:
         Names of the concealed effects, and ``d`` of each.
     variety
         Of a null session: one of `NULLS`.
+    size
+        How many loads and how many taps at each; drawn where it is None.
     """
 
     number: int
@@ -58,6 +60,7 @@ class Scenario:
     effects: tuple[str, ...] = ()
     d: tuple[float, ...] = ()
     variety: str = ""
+    size: tuple[int, int] | None = None
 
     @property
     def name(self) -> str:
@@ -74,9 +77,9 @@ def draw_scenarios(seed: int, sessions: int, only: str | None = None) -> list[Sc
     """
     kinds = DOZEN if only is None else (only,)
     rng = np.random.default_rng([seed, 0])
-    singles = _cycle(rng, [(e, d) for e in LISTED for d in GRADES])
-    excluded = _cycle(rng, [(e, d) for e in LISTED if e not in TOLD_AS_ANOTHER for d in STRONG_GRADES])
-    outside = _cycle(rng, [(e, d) for e in OUTSIDE for d in STRONG_GRADES])
+    singles = cycle(rng, [(e, d) for e in LISTED for d in GRADES])
+    excluded = cycle(rng, [(e, d) for e in LISTED if e not in TOLD_AS_ANOTHER for d in STRONG_GRADES])
+    outside = cycle(rng, [(e, d) for e in OUTSIDE for d in STRONG_GRADES])
     scenarios: list[Scenario] = []
     while len(scenarios) < sessions:
         for kind in rng.permutation(np.array(kinds)).tolist():
@@ -92,7 +95,7 @@ def draw_scenarios(seed: int, sessions: int, only: str | None = None) -> list[Sc
     return scenarios[:sessions]
 
 
-def _cycle(rng: np.random.Generator, pairs: list[tuple[str, float]]) -> Any:
+def cycle(rng: np.random.Generator, pairs: list[tuple[str, float]]) -> Any:
     """Yield the pairs in a shuffled order, again and again."""
     while True:
         for i in rng.permutation(len(pairs)).tolist():
@@ -108,10 +111,15 @@ def _pair(rng: np.random.Generator) -> tuple[str, str]:
             return a, b
 
 
+def generator_of(seed: int, scenario: Scenario) -> np.random.Generator:
+    """Return the random numbers of a scenario."""
+    return np.random.default_rng([seed, 1, scenario.number])
+
+
 def make(seed: int, scenario: Scenario, folder: Path) -> dict[str, Any]:
     """Make the session of a scenario, write its file into ``folder``, and return the truth of it."""
-    rng = np.random.default_rng([seed, 1, scenario.number])
-    concealed = _concealed(rng, scenario)
+    rng = generator_of(seed, scenario)
+    concealed = concealed_of(rng, scenario)
     d = surviving(concealed).d if concealed.hidden or scenario.variety in NULLS[2:] else 0.0
     recorded = record(rng, concealed, scenario.number)
     write_session(folder / f"{scenario.name}.h5", recorded.session)
@@ -128,10 +136,11 @@ def make(seed: int, scenario: Scenario, folder: Path) -> dict[str, Any]:
     }
 
 
-def _concealed(rng: np.random.Generator, scenario: Scenario) -> Concealed:
+def concealed_of(rng: np.random.Generator, scenario: Scenario) -> Concealed:
+    """Return what a scenario hides; ``rng`` is that of its seed and number."""
     if scenario.kind == "null":
         exact = scenario.variety == NULLS[0]
-        plan = random_plan(rng, exact=exact)
+        plan = random_plan(rng, exact=exact, size=scenario.size)
         if scenario.variety == NULLS[2]:
             return Concealed(plan, undeclared_hz=float(rng.uniform(*UNDECLARED_HZ)))
         if scenario.variety == NULLS[3]:
@@ -144,7 +153,7 @@ def _concealed(rng: np.random.Generator, scenario: Scenario) -> Concealed:
     grades = dict(zip(scenario.effects, scenario.d, strict=True))
     exponent = next((e.exponent for e in effects if e.exponent is not None), None)
     parts = any(e.id == "contact_loss" for e in effects)
-    plan = random_plan(rng, exponent=exponent, force_ratio=FORCE_RATIO_TO_PART if parts else None)
+    plan = random_plan(rng, exponent=exponent, force_ratio=FORCE_RATIO_TO_PART if parts else None, size=scenario.size)
     concealed = Concealed(plan)
     for effect in effects:
         character = effect.draw(rng, concealed.plan)
@@ -175,8 +184,8 @@ def likeness(seed: int, scenario: Scenario, name: str) -> float:
 
     The other effect is tried with several characters, at the same ``d``.
     """
-    rng = np.random.default_rng([seed, 1, scenario.number])
-    concealed = _concealed(rng, scenario)
+    rng = generator_of(seed, scenario)
+    concealed = concealed_of(rng, scenario)
     plan, true = concealed.plan, surviving(concealed)
     other = effect_named(name)
     largest = 0.0

@@ -29,6 +29,7 @@ from mesotap.report.figures._diagnosis import (
 from mesotap.report.figures._files import inline_svg, save
 from mesotap.report.figures._frequency_response import cross_check_figure, response_figure, shown_responses
 from mesotap.report.figures._impacts import impacts_figure
+from mesotap.report.figures._law import Overlay, law_figure
 from mesotap.report.figures._paper import paper_figure_3, paper_figure_7_8, paper_figure_9
 from mesotap.report.figures._recording import Recording, modes_figure
 from mesotap.report.figures._rig import rig_figure
@@ -41,6 +42,7 @@ __all__ = [
     "DRIFT_MARK",
     "FEWEST_POINTS",
     "ForcePicture",
+    "Overlay",
     "Recording",
     "amplitude_figure",
     "calibration_figure",
@@ -52,6 +54,7 @@ __all__ = [
     "held_out_figure",
     "impacts_figure",
     "inline_svg",
+    "law_figure",
     "mode_amplitude_figure",
     "modes_figure",
     "paper_figure_3",

@@ -45,6 +45,7 @@ SMOOTHING_BINS = 9
 FINER = 6  # points drawn for each sample of a curve
 DEFLECTION_BINS, FEWEST_IN_BIN = 15, 4
 NORMAL_95 = 1.959964
+WITH_WHAT_WAS_LEFT_OUT = "with what was left out"
 CHANNELS = ("mean of A and B", "difference of A and B")
 
 
@@ -285,14 +286,20 @@ def _binned(x: Real, y: Real) -> tuple[Real, Real, Real]:
 
 @styled
 def residual_spectra_figure(
-    before: tuple[Real, Real], after: tuple[Real, Real] | None, names: Sequence[str] = CHANNELS
+    before: tuple[Real, Real],
+    after: tuple[Real, Real] | None,
+    names: Sequence[str] = CHANNELS,
+    later: str = WITH_WHAT_WAS_LEFT_OUT,
 ) -> Figure:
-    """Draw the residuals' spectra before and after, over the noise's; each (frequencies, power (channels, n))."""
+    """Draw the residuals' spectra before and after, over the noise's; each (frequencies, power (channels, n)).
+
+    ``later`` is what the model after has more than that before.
+    """
     channels = len(before[1])
     figure = blank(PAGE_MM, 62)
     panels = figure.subplots(1, channels, sharey=True, squeeze=False)[0]
     for c, axes in enumerate(panels):
-        for found, colour, label in ((before, BLUE, "Eq. 9"), (after, VERMILION, "with what was left out")):
+        for found, colour, label in ((before, BLUE, "Eq. 9"), (after, VERMILION, later)):
             if found is None:
                 continue
             x, y = decimated(found[0] / KILO, _smooth(found[1][c]))
@@ -314,8 +321,8 @@ def _smooth(power: Real) -> Real:
 
 
 @styled
-def held_out_figure(before: RingDownFit, after: RingDownFit | None) -> Figure:
-    """Draw the residual of each held-out impact over the noise, by its fits before and after."""
+def held_out_figure(before: RingDownFit, after: RingDownFit | None, later: str = WITH_WHAT_WAS_LEFT_OUT) -> Figure:
+    """Draw the residual of each held-out impact over the noise, by its fits before and after; ``later`` as above."""
     figure = blank(PAGE_MM, 58)
     axes = figure.subplots()
     records = before.segments
@@ -325,7 +332,7 @@ def held_out_figure(before: RingDownFit, after: RingDownFit | None) -> Figure:
     place = np.arange(len(records))
     for rms, colour, marker, label in (
         (rms_before, BLUE, "o", "Eq. 9"),
-        (rms_after, VERMILION, "s", "with what was left out"),
+        (rms_after, VERMILION, "s", later),
     ):
         if rms is not None:
             axes.plot(place, rms / noise, marker=marker, linestyle="none", color=colour, label=label)

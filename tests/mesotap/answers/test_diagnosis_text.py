@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import io
+import re
 from dataclasses import replace
 
 from rich.console import Console
 
-from analysis.mismatch.answer import NextExperiment, Remainder, SetAside
+from analysis.mismatch.answer import Interval, NextExperiment, Remainder, Rival, SetAside, UpperLimit
 from mesotap.answers.diagnosis_json import diagnosis_json
 from mesotap.answers.diagnosis_text import next_words, print_answer, verdict_sentence
 from tests.mesotap.answers.made import ANSWER, HERE, LEARNED, NAMED
@@ -24,6 +25,23 @@ def test_the_verdict_names_what_is_left_out_with_its_probability() -> None:
 def test_a_remainder_beyond_noise_is_in_the_verdict() -> None:
     said = verdict_sentence(replace(ANSWER, remainder=LEFT))
     assert "explains 97 % of what is missing; something small remains in the lower mass at 4.1 kHz" in said
+
+
+def test_a_name_that_leaves_many_times_the_noise_is_in_doubt_and_what_remains_is_not_called_small() -> None:
+    far = replace(ANSWER, remainder=LEFT, fit=replace(ANSWER.fit, noise_rms=0.01, heldout_rms_after=0.28))
+    said = verdict_sentence(far)
+    assert "something small" not in said
+    assert "is still missed by 28 times the noise: the right name may be another one." in said
+    near = replace(far, fit=replace(far.fit, heldout_rms_after=0.029))
+    assert "times the noise" not in verdict_sentence(near)
+    assert "something small" in verdict_sentence(near)
+
+
+def test_that_this_is_all_there_is_is_not_rounded_to_nothing() -> None:
+    for probability, words in ((1.7e-294, "all there is: < 0.0001"), (0.93, "all there is: 0.93")):
+        shown = Console(file=io.StringIO(), width=200)
+        print_answer(replace(ANSWER, complete_probability=probability), shown)
+        assert words in shown.file.getvalue()  # type: ignore[attr-defined]
 
 
 def test_recordings_without_loads_are_not_counted_as_impacts() -> None:
@@ -47,7 +65,7 @@ def test_a_drifting_load_cell_leaves_the_loads_in_doubt() -> None:
 
 def test_a_learned_law_is_told_as_one() -> None:
     said = verdict_sentence(replace(ANSWER, verdict="new_physics", mechanisms=(LEARNED,)))
-    assert "law in the contact (a law learned from these recordings)" in said
+    assert "a force of the deflection that no mechanism listed has, learned from these recordings (contact)" in said
 
 
 def test_the_terminal_shows_the_runner_up_and_the_limits() -> None:
@@ -55,6 +73,28 @@ def test_the_terminal_shows_the_runner_up_and_the_limits() -> None:
     print_answer(ANSWER, shown)
     text = shown.file.getvalue()  # type: ignore[attr-defined]
     assert all(word in text for word in ("squeeze_film", "micro_slip", "104 mN", "last: 0.02 m/s2"))
+
+
+def test_the_terminal_writes_numbers_as_the_page_does() -> None:
+    shown = Console(file=io.StringIO(), width=200)
+    limits = [
+        UpperLimit("micro_slip", name, value, unit, 0.95)
+        for name, value, unit in (("large", 4592.0, "N/m"), ("huge", 4.592e9, "N/m3"), ("small", 3.21e-5, "1"))
+    ]
+    strong = replace(NAMED, parameters={"k": Interval(4.59e9, 4.5e9, 4.68e9, "N/m")})
+    print_answer(replace(ANSWER, mechanisms=(strong,), upper_limits=tuple(limits)), shown)
+    text = shown.file.getvalue()  # type: ignore[attr-defined]
+    assert all(number in text for number in (" 4600 N/m ", " 4.6 × 10⁹ N/m3 ", " 3.2 × 10⁻⁵ "))
+    assert "k = 4.590 × 10⁹ (4.500 × 10⁹ to 4.680 × 10⁹) N/m" in text
+    assert not re.search(r"\de[+-]\d", text.split("Upper limits")[1])
+
+
+def test_the_terminal_says_that_none_of_the_best_is_named_and_gives_their_errors() -> None:
+    shown = Console(file=io.StringIO(), width=200)
+    best = (Rival(("squeeze_film",), 0.0, 0.0189, "It explains more."), Rival(("adhesion",), 0.0, 0.0191, "Less."))
+    print_answer(replace(ANSWER, verdict="unexplained", mechanisms=(), rivals=best), shown)
+    text = shown.file.getvalue()  # type: ignore[attr-defined]
+    assert all(word in text for word in ("The best candidates, none of which is named", "0.0189", "0.0191"))
 
 
 def test_what_no_force_takes_away_is_not_called_small() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import jsonschema
@@ -14,9 +15,13 @@ from analysis.mismatch.diagnosis import Diagnosis, diagnose_recordings
 from mesotap.answers.diagnosis_json import diagnosis_json
 from mesotap.answers.diagnosis_page import write_page
 from mesotap.answers.evidence import evidence_of
+from mesotap.answers.recording_evidence import _declared, _interval
 from mesotap.configuration.rig_files import parse_rig
+from sim_backend.arrangement import Parameter
 from sim_backend.mechanisms.catalogue import catalogue, variants
 from tests.analysis.mismatch.recordings.described_rigs import motion, noise_input, recorded
+
+pytestmark = pytest.mark.slow  # every test needs a diagnosis
 
 SAMPLES, RATE, OMEGA, CUBIC = 2400, 200.0, 2 * np.pi * 12, 8.0
 KNOWN = {k: catalogue()[k][-1:] for k in ("tube_spring_cubic", "quadratic_damping", "guide_friction")}
@@ -49,7 +54,7 @@ def linear() -> Diagnosis:
     return diagnosed(0.0)
 
 
-@pytest.mark.parametrize("case", [pytest.param("hardening", marks=pytest.mark.slow), "linear"])
+@pytest.mark.parametrize("case", ["hardening", "linear"])
 def test_it_fits_the_contract(case: str, request: pytest.FixtureRequest) -> None:
     content = json.loads(json.dumps(diagnosis_json(request.getfixturevalue(case).answer, 1.0), allow_nan=False))
     jsonschema.Draft202012Validator(SCHEMA).validate(content)
@@ -81,3 +86,24 @@ def test_the_page_leaves_out_what_this_experiment_has_not(hardening: Diagnosis, 
     assert "Upper limits" in text
     assert "The missing force" not in text
     assert "mN" not in text
+
+
+def test_each_fitted_constant_has_an_interval_and_each_declared_one_its_uncertainty(linear: Diagnosis) -> None:
+    (table,) = evidence_of(linear, KNOWN).constants
+    assert table.headings == ("Constant", "Value", "95 % interval", "Unit", "Declared")
+    rows = {row[0]: row[1:] for row in table.rows}
+    assert rows["mass of mass"] == ("1.0000", "not fitted", "kg", "1.0000, exactly")
+    for name, true, unit in (("stiffness of leaf", OMEGA**2, "N/m"), ("damping of leaf", 0.04 * OMEGA, "N s/m")):
+        value, interval, shown, declared = rows[name]
+        low, high = map(float, interval.split(" to "))
+        assert low < float(value) < high
+        assert low * 0.99 < true < high * 1.01
+        assert high / low < 1.05
+        assert (shown, declared) == (unit, "unknown")
+
+
+def test_what_is_declared_within_an_error_is_shown_with_it() -> None:
+    assert _declared(Parameter("k", "N/m", 800.0, 5.0)) == "800.00 ± 10"
+    assert _declared(Parameter("k", "N/m", 800.0, 0.0)) == "800.00, exactly"
+    assert _declared(Parameter("k", "N/m", math.nan)) == "unknown"
+    assert _interval((0.0, math.inf)) == "not determined by these recordings"

@@ -85,6 +85,8 @@ def test_a_load_without_a_contact_mode_and_one_with_notes():
 )
 def test_what_a_diagnosis_beside_the_report_found(tmp_path, verdict, mechanisms, light, words):
     diagnosed(tmp_path, verdict, mechanisms)
+    assert line("Eq. 9 as a model", folder=tmp_path).evidence == ""  # its page is not there
+    (tmp_path / "diagnosis.html").write_text("its page")
     found = line("Eq. 9 as a model", folder=tmp_path)
     assert (found.light, found.evidence) == (light, "diagnosis.html")
     assert words in found.words

@@ -36,6 +36,7 @@ def small_plan(seed: int = 3, exponent: float | None = None) -> Plan:
     )
 
 
+@pytest.mark.slow
 def test_ring_down_is_that_of_the_matrix_exponential() -> None:
     plan = small_plan()
     machine = machine_of(plan)
@@ -55,6 +56,7 @@ def test_ring_down_is_that_of_the_matrix_exponential() -> None:
         assert seen[i, 0, later] == pytest.approx(expected, abs=1e-5 * np.abs(seen[i]).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_half_the_step_makes_the_same_of_an_effect(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     effect = EFFECTS[name]

@@ -122,6 +122,7 @@ def test_what_has_a_name_is_not_beaten_by_the_same_force_without_one(tmp_path: P
     assert found.answer.mechanisms[0].probability > 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [-0.3, -0.1, 0.2])
 def test_springs_declared_far_off_are_found(tmp_path: Path, error: float) -> None:
     scenario = Scenario(2, "null", (), ())

@@ -17,6 +17,7 @@ from mesotap.proof import page, scores
 from mesotap.proof.entries import Entry, entry_of
 from mesotap.proof.page import Proof
 from mesotap.proof.parameters import true_parameters
+from mesotap.proof.scored import scored
 
 
 def mechanism(name: str, probability: float, alike: tuple[str, ...] = (), **intervals: tuple[float, float]) -> Any:
@@ -251,7 +252,7 @@ def test_completeness_is_that_the_names_are_what_is_hidden_and_no_others() -> No
 
 def test_the_page_tells_how_often_limits_hold_and_how_sure_completeness_is(tmp_path: Path) -> None:
     entries = (limited(2e-5, 1e-5), *(replace(e, complete=0.8) for e in NULLS))
-    found = page.scored(Proof("Trial", "By hand.", entries, {}))
+    found = scored(entries, {})
     assert found["upper_limits"] == [{"grade": 3.0, "hits": 1, "of": 1}]
     # 50 nulls are complete and said to be so with 0.8, the hidden friction is not and was said to be with 0.6
     assert found["complete"]["brier"] == pytest.approx((50 * 0.2**2 + 0.6**2) / 51)

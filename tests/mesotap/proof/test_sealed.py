@@ -15,9 +15,10 @@ from daq.session_file import read_session
 from mesotap.__main__ import _sentence
 from mesotap.campaigns import one_task
 from mesotap.campaigns.engine import Processes
-from mesotap.commands.prove import prove, prove_practice
+from mesotap.commands.prove import outside, prove, prove_practice
 from mesotap.proof import sealed
 from mesotap.proof.errors import ProofError
+from mesotap.proof.generator.outside_scenarios import held_back
 
 ANSWER = {
     "version": 2,
@@ -186,6 +187,24 @@ def test_what_is_wrong_with_a_proof_is_told_in_a_sentence() -> None:
 def test_unknown_kind_gets_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(ProofError, match="expected one of null, single"):
         prove(1, 2, "double", tmp_path, 1, Processes(1), (), Console(quiet=True))
+
+
+@pytest.mark.slow
+def test_proof_of_effects_outside_the_list_scores_what_is_said_of_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answer = {**ANSWER, "verdict": "unexplained", "p_value": 0.0, "location": {"component": "contact"}}
+    stand_in(tmp_path, monkeypatch, f"import json; json.dump({answer!r}, open('answer.json', 'w'))")
+    folder = tmp_path / "proof"
+    prove(3, 2, "outside", folder, 1, Processes(1), (), Console(quiet=True), outside("1x2", 4, None))
+    heading = (folder / "hashes.txt").read_text(encoding="utf-8").splitlines()[0]
+    assert heading == "# mesotap prove --outside --size 1x2 --sealed 4 --seed 3 --sessions 2 --only outside"
+    found = json.loads((folder / "scores.json").read_text(encoding="utf-8"))
+    hidden = {line["effect"] for line in found["laws"]["effects"]}
+    assert hidden <= set(held_back(4))
+    assert found["laws"]["goals"][0]["reached"]["of"] == 2
+    assert all(len(read_session(folder / "sessions" / f"session-000{i}.h5").impacts) == 2 for i in range(2))
+    assert "## Laws that nobody listed" in (folder / "proof.md").read_text(encoding="utf-8")
 
 
 SEED = 70  # of two small sessions: nothing, and tube springs that dissipate

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import math
 import re
@@ -37,6 +38,7 @@ from daq.records import CalibrationPoints, Impact, RigDescription, Session
 from mesotap.answers.comparison import recovered_against
 from mesotap.answers.results_files import impacts_csv, json_text, loads_csv, modes_json
 from mesotap.answers.rounding import significant
+from mesotap.answers.trust import DIAGNOSIS, DIAGNOSIS_PAGE
 from mesotap.report import figures
 from mesotap.report.figures._diagnosis import load_ticks
 from mesotap.report.report import published_report, recording_report, results_json, with_uncertainty, write_report
@@ -288,8 +290,16 @@ def small() -> tuple[Session, SessionResults]:
 @pytest.fixture(scope="module")
 def written(session: tuple[Session, SessionResults], tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report") / "new" / "folder"
-    write_report(folder, *session, THEORY, make_truth(session[1]))
+    write_report(folder, *session, THEORY, make_truth(session[1]), pdf_figures=False)
     return folder
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the figures of a page empty, but for what a screen reader says, where a test is about its words."""
+    monkeypatch.setattr(
+        figures, "inline_svg", lambda figure, name, label: f'<svg role="img" aria-label="{label}"></svg>'
+    )
 
 
 @pytest.fixture(scope="module")
@@ -300,8 +310,13 @@ def page(written: Path) -> Page:
 TABLES = ("results.json", "results.csv", "impacts.csv", "budgets.csv")
 
 
-def test_writes_page_numbers_and_figures(written: Path) -> None:
-    found = {str(p.relative_to(written)) for p in written.rglob("*") if p.is_file()}
+@pytest.mark.usefixtures("undrawn")
+def test_writes_page_numbers_and_figures(
+    small: tuple[Session, SessionResults], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(figures, "save", lambda figure, path: path.touch())  # what is in one, others ask
+    write_report(tmp_path, *small, THEORY)
+    found = {str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file()}
     names = ("amplitude", "calibration", "damping", "impacts", "record", "spectra", "stiffness")
     assert found == {"report.html", *TABLES, *(f"figures/{n}.pdf" for n in names)}
 
@@ -318,6 +333,67 @@ def test_page_is_well_formed_and_its_ids_are_unique(page: Page) -> None:
     assert page.open == []
     assert len(page.ids) == len(set(page.ids))
     assert {reference.removeprefix("#") for reference in page.references} <= set(page.ids)
+
+
+LOCAL = re.compile(r'<li class="(?:good|open|doubt|bad)"><b><a href="([^"]+)"')
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda s, r: (s, r),
+        lambda s, r: (replace(s, pre=None, post=None), replace(r, calibration=None)),
+        lambda s, r: (s, without_values(r)),
+        lambda s, r: (replace(s, impacts=()), replace(r, loads=(), impacts=())),
+    ],
+    ids=["sound", "no calibration", "no values", "no taps"],
+)
+@pytest.mark.parametrize(
+    ("verdict", "paged"),
+    [("", False), ("consistent", True), ("consistent", False), ("missing_physics", True), ("unexplained", True)],
+)
+def test_what_is_said_of_trust_leads_to_evidence_that_is_there(
+    small: tuple[Session, SessionResults], tmp_path: Path, change: Any, verdict: str, paged: bool
+) -> None:
+    if verdict:
+        (tmp_path / "session.h5").write_bytes(b"recorded")
+        of = [{"file": "session.h5", "sha256": hashlib.sha256(b"recorded").hexdigest()}]
+        named = [{"statement": "Friction.", "probability": 0.9}] if verdict == "missing_physics" else []
+        found = {"version": 2, "verdict": verdict, "mechanisms": named, "recordings": of}
+        (tmp_path / DIAGNOSIS).write_text(json.dumps(found))
+        if paged:
+            (tmp_path / DIAGNOSIS_PAGE).write_text("its page")
+    html = report(tmp_path, *change(*small))
+    page, links = Page(html), LOCAL.findall(html)
+    assert len(links) >= 3
+    assert (DIAGNOSIS_PAGE in links) == (bool(verdict) and paged)
+    for link in links:
+        assert link.removeprefix("#") in page.ids if link.startswith("#") else (tmp_path / link).is_file(), link
+
+
+def luminance(colour: str) -> float:
+    """Relative luminance of a CSS colour (WCAG 2.2)."""
+    digits = colour.lstrip("#")
+    digits = "".join(2 * d for d in digits) if len(digits) == 3 else digits
+    parts = [int(digits[i : i + 2], 16) / 255 for i in (0, 2, 4)]
+    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_words_stand_out_from_what_is_behind_them_by_day_and_by_night(written: Path, dark: bool) -> None:
+    """By 4.5 to 1, as WCAG 2.2 asks for (1.4.3); diagnoses and rigs have the same style."""
+    style = (written / "report.html").read_text(encoding="utf-8")
+    light, night = re.findall(r":root \{([^}]*)\}", style)[:2]
+    assert "@media screen and (prefers-color-scheme: dark)" in style
+    colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]+)", night if dark else light))
+    behind = {"paper": ("ink", "soft", "warn", "note", "good", "bad"), "faint": ("ink", "soft", "warn", "good")}
+    behind |= {"warn-paper": ("ink", "warn", "bad"), "note-paper": ("note",)}
+    for paper, inks in behind.items():
+        for ink in inks:
+            one, other = sorted(luminance(colours[name]) + 0.05 for name in (paper, ink))
+            assert other / one >= 4.5, (ink, paper)
 
 
 def test_page_stays_small(written: Path) -> None:
@@ -348,18 +424,21 @@ def test_truth_is_held_against_the_result(page: Page) -> None:
     assert "outside" in page.text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_no_word_of_simulation_for_a_real_session(small: tuple[Session, SessionResults], tmp_path: Path) -> None:
     text = Page(report(tmp_path, *small)).text
     assert "Simulated" not in text
     assert "Recovered against true" not in text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_incomplete_session_has_a_banner(small: tuple[Session, SessionResults], page: Page, tmp_path: Path) -> None:
     session, results = small
     assert "Incomplete session." in Page(report(tmp_path, replace(session, complete=False), results)).text
     assert "Incomplete session." not in page.text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_drift_is_said_wherever_loads_are(page: Page, tmp_path: Path) -> None:
     drifted = Page(report(tmp_path, *make_session(loads=2, drifted=True)))
     assert "The strain gauge drifted. Before and after differ by 0.9 %." in drifted.text
@@ -402,6 +481,7 @@ def test_drift_is_in_every_row_of_the_files() -> None:
         assert {row.count("the strain gauge drifted") for row in rows} == {int(drift)}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_file_of_the_simulated_rig_is_called_simulated(small: tuple[Session, SessionResults], tmp_path: Path) -> None:
     text = Page(report(tmp_path, replace(small[0], software="mesotap 0.1.0 (simulated rig)"), small[1])).text
     assert "Simulated. These taps" in text
@@ -419,6 +499,7 @@ def test_no_share_of_next_to_nothing(
     assert found.inside is (load.zeta1 is not None and load.zeta1.low <= true <= load.zeta1.high)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_dash_keeps_the_verdict(small: tuple[Session, SessionResults], tmp_path: Path) -> None:
     loads = tuple(replace(load, zeta1=Estimate(1e-6, 1e-5)) for load in small[1].loads)
     truth = [entry | {"zeta1": 1e-9} for entry in make_truth(small[1])]
@@ -427,6 +508,7 @@ def test_dash_keeps_the_verdict(small: tuple[Session, SessionResults], tmp_path:
     assert "A dash for the deviation" in text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_loads_without_calibration_are_those_of_the_file(
     small: tuple[Session, SessionResults], page: Page, tmp_path: Path
 ) -> None:
@@ -436,6 +518,7 @@ def test_loads_without_calibration_are_those_of_the_file(
     assert "written in the session file" not in page.text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_spectra_are_held_against_the_fit(small: tuple[Session, SessionResults], tmp_path: Path) -> None:
     load = replace(small[1].loads[0], f2_hz=Estimate(1410.0, 0.4), zeta2=Estimate(0.028, 1e-4))
     text = Page(report(tmp_path, small[0], replace(small[1], loads=(load,)))).text
@@ -480,6 +563,7 @@ def test_unknown_numbers_along_the_decay(small: tuple[Session, SessionResults], 
     assert len(written[0]["along_decay"]) == 9
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_notes_of_one_load_share_a_letter(small: tuple[Session, SessionResults], tmp_path: Path) -> None:
     first, second = small[1].loads
     loads = (replace(first, notes=("one", "both", "two")), replace(second, notes=("both", "three")))
@@ -809,6 +893,7 @@ def test_dense_lines_keep_their_peaks() -> None:
     assert drawn.max() == pytest.approx(50.0, abs=0.01)
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("hardware", "said"),
     [

@@ -51,6 +51,7 @@ def test_a_linear_rig_follows_the_matrix_exponential() -> None:
         assert moved[:2, n, 0] == pytest.approx(expected, rel=1e-9, abs=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("code", "constants", "rest"),
     [

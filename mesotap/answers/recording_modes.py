@@ -1,0 +1,65 @@
+"""Modes of a recording that is no session of the tester."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.modal.amplitude import along_the_decay
+from analysis.modal.exponentials import FitFailure
+from analysis.modal.identify import identify_ring_down
+from analysis.modal.shapes import scaled
+from analysis.modal.stabilisation import indicators
+from analysis.results import Mode, RecordingModes
+from daq.exchange import Recording
+from mesotap.configuration.usual_recordings import ANY_UNIT
+
+ONE_CHANNEL = "there is one channel: shapes and MPC, which are between channels, say nothing"
+
+
+def modes_of(recording: Recording, method: str) -> RecordingModes:
+    """Modes of a recording that is not a session of the tester."""
+    if not np.ptp(recording.data, axis=1).any():
+        raise FitFailure(f"{recording.source}: no channel ever changes its value: there is no ring-down in it")
+    scale = _far_scale(recording.data)
+    data = recording.data / scale
+    try:
+        found = identify_ring_down(data, recording.rate_hz, method=method)
+    except FitFailure as error:
+        raise FitFailure(f"{recording.source}: {error}") from error
+    poles = np.array([np.exp(m.pole / recording.rate_hz) for m in found.modes], np.complex128)
+    one = () if len(recording.data) > 1 else (ONE_CHANNEL,)
+    decay = data[:, found.start :] - data.mean(axis=1, keepdims=True)
+    return RecordingModes(
+        source=recording.source,
+        method=found.method,
+        modes=tuple(
+            Mode(
+                m.frequency_hz,
+                m.damping_ratio,
+                tuple(2 * scale * float(a) for a in np.abs(m.amplitude)),
+                tuple(
+                    replace(p, amplitude=scale * p.amplitude)
+                    for p in along_the_decay(decay, recording.rate_hz, poles, i)
+                ),
+                *indicators(found.diagram, m.frequency_hz.value),
+                tuple(complex(a) for a in scaled(m.amplitude)),
+            )
+            for i, m in enumerate(found.modes)
+        ),
+        notes=(
+            *found.notes,
+            *one,
+            f"the modes leave {100 * found.residual_share:.2g} % of the decay's energy unexplained",
+        ),
+        diagram=found.diagram,
+    )
+
+
+def _far_scale(data: NDArray[np.float64]) -> float:
+    """Return a power of two that brings numbers far from 1 near it, so that no sum of them overflows; else 1."""
+    largest = float(np.max(np.abs(data)))
+    return 1.0 if ANY_UNIT.least <= largest <= ANY_UNIT.most else float(2.0 ** round(math.log2(largest)))

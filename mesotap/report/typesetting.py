@@ -1,0 +1,73 @@
+"""Sentences that a terminal shows too, as a page sets them: powers of ten, symbols, units, minus signs."""
+
+from __future__ import annotations
+
+import re
+
+from markupsafe import Markup, escape
+
+from mesotap.answers.rounding import SUPERSCRIPTS
+
+NO_BREAK = "\N{NO-BREAK SPACE}"
+POWER = re.compile(r"(?<![\w.])(?<!/ )(\d+(?:\.\d+)?)e([+-]?\d+)(?![\w.]*\w)")
+"""Not in a formula, which is to be copied."""
+MINUS = re.compile(r"(?<=[\s(])-(?=\d)|^-(?=\d)")
+RAISED = re.compile(r"(?<![\w/])(kg/m|m/s|um)([23])\b|\^([0-9])\b|\^\((\d/\d)\)")
+PERCENT = re.compile(r"(?<=\d) ?%")
+SYMBOL = re.compile(r"(?<![\w./\\-])(k_[cs]|c_c|R_[qas]|zeta_?[12c]|[fmk][12])(?![\w/\\-]|\.\w)")
+"""Of the rig; not a part of a name, of a path or of a key."""
+
+
+def prose(text: str) -> Markup:
+    """Set a sentence for a page.
+
+    Parameters
+    ----------
+    text
+        As it is printed at a terminal; what is Markup is not escaped again.
+
+    Returns
+    -------
+    Markup
+        The same with 10⁻¹² for 1e-12, symbols with their index, − for -, m/s² and a number that stays with its %.
+
+    Examples
+    --------
+    >>> print(prose("k_c falls by -0.3% (p < 1e-12)"))
+    <i>k</i><sub>c</sub> falls by −0.3\N{NO-BREAK SPACE}% (p &lt; 10⁻¹²)
+    """
+    said = str(escape(text))
+    said = POWER.sub(_power, said)
+    said = RAISED.sub(_raised, PERCENT.sub(f"{NO_BREAK}%", MINUS.sub("−", said)))
+    said = re.sub(r"(?<=[\d ])um(?=[²\W]|$)", "µm", said)
+    return Markup(SYMBOL.sub(_symbol, said))  # escaped above
+
+
+def unit(text: str) -> str:
+    """Write a unit as a page does; nothing for a plain number.
+
+    Examples
+    --------
+    >>> unit("m/s2"), unit("N/m3"), unit("m/N s2"), unit("1")
+    ('m/s²', 'N/m³', 'm/(N s²)', '')
+    """
+    if text == "1":
+        return ""
+    raised = re.sub(r"(?<=[A-Za-z])\d", lambda found: found[0].translate(SUPERSCRIPTS), text)
+    over, _, under = raised.partition("/")
+    return f"{over}/({under})" if " " in under else raised
+
+
+def _power(found: re.Match[str]) -> str:
+    mantissa, power = found[1], str(int(found[2])).translate(SUPERSCRIPTS)
+    return f"10{power}" if mantissa == "1" else f"{mantissa} × 10{power}"
+
+
+def _raised(found: re.Match[str]) -> str:
+    unit_of, power, of_a_number, fraction = found.groups()
+    return f"<sup>{fraction}</sup>" if fraction else f"{unit_of or ''}{(power or of_a_number).translate(SUPERSCRIPTS)}"
+
+
+def _symbol(found: re.Match[str]) -> str:
+    base, index = found[0][0], found[0][-1]
+    return f"<i>{'ζ' if base == 'z' else base}</i><sub>{index}</sub>"

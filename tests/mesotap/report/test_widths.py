@@ -1,0 +1,41 @@
+"""No table of a page is wider than a screen of 1200 px or a sheet of A4."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from calibration.estimate import Estimate
+from tests.mesotap.console.consoles import CHROMIUM, FLAGS, needs_chromium
+from tests.mesotap.report.test_report import make_session, make_truth, report
+
+SCREEN_PX, SHEET_PX = 1200, 680  # 180 mm between the margins of A4
+WIDER = "() => [...document.querySelectorAll('table')].filter(t => t.offsetWidth > t.parentElement.clientWidth + 1)"
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    session, results = make_session(loads=2)
+    next_to_none = Estimate(4e-8, 4.8e-7, 900)  # of the springs' damping, as the simulated rig has it
+    loads = tuple(replace(load, zeta1=next_to_none) for load in results.loads)
+    folder = tmp_path_factory.mktemp("page")
+    report(folder, session, replace(results, loads=loads), truth=make_truth(results))
+    return folder / "report.html"
+
+
+@pytest.mark.slow
+@needs_chromium
+@pytest.mark.parametrize(("media", "width"), [("screen", SCREEN_PX), ("print", SHEET_PX)])
+def test_no_table_is_wider_than_its_page(written: Path, media: Any, width: int) -> None:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        page = chromium.new_page(viewport={"width": width, "height": 900})
+        page.goto(written.as_uri())
+        page.emulate_media(media=media)
+        assert page.evaluate(f"({WIDER})().map(t => t.caption.innerText.slice(0, 40))") == []
+        chromium.close()

@@ -27,9 +27,11 @@ EWMA_LIMIT = 3.05
 """Times the standard deviation of the EWMA."""
 
 ALLOWANCE, CUSUM_LIMIT = 0.5, 5.3
-"""Of the CUSUM, in standard deviations: half of the change that it finds soonest, and where it tells. The three limits
-together make one false alarm in 370 values or fewer, both charts and both directions counted
-(``benchmarks/run_lengths.py``)."""
+"""Of the CUSUM, in standard deviations: half of the change that it finds soonest, and where it tells."""
+
+BETWEEN_FALSE_ALARMS = 470
+"""Values from one false alarm to the next on average, both charts and both directions counted: 470 +- 11 by simulation
+with the three limits above (``benchmarks/run_lengths.py``)."""
 
 FEWEST = 3
 """Values from which on there is a score."""

@@ -204,31 +204,6 @@ def response_of(impacts: Sequence[Impact], rig: RigDescription, hammer: Hammer |
     )
 
 
-def hammer_so_far(impacts: Sequence[Impact]) -> str:
-    """Return in a line what the hammer showed in the taps of a load so far; empty without one.
-
-    Peak of the last tap and how far it excites, or its fault; from the second tap on the lowest coherence of the mean
-    of A and B in that band.
-    """
-    hit = [impact for impact in impacts if impact.force is not None]
-    if not hit or hit[-1].force is None:
-        return ""
-    unknown = RigDescription(filter_family="")
-    try:
-        last = response_of(hit[-1:], unknown, None).response
-    except ForceError as error:
-        return f"hammer: {error}"
-    said = f"hammer {float(np.abs(hit[-1].force).max()):.3g} N, excites to {last.force_limit_hz:.0f} Hz"
-    try:
-        found = response_of(hit, unknown, None).response
-    except ForceError:
-        return said
-    inside = (found.frequency_hz > LOWEST_HZ) & (found.frequency_hz < found.force_limit_hz)
-    if found.averages < 2 or not inside.any():
-        return said
-    return f"{said}; {found.averages:.0f} taps: coherence {float(found.coherence[0][inside].min()):.2f} or more"
-
-
 def _band(rig: RigDescription, on_force: bool) -> BandPass | None:
     if rig.filter_family != "butterworth":
         return None
@@ -246,8 +221,8 @@ def _fit(measured: Measured, rig: RigDescription, moving: MovingMasses, wiring: 
     response = measured.response
     frequency, h1 = response.frequency_hz, response.h1[0]
     rate = 2 * float(frequency[-1])
-    band = _fitted_band(response, rig, moving, rate)
-    start = _start(frequency, h1, response.decay_per_s, rig, moving, band)
+    band = fitted_band(response, rig, moving, rate)
+    start = first_model(frequency, h1, response.decay_per_s, rig, moving, band)
     m1, m2, c = moving.m1.value, moving.m2.value, moving.covariance
     of_share = math.sqrt(max(0.0, m2**2 * c[0, 0] + m1**2 * c[1, 1] - 2 * m1 * m2 * c[0, 1])) / (m1 + m2) ** 2
     of_both = math.hypot(
@@ -265,9 +240,10 @@ def _fit(measured: Measured, rig: RigDescription, moving: MovingMasses, wiring: 
     )
 
 
-def _fitted_band(
+def fitted_band(
     response: FrequencyResponse, rig: RigDescription, moving: MovingMasses, rate: float
 ) -> tuple[float, float]:
+    """Return between which frequencies, Hz, Eq. 9 is fitted to responses sampled at a rate, Hz."""
     corner = rig.highpass_hz if math.isfinite(rig.highpass_hz) else 0.0
     top = min(response.force_limit_hz, HIGHEST_SHARE * rate)
     if moving.own_mode is not None:
@@ -275,7 +251,7 @@ def _fitted_band(
     return max(LOWEST_HZ, HIGHPASS_MULTIPLE * corner), top
 
 
-def _start(
+def first_model(
     frequency: Real,
     h1: Complex,
     decay: float,

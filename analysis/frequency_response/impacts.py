@@ -205,8 +205,21 @@ def of_recording(
         raise ForceError(f"a stretch of {segment_s:g} s holds fewer than {FEWEST_LINES} samples: take a longer one")
     if window == "hann" or (window == "auto" and is_lasting(force)):
         return _of_lasting(force, response, rate_hz, channels, unit, segment_s)
+    return of_each_hit(force, response, rate_hz, channels, unit, window != "none", segment_s).response
+
+
+def of_each_hit(
+    force: Real,
+    response: Real,
+    rate_hz: float,
+    channels: Sequence[str],
+    unit: str,
+    windows: bool = True,
+    segment_s: float | None = None,
+) -> Measured:
+    """Return the responses of one recording with any number of hits, with their transforms; see `of_recording`."""
     parts = after_each_hit(force, rate_hz)
-    if window != "none" and parts[0].start >= LEAD_SAMPLES:  # later ones come while the rig may ring
+    if windows and parts[0].start >= LEAD_SAMPLES:  # later ones come while the rig may ring
         response = response - response[:, : parts[0].start].mean(axis=1, keepdims=True)
     longest = None if segment_s is None else round(segment_s * rate_hz) + 2 * LEAD_SAMPLES
     records = []
@@ -214,8 +227,8 @@ def of_recording(
         begin = whole.start
         part = slice(begin, whole.stop if longest is None else min(whole.stop, begin + longest))
         records.append(HitRecord(force[part], response[:, part], f"hit {number + 1} at {begin / rate_hz:.3g} s"))
-    found = of_hits(_of_one_length(records), rate_hz, channels, unit, windows=window != "none", at_rest=False).response
-    return with_notes(found, _still_ringing(response, parts))
+    found = of_hits(_of_one_length(records), rate_hz, channels, unit, windows=windows, at_rest=False)
+    return replace(found, response=with_notes(found.response, _still_ringing(response, parts)))
 
 
 def after_each_hit(force: Real, rate_hz: float) -> list[slice]:

@@ -27,6 +27,7 @@ LONGEST_SHARE = 0.25  # of the record in a window
 LARGEST_ERROR = 0.25  # standard error of the damping ratio, relative, up to which a window says something
 MOST_WINDOWS = 40
 LARGEST_CHANGE = 0.1  # of the frequency: further off it is another mode
+TINY = 1e-300  # below it a noise variance is that of a channel that is zero
 FAINT = 100.0  # energy of the mode in a window over the noise's variance: less can be a line of the noise
 
 
@@ -104,7 +105,10 @@ def along_the_decay(
         )
         f, zeta = found.frequency_hz, found.damping_ratio
         lasts = (1 - abs(fit.poles[0]) ** (2 * length)) / max(1 - abs(fit.poles[0]) ** 2, 1e-9)
-        energy = 2 * float((np.abs(fit.amplitudes[:, 0]) ** 2 / fit.noise_variance).sum()) * lasts
+        power = np.abs(fit.amplitudes[:, 0]) ** 2
+        # a record without noise has that of its own rounding
+        noise = np.maximum(fit.noise_variance, max(np.finfo(float).eps ** 2 * float(power.max()), TINY))
+        energy = 2 * float((power / noise).sum()) * lasts
         unsure = zeta.standard_error > LARGEST_ERROR * abs(zeta.value)
         if energy < FAINT or unsure or abs(f.value / _frequency(pole, sample_rate_hz) - 1) > LARGEST_CHANGE:
             if points:

@@ -206,7 +206,8 @@ def _likely(
     overlapping = [g for g in groups(fit.poles, record.y.shape[1]) if len(g) > 1]
     modes: list[ModeEstimate] = []
     for i in np.argsort(np.abs(np.log(fit.poles))):
-        covariance = widened(fit.log_pole_covariance[i], wider[i]) * spread[i]
+        with np.errstate(invalid="ignore"):  # a record without noise has no interval: no spread, wider without end
+            covariance = widened(fit.log_pole_covariance[i], wider[i]) * spread[i]
         z = complex(fit.poles[i])
         growth = np.log(abs(z)) / np.sqrt(max(covariance[0, 0], 1e-300))
         if growth > NO_GROWTH:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.frequency_response.estimators import ForceError, FrequencyResponse
 from analysis.frequency_response.hits import is_lasting
@@ -14,19 +15,28 @@ from daq.errors import RecordingError
 from daq.exchange import Recording
 from daq.exchange.units import newtons
 
+OTHER_SIDE = 0.2
+"""Of a push's height, how far a hammer's force goes to the other side at most: a vibration of zeta 0.46 goes as far."""
+
+OF_PUSH, LONGEST_PUSHES = 0.05, 0.02
+"""Above so much of its height a push lasts, altogether so long a share of the recording at most: simulated taps of 1 to
+5 ms in records of 0.2 s and more."""
+
 
 @dataclass(frozen=True, slots=True)
 class ForceOptions:
-    """What the command line says: the force channel's name or number, the window, the length of a stretch, s."""
+    """What the command line says: the force channel's name or number, the window, the length of a stretch, s, and the
+    channel of the struck mass's own acceleration."""
 
     channel: str | None = None
     window: str | None = None
     segment_s: float | None = None
+    driving_point: str | None = None
 
     @property
     def any(self) -> bool:
         """Whether anything was said."""
-        return not (self.channel is None and self.window is None and self.segment_s is None)
+        return any(v is not None for v in (self.channel, self.window, self.segment_s, self.driving_point))
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +73,11 @@ def by_force(recording: Recording, options: ForceOptions, say: Callable[[str], N
                 "hammer's"
             )
         if channel is None:
+            for i in like_forces(recording):
+                say(
+                    f"channel {recording.names[i]} is short pushes of one sign, as a hammer's force is, and says no "
+                    f"unit: it is taken as a motion; with --force {recording.names[i]} it is the force"
+                )
             return ByForce(recording, None)
         found = responses_of(recording, channel, options)
     except RecordingError as error:
@@ -91,6 +106,26 @@ def _forces(recording: Recording) -> list[int]:
     return [i for i, unit in enumerate(_units(recording)) if newtons(unit) is not None]
 
 
+def like_forces(recording: Recording) -> list[int]:
+    """Return which channels without a unit look like the force of a hammer, beside others that do not.
+
+    Such a force pushes, and is nothing before and after: a free vibration goes as far to the other side but for its
+    damping, exp(-pi zeta / sqrt(1 - zeta^2)) of a half-wave.
+    """
+    found = [i for i, unit in enumerate(_units(recording)) if not unit and _is_pushes(recording.data[i])]
+    return found if len(found) < len(recording.names) else []
+
+
+def _is_pushes(y: NDArray[np.float64]) -> bool:
+    y = y - np.median(y)
+    if abs(float(y.min())) > float(y.max()):
+        y = -y
+    highest = float(y.max())
+    if not highest > 0 or -float(y.min()) > OTHER_SIDE * highest:
+        return False
+    return float(np.mean(np.abs(y) > OF_PUSH * highest)) < LONGEST_PUSHES
+
+
 def force_of(recording: Recording, named: str | None) -> int | None:
     """Return which channel is a force: the one named, or the only one in N, mN, kN, lbf or kgf; None without any.
 
@@ -101,11 +136,7 @@ def force_of(recording: Recording, named: str | None) -> int | None:
     """
     names = recording.names
     if named is not None:
-        if named in names:
-            return names.index(named)
-        if named.isascii() and named.isdigit() and len(named) < 9 and int(named) < len(names):
-            return int(named)
-        raise RecordingError(f"{recording.source}: --force {named:.40}: it has no such channel, only {_listed(names)}")
+        return channel_called(recording, named, "--force")
     forces = _forces(recording)
     if len(forces) > 1:
         raise RecordingError(
@@ -113,6 +144,22 @@ def force_of(recording: Recording, named: str | None) -> int | None:
             "which one is the hammer's"
         )
     return forces[0] if forces else None
+
+
+def channel_called(recording: Recording, named: str, option: str) -> int:
+    """Return the channel of a name or number that an option gives.
+
+    Raises
+    ------
+    RecordingError
+        There is none.
+    """
+    names = recording.names
+    if named in names:
+        return names.index(named)
+    if named.isascii() and named.isdigit() and len(named) < 9 and int(named) < len(names):
+        return int(named)
+    raise RecordingError(f"{recording.source}: {option} {named:.40}: it has no such channel, only {_listed(names)}")
 
 
 def responses_of(recording: Recording, force: int, options: ForceOptions) -> FrequencyResponse:

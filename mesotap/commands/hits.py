@@ -14,8 +14,11 @@ from daq.errors import RecordingError
 from daq.hits import COHERENCE, is_left_out, with_chosen
 from daq.records import Impact, Session
 from daq.session_file import read_session, write_session
+from mesotap.answers.rounding import counted
 from mesotap.commands.diagnose import file_of
 from mesotap.commands.outputs import refuse_to_overwrite, write_json
+from mesotap.commands.recordings import show_remarks
+from mesotap.configuration.usual_recordings import refused_records
 from mesotap.operator.terminal import escape
 from mesotap.session.hand_verdicts import BY_HAND, LONGEST_REASON, HandVerdict, with_hand_verdicts
 
@@ -49,6 +52,8 @@ class Choice:
 def hits(file: Path, choice: Choice, output: Path | None, json_path: Path | None, console: Console) -> None:
     """Show the taps of a session and what was decided on each; write a session with another choice."""
     session = read_session(file_of(file))
+    refused = refused_records(session)
+    show_remarks(refused, console)
     if choice.changes:
         _refuse(session, choice, output)
         session = replace(session, impacts=tuple(chosen(session.impacts, choice)))
@@ -58,11 +63,14 @@ def hits(file: Path, choice: Choice, output: Path | None, json_path: Path | None
         refuse_to_overwrite(output)
         write_session(output, session)
     console.print(_table(session))
+    for line in _too_few(session.impacts, choice.best):
+        console.print(f"- {line}", highlight=False, soft_wrap=True)
     if output is not None:
         console.print(
             f"session file {escape(output)}; {escape(file)} is left as it is", highlight=False, soft_wrap=True
         )
     content: dict[str, Any] = {"source": str(file), "written": None if output is None else str(output)}
+    content |= {"remarks": refused} if refused else {}
     write_json(json_path, content | {"taps": [_said(i) for i in session.impacts]})
 
 
@@ -110,6 +118,16 @@ def _as_recorded(impact: Impact) -> Impact:
     if is_left_out(impact):
         return replace(impact, accepted=True, reject_reason="", extra=extra)
     return replace(impact, extra=extra)
+
+
+def _too_few(impacts: Sequence[Impact], best: int | None) -> list[str]:
+    """Say at which loads there was nothing to choose from: fewer good taps than were asked for."""
+    said = []
+    for load_set in sorted({i.load_set for i in impacts}) if best is not None else ():
+        good = sum(i.accepted for i in impacts if i.load_set == load_set)
+        if good < (best or 0):
+            said.append(f"load {load_set + 1}: has {counted(good, 'good tap')}, fewer than --best {best}: all are used")
+    return said
 
 
 def _said(impact: Impact) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import select
 import socket
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,13 +27,15 @@ from analysis.statistics import BoxStatistics
 from calibration.estimate import Estimate
 from calibration.line import CalibrationError, compare
 from daq.errors import RecordingError
+from daq.hits import is_left_out
 from daq.records import CalibrationPoints, Impact, Session
 from daq.session_file import write_session
 from mesotap import __version__
 from mesotap.answers.analysing import analysed_as_configured
 from mesotap.configuration.config import Config, parse_config
 from mesotap.console.frames import Message, frame, read_frame
-from mesotap.session.progress import describe_rig
+from mesotap.session.live_hammer import response_told
+from mesotap.session.progress import chosen_of_surplus, describe_rig
 
 NOT_ANALYSED = (AnalysisError, CalibrationError, RecordingError, ValueError, ArithmeticError, np.linalg.LinAlgError)
 """What a tap that is none may lead to; the session file holds it for a closer look."""
@@ -100,7 +102,8 @@ class Analyst:
 
     def results(self, load_set: int | None) -> list[Message]:
         """Analyse one load, or with None all of them together: springs and noise are those of all taps then."""
-        taken = [i for i in self._impacts.values() if load_set is None or i.load_set == load_set]
+        asked = [i for i in self._impacts.values() if load_set is None or i.load_set == load_set]
+        taken = list(chosen_of_surplus(asked, self._config))
         if not any(i.accepted for i in taken):
             self._results.pop(-1 if load_set is None else load_set, None)
             return [self._told()]
@@ -114,7 +117,29 @@ class Analyst:
             for impact, found in zip(taken, results.impacts, strict=True)
             if found.f2_hz is not None
         ]
-        return [*modes, self._told()]
+        return [*self._choice(taken), *modes, self._told()]
+
+    def _choice(self, taken: Sequence[Impact]) -> list[Message]:
+        """Say which taps are left out by the choice of hits so far, and why; nothing where there is no surplus."""
+        if not self._config.mesotap.surplus_impacts:
+            return []
+        left = {str(i.number): i.reject_reason for i in taken if is_left_out(i)}
+        return [{"kind": "chosen", "taps": [i.number for i in taken], "left_out": left}]
+
+    def hammer(self, number: int) -> list[Message]:
+        """Say what a hammer's force shows in a tap, with the earlier ones of its load; nothing without one."""
+        impact = self._impacts[number]
+        if impact.force is None:
+            return []
+        from analysis.frequency_response.so_far import hammer_so_far  # only where there is a hammer
+
+        own = [i for i in self._impacts.values() if i.load_set == impact.load_set and i.number <= number]
+        taken = [i for i in own if i.accepted or i is impact]
+        found = hammer_so_far(taken, describe_rig(self._config.rig), self._config.rig.wiring.hammer)
+        return [
+            {"kind": "hammer", "number": number, "words": found.words},
+            response_told(found) | {"load_set": impact.load_set},
+        ]
 
     def alone(self, number: int) -> list[Message]:
         """Analyse one tap by itself."""
@@ -129,7 +154,7 @@ class Analyst:
 
     def snapshot(self, path: Path) -> Message:
         """Write the session so far to a file."""
-        impacts = tuple(self._impacts[n] for n in sorted(self._impacts))
+        impacts = chosen_of_surplus((self._impacts[n] for n in sorted(self._impacts)), self._config)
         if not any(i.accepted for i in impacts):
             return {"kind": "snapshot", "why": "there is no accepted tap yet"}
         write_session(path, self._session(impacts))
@@ -157,7 +182,8 @@ class Analyst:
 
     def _analysed(self, impacts: list[Impact]) -> SessionResults:
         config = self._config
-        session = replace(self._session(tuple(impacts)), post=None)
+        # what the hammer says of k_c is the report's: here it would only take time
+        session = replace(self._session(tuple(replace(i, force=None) for i in impacts)), post=None)
         return analysed_as_configured(session, config)
 
     def _calibration(self, when: str) -> CalibrationPoints | None:
@@ -171,7 +197,7 @@ class Analyst:
 
 def impact_of(message: Message, numbers: bytes) -> Impact:
     """Return the impact that a session told of."""
-    acceleration = np.frombuffer(numbers, dtype=np.float64).reshape(2, message["samples"])
+    rows = np.frombuffer(numbers, dtype=np.float64).reshape(-1, message["samples"])
 
     def known(name: str) -> float:
         return float("nan") if message[name] is None else float(message[name])
@@ -183,7 +209,8 @@ def impact_of(message: Message, numbers: bytes) -> Impact:
         time=message["time"],
         sample_rate_hz=message["rate_hz"],
         pretrigger=message["pretrigger"],
-        acceleration=acceleration,
+        acceleration=rows[:2],
+        force=rows[2] if len(rows) > 2 else None,
         accepted=message["accepted"],
         reject_reason=message["reason"],
         load_before_mn=known("before_mn"),
@@ -286,6 +313,7 @@ def answers(analyst: Analyst, message: Message, numbers: bytes) -> Iterator[Mess
         load_set = analyst.tap(message, numbers)
         if not message.get("old"):
             yield from analyst.alone(message["number"])
+            yield from analyst.hammer(message["number"])
             yield from analyst.results(load_set)
     elif what == "judged":
         judged = analyst.judge(message)

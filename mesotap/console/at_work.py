@@ -10,11 +10,12 @@ from typing import Any
 
 from daq.durable import make_folder, write_error
 from mesotap.configuration.config import Config, load_config, text_of
-from mesotap.console.board import VIEW_IDLE, Board
+from mesotap.console.board import Board
 from mesotap.console.child import Child
 from mesotap.console.frames import Message
 from mesotap.console.settings_form import SettingsFile
 from mesotap.console.so_far import SoFar
+from mesotap.console.what_to_do import VIEW_IDLE
 from mesotap.session.order import FOLDER_NAME, RigChoice
 from rig.errors import MesotapError
 

@@ -1,7 +1,8 @@
 """What the pages show of the running session, part by part; each part is whole, so that a page may miss any number.
 
 Parts: ``state`` (where the session is, what to do), ``load``, ``calibration``, ``taps`` (verdict and modes of each),
-``loads`` (what each load came to), and the record of the tap that was made last.
+``loads`` (what each load came to), ``response`` (what a hammer showed so far), and the record of the tap that was
+made last.
 """
 
 from __future__ import annotations
@@ -16,41 +17,12 @@ from typing import Any
 from mesotap.console.frames import Message, frame
 from mesotap.console.last_words import APART, last_safe
 from mesotap.console.records import record_frame
+from mesotap.console.what_to_do import AFTERWARDS, BY_ITSELF, FILING, FOLDER_GONE, IDLE, VIEW_IDLE, WHAT_TO_DO
 from mesotap.session.guardian import DIED, GOES_ON, SAYS
 
 REPORT, DIAGNOSIS = "report.html", "diagnosis.html"
 RECORDS_KEPT = 64
 LINES_KEPT = 30
-
-WHAT_TO_DO = {
-    "CONNECT": "Nothing to do: the devices are being connected.",
-    "PRE_CALIBRATION": "Hang each weight when it is asked for.",
-    "APPROACH": "Keep off the rig: the surfaces are being brought together.",
-    "SET_LOAD": "Keep off the rig: the load is being set.",
-    "LOCK": "Keep off the rig: the load is locked and comes to rest.",
-    "TAP": "Tap the upper mass once, lightly.",
-    "RETRACT": "Keep off the rig: the surfaces are being taken apart.",
-    "POST_CALIBRATION": "Hang each weight when it is asked for.",
-    "FILE": "Nothing to do, the surfaces are apart: the session file is being written.",
-    "DONE": "The session is complete: look at the report.",
-}
-BY_ITSELF = {
-    "TAP": "Nothing to do: the simulated rig taps itself.",
-    "PRE_CALIBRATION": "Nothing to do: the simulated rig hangs its weights itself.",
-    "POST_CALIBRATION": "Nothing to do: the simulated rig hangs its weights itself.",
-}
-VIEW_IDLE = "Take the surfaces apart, then begin: what the gauge reads then counts as no load."
-FILING = {
-    "FILE": WHAT_TO_DO["FILE"],
-    "REPORT": "Nothing to do, the surfaces are apart: the session is filed, and its report is being worked out.",
-    "DIAGNOSIS": "The report is there, under Loads. STOP leaves the diagnosis out.",
-}
-AFTERWARDS = {
-    "stopped": "The session ended; 'Resume' goes on with it.",
-    "failed": "Look at the rig, mend what the alarm says, then 'Resume'.",
-}
-FOLDER_GONE = "The session's folder is gone, so there is nothing to resume: put it back, or start a new session."
-IDLE = "No session runs. Start one, or go on with one that was not finished."
 
 Show = Callable[[str, bytes], None]
 
@@ -79,6 +51,7 @@ class Board:
         self.calibration: dict[str, Any] = {}
         self.taps: dict[int, dict[str, Any]] = {}
         self.loads: dict[str, Any] = {}
+        self.response: dict[str, Any] = {}
         self.records: dict[int, bytes] = {}
         self._kept: deque[int] = deque()
         self.clear()
@@ -89,7 +62,7 @@ class Board:
         self.state = {
             "running": False, "state": "", "words": "no session", "text": "", "next": IDLE, "ask": None,
             "paused": False, "watched": False, "said": [], "ended": None, "plan_mn": [], "load_set": 0, "wanted": 0,
-            "accepted": 0,
+            "accepted": 0, "used": 0,
             "limit_mn": None, "force_limit": None, "locked_mn": None, "simulated": False, "session": None, "name": "",
             "reported": False, "diagnosed": False, "viewing": False, "viewed": False, "alarm": "",
             "stopping": False,
@@ -97,6 +70,7 @@ class Board:
         self.load = {"mn": None, "at": None}
         self.calibration = {"before": [], "after": [], "compared": None}
         self.taps, self.loads, self.records = {}, {"loads": [], "theory": [], "why": ""}, {}
+        self.response = {}
         self._kept.clear()
 
     def parts(self) -> dict[str, dict[str, Any]]:
@@ -107,6 +81,7 @@ class Board:
             "calibration": self.calibration,
             "taps": {"taps": list(self.taps.values())},
             "loads": self.loads,
+            "response": self.response,
         }
 
     def frame_of(self, part: str) -> bytes:
@@ -138,6 +113,7 @@ class Board:
         self.folder = Path(message["folder"])
         self.state.update(
             {k: message[k] for k in ("plan_mn", "wanted", "limit_mn", "force_limit", "simulated", "load_set")},
+            used=message.get("used", message["wanted"]),
             running=True,
             ended=None,
             session=session_id(self.folder),
@@ -227,6 +203,22 @@ class Board:
         if tap is not None:
             tap["modes"] = message["modes"]
             self.show("taps")
+
+    def _hear_chosen(self, message: Message, numbers: bytes) -> None:
+        for number in message["taps"]:
+            if number in self.taps:
+                self.taps[number]["left_out"] = message["left_out"].get(str(number), "")
+        self.show("taps")
+
+    def _hear_hammer(self, message: Message, numbers: bytes) -> None:
+        tap = self.taps.get(message["number"])
+        if tap is not None:
+            tap["hammer"] = message["words"]
+            self.show("taps")
+
+    def _hear_response(self, message: Message, numbers: bytes) -> None:
+        self.response = {k: v for k, v in message.items() if k != "kind"}
+        self.show("response")
 
     def _hear_results(self, message: Message, numbers: bytes) -> None:
         self.loads = {**self.loads, "loads": message["loads"], "why": ""}

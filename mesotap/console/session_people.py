@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 
 from daq.journal import SessionFolder
@@ -204,8 +205,9 @@ class PageObserver(Observer):
 
 
 def tap_message(impact: Impact) -> tuple[Message, bytes]:
-    """Return what a page and the analysis need of a tap: numbers are A then B, float64."""
-    shown = np.ascontiguousarray(impact.acceleration[:, :MOST_SAMPLES], dtype=np.float64)
+    """Return what a page and the analysis need of a tap: numbers are A, B and the hammer's force if any, float64."""
+    rows = [impact.acceleration] if impact.force is None else [impact.acceleration, impact.force[None]]
+    shown = np.ascontiguousarray(np.concatenate(rows)[:, :MOST_SAMPLES], dtype=np.float64)
     message: Message = {
         "kind": "tap",
         "told_at": time.time(),
@@ -220,11 +222,17 @@ def tap_message(impact: Impact) -> tuple[Message, bytes]:
         "rate_hz": impact.sample_rate_hz,
         "pretrigger": impact.pretrigger,
         "samples": shown.shape[1],
+        "peak_force_n": None if impact.force is None else peak_force(impact.force),
         "accepted": impact.accepted,
         "reason": impact.reject_reason,
         "judged": {k: v for k, v in impact.extra.items() if isinstance(v, int | float | str) or v is None},
     }
     return message, shown.tobytes()
+
+
+def peak_force(force: NDArray[np.float64]) -> float:
+    """Return the largest departure of a force (n,) from what it is at rest, N."""
+    return float(np.max(np.abs(force - np.median(force))))
 
 
 class PagePeople:
@@ -301,6 +309,7 @@ class PagePeople:
                 "load_set": progress.load_set,
                 "plan_mn": config.mesotap.load_plan_mn,
                 "wanted": config.mesotap.taps_per_load,
+                "used": config.mesotap.impacts_per_load,
                 "limit_mn": config.rig.limits.load_mn,
                 "force_limit": config.daq.quality.largest_force_ratio,
                 "simulated": bool(folder.header.get("simulated")),

@@ -30,6 +30,7 @@ class ViewRoutes:
             "view/begin": (self._begin, True),
             "view/show": (self._show, True),
             "view/reset": (self._reset, True),
+            "view/drop": (self._drop, True),
             "view/check": (self._check, True),
             "view/tap": (self._tap, True),
             "view/end": (self._end, True),
@@ -54,6 +55,9 @@ class ViewRoutes:
 
     async def _reset(self, content: dict[str, Any]) -> dict[str, Any]:
         return self._told({}, "reset")
+
+    async def _drop(self, content: dict[str, Any]) -> dict[str, Any]:
+        return self._told({}, "drop")
 
     async def _check(self, content: dict[str, Any]) -> dict[str, Any]:
         if content["side"] not in SIDES:

@@ -18,8 +18,10 @@ from mesotap.configuration.config import Config
 from mesotap.operator.console import SessionLines
 from mesotap.operator.tap_analysis import TapAnalysis
 from mesotap.session.hand_verdicts import accepted_in
+from mesotap.session.progress import describe_rig
 from mesotap.session.states import State
 from mesotap.session.watching import GaugeWatch
+from rig.settings import RigSettings
 
 LOOKS_PER_S = 8
 BAR = 40  # letters from no load to the limit
@@ -49,6 +51,7 @@ class SessionScreen(SessionLines, GaugeWatch):
         self._load_set = self._accepted = self._wanted = self._done = 0
         self._last: Impact | None = None
         self._spectrum = self._hammer = ""
+        self._rig = RigSettings()
         self._of_load: list[Impact] = []
         self._modes: dict[int, dict[str, Any]] = {}
         self._analysis: TapAnalysis | None = None
@@ -58,6 +61,7 @@ class SessionScreen(SessionLines, GaugeWatch):
         """Show a session from its beginning, or from where it goes on."""
         self._plan = list(config.mesotap.load_plan_mn)
         self._limit_mn, self._force_limit = config.rig.limits.load_mn, config.daq.quality.largest_force_ratio
+        self._rig = config.rig
         self._wanted, self._done = config.mesotap.taps_per_load, len(accepted_in(folder.events()))
         told = {name: folder.header.get(name) for name in ("config", "created", "simulated")}
         self._analysis = TapAnalysis(told, self._found)
@@ -97,11 +101,12 @@ class SessionScreen(SessionLines, GaugeWatch):
         super().impact(impact, accepted, wanted)
 
     def _see_hammer(self, impact: Impact) -> None:
-        from analysis.frequency_response.cross_check import hammer_so_far  # only where there is a hammer
+        from analysis.frequency_response.so_far import hammer_so_far  # only where there is a hammer
 
         self._of_load = [*(i for i in self._of_load if i.load_set == impact.load_set), impact]
         taken = [i for i in self._of_load if i.accepted or i is impact]
-        self._hammer = hammer_so_far(taken)
+        rig = self._rig
+        self._hammer = hammer_so_far(taken, describe_rig(rig), rig.wiring.hammer).words
 
     def _found(self, number: int, modes: dict[str, Any]) -> None:
         self._modes[number] = modes

@@ -19,6 +19,7 @@ import numpy as np
 from daq.live_signals import LiveSignals
 from mesotap.configuration.config import Config
 from mesotap.session.guardian import Guardian
+from mesotap.session.live_hammer import LiveHammer
 from mesotap.session.runner import Control
 from mesotap.session.self_test import gauge_zero
 from mesotap.session.tap_check import DONE, QUIET, WAITING, TapCheck
@@ -51,7 +52,7 @@ class ViewBench:
     guardian: Guardian
     gauge: GaugeWatch
     wishes: deque[dict[str, Any]]
-    """What pages want: ``view``, ``reset``, ``check``, ``tap`` or ``end``; filled by the thread that hears."""
+    """What pages want: ``view``, ``reset``, ``drop``, ``check``, ``tap``, ``end``; filled by the thread that hears."""
     simulated: bool = False
 
 
@@ -81,6 +82,7 @@ class LiveView:
         self._wishes = bench.wishes
         self._load_mn, self._watched, self._ended = math.nan, False, False
         self._told_s = -math.inf
+        self._hammer: LiveHammer | None = None
         self._check = TapCheck(config, self._rig.accelerometers, self._rig.clock, self._tap)
 
     def run(self) -> None:
@@ -136,12 +138,17 @@ class LiveView:
         recorder, level = self._rig.accelerometers, self._config.daq.trigger.threshold_m_s2
         recorder.start()
         self._signals = LiveSignals(recorder, FIRST_AVERAGES, FIRST_SPAN_MS, False, level)
+        if (hammer := self._config.rig.wiring.hammer) is not None:
+            self._hammer = LiveHammer(self._config, hammer, self._signals)
+            self._tell(self._hammer.told())
         while not self._ended:
             self._signals.read()
             self._attention.idle()
             while self._wishes:
                 self._heed(self._wishes.popleft())
             self._check.follow(self._signals)
+            if self._hammer is not None and self._hammer.follow():
+                self._tell(self._hammer.told())
             if self._now() - self._told_s >= PICTURE_S:
                 self._told_s = self._now()
                 self._tell_picture()
@@ -156,12 +163,20 @@ class LiveView:
             )
         elif what == "reset":
             self._signals.spectrum.reset()
+            self._heed_hammer(LiveHammer.reset)
+        elif what == "drop":
+            self._heed_hammer(LiveHammer.drop)
         elif what == "check":
             self._check.begin(str(message["side"]), self._signals)
         elif what == "tap":
             self._tap(0)
         elif what == "end":
             self._end()
+
+    def _heed_hammer(self, change: Callable[[LiveHammer], None]) -> None:
+        if self._hammer is not None:
+            change(self._hammer)
+            self._tell(self._hammer.told())
 
     def _end(self) -> None:
         """End without a move, which only a rig without load may."""
@@ -188,12 +203,15 @@ class LiveView:
         signals = self._signals
         trace, levels, spectrum = signals.trace(), signals.levels(), signals.spectrum
         points = np.zeros((2, 0)) if trace is None else trace.acceleration
+        force = None if trace is None else trace.force
         density = spectrum.amplitude_density()
         quality, trigger = self._config.daq.quality, self._config.daq.trigger
         message = {
             "kind": "picture",
             "told_at": time.time(),
             "points": points.shape[1],
+            "forces": 0 if force is None else 1,
+            "hammer": None if self._hammer is None else self._hammer.level(),
             "first_ms": None if trace is None else trace.first_ms,
             "step_ms": None if trace is None else trace.step_ms,
             "bins": density.shape[1],
@@ -222,7 +240,8 @@ class LiveView:
             "simulated": self._bench.simulated,
             "next": self._what_to_do(levels),
         }
-        self._tell(message, np.concatenate([points.ravel(), density.ravel()]).astype("<f4").tobytes())
+        drawn = [points.ravel(), *([] if force is None else [force]), density.ravel()]
+        self._tell(message, np.concatenate(drawn).astype("<f4").tobytes())
 
     def _what_to_do(self, levels: Any) -> str:
         """One sentence: what is dangerous first, then what is wrong, then the next step."""
@@ -237,6 +256,8 @@ class LiveView:
             return f"{' and '.join(over)} overloaded: tap more gently, or take a larger rig.wiring.input_range_v."
         if dead := [name for name, level in names.items() if level.noise_m_s2 == 0.0]:
             return f"{' and '.join(dead)} shows nothing at all: check sensor, cable and conditioner."
+        if self._hammer is not None and self._hammer.level()["dead"]:
+            return "The hammer's channel shows nothing at all: check its cable, its supply and rig.wiring.hammer.input."
         if self._check.state == QUIET:
             return "Keep off the rig for a second: the noise is measured."
         if self._check.state == WAITING:

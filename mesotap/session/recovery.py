@@ -390,7 +390,8 @@ def _take(
 
 def _finished(folder: Path) -> str:
     try:
-        count = len(read_session(folder / SESSION_FILE).impacts)
+        finished = read_session(folder / SESSION_FILE)
     except RecordingError:
         return ""
-    return f"; the finished {SESSION_FILE} in it is sound and holds {count}: use that"
+    sound = "can be read in part" if finished.refused else "is sound"
+    return f"; the finished {SESSION_FILE} in it {sound} and holds {len(finished.impacts)}: use that"

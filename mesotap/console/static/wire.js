@@ -47,6 +47,9 @@ export function recordIn(buffer) {
   message.a = new Float32Array(buffer, at, n);
   message.b = new Float32Array(buffer, at + 4 * n, n);
   message.spectrum = new Float32Array(buffer, at + 8 * n, message.bins);
+  const after = at + 8 * n + 4 * message.bins;
+  message.force = message.forces ? new Float32Array(buffer, after, n) : null;
+  message.force_spectrum = message.forces ? new Float32Array(buffer, after + 4 * n, message.bins) : null;
   return message;
 }
 

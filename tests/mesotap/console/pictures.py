@@ -46,6 +46,10 @@ sim_backend:
 """
 EARLIER = ("--speed", "60", "--set", "mesotap.load_plan_mn=[300, 600, 900]", "--set", "mesotap.diagnose=false")
 LEANT_UM = 8.0
+HAMMER = ("--scope", "--set", "rig.wiring.hammer={input: 3}")
+RUNG_OUT_MS = 3000.0
+"""After which the trace begins anew at the next tap."""
+SCOPE_TAPS, SCOPE_HEIGHT = 5, 1840  # down to the end of what the hammer shows
 
 
 class Album:
@@ -100,7 +104,7 @@ def of_a_session(album: Album, chromium: Any, console: ConsoleProcess) -> None:
     album.take(page, "dark")
     page.click("#theme")
     page.wait_for_function(
-        "document.querySelector('#plan, #row') && document.querySelector('#target').textContent === '600'"
+        "() => document.querySelector('#plan, #row') && document.querySelector('#target').textContent === '600'"
     )
     view(page, "session")
     reach(page, "locking")
@@ -192,6 +196,22 @@ def an_earlier_one(chromium: Any, console: ConsoleProcess) -> None:
     reach(page, "done")
 
 
+def of_the_scope(album: Album, chromium: Any, console: ConsoleProcess) -> None:
+    """Take the live view after some taps with a hammer."""
+    page = opened(chromium, console)
+    page.set_viewport_size(SCREEN | {"height": SCOPE_HEIGHT})
+    page.click("#begin:enabled")
+    shows(page, "#next", "Quiet enough for a session")
+    page.select_option("select[name=mode]", "tap")
+    for number in range(SCOPE_TAPS):
+        page.click("#tap")
+        shows(page, ".response-taps", rf"^{number + 1} tap")
+        page.wait_for_timeout(RUNG_OUT_MS)
+    page.evaluate("scrollTo(0, 0)")
+    album.take(page, "scope")
+    page.click("#end")
+
+
 @contextlib.contextmanager
 def folder() -> Iterator[Path]:
     """A folder that is gone afterwards."""
@@ -207,7 +227,10 @@ def main(wanted: list[str]) -> None:
     alarm: Callable[[], bool] = lambda: not wanted or "alarm" in wanted  # noqa: E731
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        if wanted != ["alarm"]:
+        if not wanted or "scope" in wanted:
+            with folder() as path, console_in(path, *HAMMER, config=BENCH) as console:
+                of_the_scope(album, chromium, console)
+        if not wanted or {*wanted} - {"alarm", "scope"}:
             with folder() as path:
                 with console_in(path, *EARLIER, config=BENCH) as console:
                     an_earlier_one(chromium, console)

@@ -28,7 +28,7 @@ def findings(page, theme):
     for link in page.locator("nav a").all():
         link.click()
         name = link.get_attribute("href")
-        page.wait_for_function("document.querySelector('main').childElementCount > 0")
+        page.wait_for_selector("main > *", state="attached")
         page.wait_for_timeout(300)  # what the page asks for has come
         for finding in page.evaluate(FOUND):
             if finding["impact"] in SERIOUS:
@@ -41,7 +41,7 @@ def test_nothing_serious_on_any_page(chromium, tmp_path):
         page = opened(chromium, console)
         page.add_init_script(path=AXE)
         page.reload()
-        page.wait_for_function("typeof axe === 'object' && axe.version !== undefined", timeout=PATIENCE_MS)
+        page.wait_for_function("() => typeof axe === 'object' && axe.version !== undefined", timeout=PATIENCE_MS)
         found = {}
 
         def look(when):
@@ -73,7 +73,7 @@ def test_nothing_serious_in_the_live_view(chromium, tmp_path):
         page = opened(chromium, console)
         page.add_init_script(path=AXE)
         page.reload()
-        page.wait_for_function("typeof axe === 'object' && axe.version !== undefined", timeout=PATIENCE_MS)
+        page.wait_for_function("() => typeof axe === 'object' && axe.version !== undefined", timeout=PATIENCE_MS)
         page.click("#begin:enabled")
         page.click("#check-by-tap:enabled")
         shows(page, "#check", "1 of 9 to mend")

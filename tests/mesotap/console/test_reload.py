@@ -54,7 +54,7 @@ def test_reload_and_hand_over(chromium, tmp_path):
         page.wait_for_selector("#pause:disabled")
         assert journal_of(console) == journal
         second.click("#pause")
-        second.wait_for_function("document.querySelector('#words').textContent !== 'paused'")
+        shows(second, "#words", "^(?!paused$)")
         page.click("#stop")
         reach(second, "ended")
         shows(second, "#alert", "the surfaces are apart")

@@ -97,6 +97,38 @@ def console_link(console, page):
 
 @pytest.mark.slow
 @needs_chromium
+def test_the_hammer_on_the_smallest_screen_too(chromium, tmp_path):
+    from playwright.sync_api import expect
+
+    with console_in(tmp_path, "--scope", "--set", "rig.wiring.hammer={input: 3}") as console:
+        page = opened(chromium, console)
+        page.set_viewport_size({"width": 390, "height": 844})
+        begun(page)
+        expect(page.locator("#force canvas")).to_be_visible()
+        shows(page, "#hammer", "No tap in the force channel yet")
+        expect(page.locator(".responses")).to_be_hidden()
+        for number in (1, 2):
+            page.click("#tap")
+            shows(page, ".response-taps", f"^{number} tap")
+        shows(page, ".response-words", r"hammer 0\.\d+ N, excites to \d+ Hz; 2 taps: coherence 0\.\d\d or more")
+        expect(page.locator(".responses canvas:visible")).to_have_count(3)
+        drawn = page.evaluate(
+            "() => [...document.querySelectorAll('.responses canvas')].map((c) => new Set(new Uint32Array("
+            "c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer)).size)"
+        )
+        assert min(drawn) > 10, drawn
+        assert page.evaluate("() => document.documentElement.scrollWidth <= document.documentElement.clientWidth")
+        page.reload()
+        shows(page, ".response-taps", "^2 taps")
+        page.click("#drop")
+        shows(page, ".response-taps", "^1 tap")
+        page.click("#taps-anew")
+        shows(page, "#hammer", "No tap in the force channel yet")
+        assert page.faults == []
+
+
+@pytest.mark.slow
+@needs_chromium
 def test_an_upside_down_sensor_is_named_with_what_to_change(chromium, tmp_path):
     with console_in(tmp_path, "--scope", "--set", "sim_backend.sensors.b.gain=-1") as console:
         page = opened(chromium, console)
@@ -133,6 +165,7 @@ def test_a_view_and_a_session_exclude_each_other(chromium, tmp_path):
         assert page.faults == []
 
 
+@pytest.mark.slow
 def test_what_no_page_sends_is_refused(tmp_path):
     with console_in(tmp_path, "--scope") as console:
         page = PlainPage(console, Client(console))

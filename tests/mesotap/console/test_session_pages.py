@@ -130,3 +130,26 @@ def test_the_space_bar_on_a_checkbox_is_stop_and_leaves_it_as_it_is(chromium, tm
         page.keyboard.press("Enter")
         assert box.is_checked()
         assert page.faults == []
+
+
+@pytest.mark.slow
+def test_a_surplus_of_taps_and_the_hammer_are_shown_on_the_smallest_screen_too(chromium, tmp_path):
+    from playwright.sync_api import expect
+
+    changes = ("mesotap.surplus_impacts=2", "rig.wiring.hammer={input: 3}", "mesotap.load_plan_mn=[400]")
+    options = [part for change in changes for part in ("--set", change)]
+    with console_in(tmp_path, "--speed", "20", *options) as console:
+        page = opened(chromium, console)
+        page.set_viewport_size({"width": 390, "height": 844})
+        begin(page)
+        page.click("nav a[href='#taps']")
+        expect(page.locator("#choice")).to_contain_text("2 kept and 2 left out so far", timeout=PATIENCE_MS)
+        page.locator("#row .left").first.click()
+        expect(page.locator("#verdict")).to_contain_text("left out by the choice so far", timeout=PATIENCE_MS)
+        expect(page.locator("#left-out")).to_contain_text("in coherence with the 2 taps kept")
+        expect(page.locator("#hammer")).to_contain_text("excites to", timeout=PATIENCE_MS)
+        expect(page.locator("#tap-force")).to_contain_text("N")
+        expect(page.locator("#force canvas")).to_have_count(2)
+        assert page.evaluate("() => document.documentElement.scrollWidth <= document.documentElement.clientWidth")
+        reach(page, "done")
+        assert page.faults == []

@@ -15,6 +15,7 @@ from tests.mesotap.console.consoles import console_in, needs_chromium
 from tests.mesotap.console.pages import begin, opened, reach, shows
 
 
+@pytest.mark.slow
 def test_a_console_that_says_nothing_is_one_that_has_gone(monkeypatch):
     monkeypatch.setattr(session_link, "SILENT_S", 0.5)
     ours, theirs = socket.socketpair()

@@ -22,8 +22,13 @@ def sold(tmp_path, driver: str, actuator: str, referenced: bool = True, home: bo
         return config, folder.impacts()
 
 
-@pytest.mark.parametrize("driver", ["conex-cc", "smc100"])
-@pytest.mark.parametrize("actuator", ["tra12cc", "trb6cc", "cma25ccl"])
+PAIRS = [(driver, actuator) for driver in ("conex-cc", "smc100") for actuator in ("tra12cc", "trb6cc", "cma25ccl")]
+QUICK = (("conex-cc", "tra12cc"), ("smc100", "cma25ccl"))
+
+
+@pytest.mark.parametrize(
+    ("driver", "actuator"), [pytest.param(*p, marks=() if p in QUICK else pytest.mark.slow) for p in PAIRS]
+)
 def test_a_session_reaches_its_loads_with_the_steps_of_an_actuator(tmp_path, driver, actuator):
     config, impacts = sold(tmp_path, driver, actuator)
     loads = sorted({impact.load_set for impact in impacts})
@@ -37,6 +42,7 @@ def test_a_controller_that_was_just_switched_on_is_not_moved_without_leave(tmp_p
         sold(tmp_path, "smc100", "trb6cc", referenced=False)
 
 
+@pytest.mark.slow
 def test_a_controller_that_was_just_switched_on_finds_its_home_with_leave(tmp_path):
     _, impacts = sold(tmp_path, "smc100", "trb6cc", referenced=False, home=True)
     assert impacts

@@ -64,8 +64,17 @@ def same(one, other) -> None:
 DRIFTING = "sim_backend.gauge.drift_mv_per_hour=8"
 
 
-@pytest.mark.parametrize("wires", [False, True], ids=["in process", "pty and tcp"])
-@pytest.mark.parametrize("changes", [(), (TCP, SMC), (MILLIVOLTS,), (LAUMAS,), (DRIFTING,)], ids=str)
+CHANGES = ((), (TCP, SMC), (MILLIVOLTS,), (LAUMAS,), (DRIFTING,))
+
+
+@pytest.mark.parametrize(
+    ("changes", "wires"),
+    [
+        *((changes, False) for changes in CHANGES),
+        *(pytest.param(changes, True, marks=pytest.mark.slow if changes else ()) for changes in CHANGES),
+    ],
+    ids=str,
+)
 def test_the_emulated_session_is_the_simulated_one(tmp_path, changes, wires):
     config = small_config(*changes)
     simulated = simulated_rig(config, seed=5)

@@ -14,7 +14,6 @@ from tests.mesotap.test_cli import mesotap
 KEPT = Path(__file__).parent / "first_release"
 
 
-@pytest.mark.usefixtures("in_forks")
 def test_its_session_file_is_read():
     session = read_session(KEPT / "finished.h5")
     assert (session.software, session.specimen, session.complete) == ("mesotap 0.1.0 (simulated rig)", "first", True)
@@ -25,7 +24,6 @@ def test_its_session_file_is_read():
     assert len(session.pre.load_mn) == len(session.pre.voltage_mv) > 2
 
 
-@pytest.mark.usefixtures("in_forks")
 def test_its_k_c_is_found_again(tmp_path):
     """By today's analysis within three half widths of what it said itself; f2 within 0.1 %."""
     mesotap("analyze", KEPT / "finished.h5", "--json", tmp_path / "now.json")
@@ -41,7 +39,6 @@ def test_its_k_c_is_found_again(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("in_forks")
 def test_its_unfinished_session_is_listed_and_resumed(tmp_path):
     folder = Path(shutil.copytree(KEPT / "unfinished", tmp_path / "s"))
     index = ("--index", tmp_path / "i.sqlite")

@@ -20,7 +20,7 @@ from rich.console import Console
 from daq.journal import SessionFolder
 from mesotap.commands import session as commands
 
-KILLS = int(os.environ.get("MESOTAP_KILLS", "10"))
+KILLS = int(os.environ.get("MESOTAP_KILLS", "5"))
 SMALL = [
     "mesotap.load_plan_mn=[300, 500]",
     "mesotap.impacts_per_load=3",

@@ -17,6 +17,7 @@ from mesotap.session.guardian import Guardian
 from mesotap.session.live_view import LiveView, ViewBench, for_setting_up
 from mesotap.session.watching import GaugeWatch
 from rig import RigError, SessionAborted
+from rig.settings import RigSettings
 from tests.mesotap.benches import Silent
 
 SEEDS = int(os.environ.get("MESOTAP_SCOPE_SEEDS", "10"))
@@ -78,12 +79,22 @@ class Viewed:
         self.told, self.guardian, self.error = [], Guarding(), None
         control = Ending(self.rig, stop_s, things(self.rig))
         tell = lambda message, numbers=b"": self.told.append((message, numbers))  # noqa: E731
-        bench = ViewBench(self.rig, Silent(), control, tell, self.guardian, GaugeWatch(), deque(wishes), True)
+        bench = ViewBench(
+            self.rig,
+            Silent(),
+            control,
+            tell,
+            self.guardian,
+            GaugeWatch(),
+            wishes if isinstance(wishes, deque) else deque(wishes),
+            True,
+        )
         try:
             LiveView(config, bench, self.rig.clock.now).run()
         except RigError as error:
             self.error = error
         self.pictures = [message for message, _ in self.told if message["kind"] == "picture"]
+        self.responses = [message for message, _ in self.told if message["kind"] == "response"]
         self.physics = getattr(self.rig, "physics", self.rig)
 
     def check(self):
@@ -127,6 +138,53 @@ def test_what_a_page_wishes_is_shown():
     assert (message["averages"], message["count"], message["triggered"], message["level"]) == (3, 3, True, 0.2)
     assert 1000 < message["points"] <= 2000  # 25,000 samples, as many as a screen has columns
     assert message["first_ms"] == pytest.approx(-100.0)
+
+
+HAMMER = "rig.wiring.hammer={input: 3}"
+
+
+def taps(times, *more):
+    """Return what is done to have the lower mass tapped at times, and other wishes at theirs."""
+    wishes = deque()
+    every = [(t, "tap") for t in times] + list(more)
+    return wishes, lambda rig: [(t, lambda what=what: wishes.append({"do": what})) for t, what in sorted(every)]
+
+
+def test_the_hammer_s_force_is_shown_and_each_tap_gives_a_response_and_their_average():
+    wishes, things = taps([2.0, 4.0, 6.0])
+    viewed = Viewed(HAMMER, wishes=wishes, things=things, stop_s=8.0)
+    message, numbers = next(told for told in reversed(viewed.told) if told[0]["kind"] == "picture")
+    assert np.frombuffer(numbers, "<f4").size == 3 * message["points"] + 2 * message["bins"]
+    assert message["hammer"]["reach"] == pytest.approx(5 / 22.5e-3 / 10)
+    assert [told["taps"] for told in viewed.responses] == [0, 1, 2, 3]
+    first, last = viewed.responses[1], viewed.responses[-1]
+    assert first["coherence"] == []
+    assert max(picture["hammer"]["peak"] for picture in viewed.pictures) > 0.05
+    # far above its mode on the tube spring a struck mass answers as a free one: 1/m2, within the sensitivities' errors
+    line = round(2500 / last["bin_hz"]) - 1
+    assert last["mean"][line] == pytest.approx(1 / RigSettings().moving_masses()[1], rel=0.08)
+    assert last["last"][line] == pytest.approx(last["mean"][line], rel=0.02)
+    assert 0.98 < last["coherence"][line] <= 1
+    dark = [i for i, value in enumerate(last["mean"]) if value is None]
+    assert (dark[0] + 1) * last["bin_hz"] == pytest.approx(last["excited_hz"], abs=2 * last["bin_hz"])
+    assert len(last["force"]) == len(last["mean"])
+    assert None not in last["force"]
+
+
+def test_the_last_tap_can_be_left_out_and_the_average_begun_anew():
+    wishes, things = taps([2.0, 4.0], (6.0, "drop"), (6.5, "reset"), (7.0, "drop"))
+    viewed = Viewed(HAMMER, wishes=wishes, things=things, stop_s=8.0)
+    assert [told["taps"] for told in viewed.responses] == [0, 1, 2, 1, 0, 0]
+    assert viewed.responses[3]["mean"] == pytest.approx(viewed.responses[1]["mean"], nan_ok=True)
+
+
+def test_a_dead_hammer_is_told_and_without_one_nothing_is():
+    dead = Viewed(HAMMER, "sim_backend.hammer={gain: 0}", wishes=[{"do": "tap"}], stop_s=4.0)
+    assert "hammer's channel shows nothing at all" in dead.pictures[-1]["next"]
+    assert [told["taps"] for told in dead.responses] == [0]
+    without = Viewed(wishes=[{"do": "tap"}, {"do": "drop"}], stop_s=3.0)
+    assert without.responses == []
+    assert (without.pictures[-1]["forces"], without.pictures[-1]["hammer"]) == (0, None)
 
 
 @pytest.mark.parametrize("change", WRONG)

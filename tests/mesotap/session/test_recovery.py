@@ -35,6 +35,7 @@ def test_a_impact_that_crashes_the_library_costs_no_other(folder: Path, monkeypa
     assert "shots/00001.h5: is lost: the file is damaged or truncated: the library that reads it failed" in found.losses
 
 
+@pytest.mark.usefixtures("in_new_processes")
 def test_one_process_reads_file_after_file_and_is_followed_by_another_where_it_ended(tmp_path: Path) -> None:
     bad = tmp_path / "bad.h5"
     bad.write_bytes(MARK)

@@ -413,6 +413,7 @@ def test_a_guardian_that_is_killed_is_replaced_and_delays_no_exit(tmp_path):
         assert guardian._process is None
 
 
+@pytest.mark.slow
 def test_a_guardian_whose_session_died_before_it_began_takes_over(tmp_path):
     """Setup and the word that there is a load wait in its socket; its session is gone when it reads them."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)

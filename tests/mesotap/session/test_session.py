@@ -17,8 +17,6 @@ from mesotap.session.states import TRANSITIONS, Event, State, follow
 from rig import RigError, SessionAborted
 from tests.mesotap.benches import Watching, header_of, new_runner, runner_in, small_config
 
-pytestmark = pytest.mark.usefixtures("in_forks")
-
 
 def analysed(config, folder):
     with SessionFolder.open(folder) as kept:

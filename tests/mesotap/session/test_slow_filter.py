@@ -150,7 +150,7 @@ def test_a_load_over_the_limit_is_not_waited_out():
     assert lagging.filtered_mv < scale.sensitivity_mv_per_mn * rig.true_load_mn() + scale.offset_mv
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
 def test_a_laumas_as_delivered_carries_a_session_out(tmp_path, seed):
     config = small_config(TLB, "rig.parts.stage={driver: conex-cc, port: /dev/ttyUSB1, resolution_um: 0.02}")
     rig = EmulatedRig(config.rig, config.sim_backend, seed=seed, realistic=True)

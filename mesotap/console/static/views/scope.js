@@ -1,12 +1,13 @@
-// Both accelerometers and the load live, for setting up, and the check of the wiring by one tap.
+// Both accelerometers, the hammer and the load live, for setting up, and the check of the wiring by one tap.
 
 import { page, post } from "../wire.js";
 import { alertWith, figure, fixed, make, number, sheet } from "../parts.js";
 import { plot } from "../plots.js";
+import { responses } from "../response.js";
 import { driving } from "../main.js";
 
 const SPANS_MS = [10, 20, 50, 100, 200, 500, 1000, 2000];
-let root, trace, spectrum, begin, ask, form, averaged, levels, gates, said, verdicts, relation, holding, drawn, held;
+let root, trace, push, pushes, hammer, hammered, pushed, spectrum, begin, ask, form, averaged, levels, gates, said, verdicts, relation, holding, drawn, held;
 
 async function act(what, content = {}) {
   const answer = await post(what, content);
@@ -23,10 +24,11 @@ function drawTrace(p) {
   const t = new Float64Array(p.points);
   for (let i = 0; i < p.points; i++) t[i] = p.first_ms + i * p.step_ms;
   trace.set([t, p.numbers.subarray(0, p.points), p.numbers.subarray(p.points, 2 * p.points)]);
+  if (p.forces) push.set([t, p.numbers.subarray(2 * p.points, 3 * p.points)]);
 }
 
 function drawSpectrum(p) {
-  const from = 2 * p.points;
+  const from = (2 + p.forces) * p.points;
   const f = new Float64Array(p.bins - 1);
   for (let i = 1; i < p.bins; i++) f[i - 1] = i * p.bin_hz;
   spectrum.set([f, p.numbers.subarray(from + 1, from + p.bins), p.numbers.subarray(from + p.bins + 1, from + 2 * p.bins)]);
@@ -66,6 +68,23 @@ function showLevels() {
   if (gates.textContent !== text) gates.textContent = text;
   const told = p.levels.flatMap((level, i) => (level.overloaded ? [`${"AB"[i]} is overloaded.`] : [])).join(" ");
   if (said.textContent !== told) said.textContent = told;
+}
+
+// The hammer, where there is one: its trace under that of A and B, its level, and what its taps so far came to.
+function showHammer() {
+  const p = page.parts.picture;
+  if (!root) return;
+  const has = Boolean(p && p.hammer);
+  pushes.hidden = hammered.hidden = !has;
+  if (!has) return;
+  const { peak, reach, dead } = p.hammer;
+  const level = dead ? "✗ its channel never changes" : `peak of the last half second ${number(peak)} N; the channel holds ${number(reach)} N`;
+  if (pushed.textContent !== level) pushed.textContent = level;
+  pushed.classList.toggle("bad", dead);
+}
+
+function showResponse() {
+  if (root) hammer.update("No tap in the force channel yet: tap with the hammer.");
 }
 
 const STATES = { none: "Not checked yet.", quiet: "Keep off the rig: the noise is measured.", waiting: "Waiting for the tap.", done: "" };
@@ -149,6 +168,12 @@ export const scope = {
     const series = [{ colour: "a" }, { colour: "b", dash: [6, 3] }];
     trace = plot({ title: "A and B against time", x: "time, ms", y: "acceleration, m/s²", series, height: 280 });
     spectrum = plot({ title: "Averaged amplitude spectral density of A and B", x: "frequency, Hz", y: "m/s² per √Hz", series, log: true, logX: true, height: 280, rangeX: (u, least, most) => (most > least && least > 0 ? [least, most] : [10, 10000]) });
+    push = plot({ title: "Force of the hammer against time", x: "time, ms", y: "force, N", series: [{ colour: "third" }], height: 150 });
+    pushes = make("div", { id: "force", hidden: true }, make("h2", {}, "Force of the hammer"), push.box);
+    hammer = responses();
+    pushed = make("p", { class: "small", id: "hammer-level" });
+    hammered = make("section", { class: "sheet", id: "hammer", "aria-label": "Hammer", hidden: true }, make("h2", {}, "Hammer"), pushed, hammer.box,
+      make("p", {}, make("button", { type: "button", id: "drop", "data-runs": true, onclick: () => act("view/drop") }, "Leave out the last tap"), " ", make("button", { type: "button", id: "taps-anew", "data-runs": true, onclick: () => act("view/reset") }, "Average anew")));
     ask = make("section", { class: "sheet ask", hidden: true, "aria-label": "What is asked of you" });
     begin = make("section", { class: "sheet", "aria-label": "Begin" }, make("p", {}), make("button", { type: "button", class: "main", id: "begin", onclick: () => act("view/begin") }, "The surfaces are apart: begin the live view"));
     form = fields();
@@ -163,8 +188,9 @@ export const scope = {
     const side = make("select", { id: "side", "aria-label": "where the lower mass is tapped" }, make("option", { value: "middle" }, "between the accelerometers"), make("option", { value: "a" }, "beside A"), make("option", { value: "b" }, "beside B"));
     root.append(ask, begin,
       make("div", { class: "two" },
-        sheet("Trace", key(), trace.box),
+        sheet("Trace", key(), trace.box, pushes),
         sheet("Spectrum", make("p", { class: "key" }, make("i", { class: "a" }), "A", make("i", { class: "b" }), "B (dashed) · ", averaged), spectrum.box)),
+      hammered,
       make("div", { class: "two" }, make("div", { class: "stack" },
         sheet("Levels", make("div", { class: "scroll" }, make("table", { id: "levels" }, make("thead", {}, make("tr", {}, ...headings.map((h) => make("th", { scope: "col" }, h)))), levels)), said, gates),
         sheet("What is shown", form, make("p", {}, holding, " ", make("button", { type: "button", id: "tap", "data-runs": true, "data-simulated": true, onclick: () => act("view/tap") }, "Tap the simulated rig"), " ", make("button", { type: "button", id: "end", "data-runs": true, onclick: () => act("view/end") }, "End the view")))),
@@ -172,6 +198,7 @@ export const scope = {
           make("p", {}, make("button", { type: "button", class: "main", id: "check-by-tap", "data-runs": true, onclick: () => act("view/check", { side: side.value }) }, "Check by one tap")), verdicts, relation)));
     this.update("state");
     this.update("picture");
+    this.update("response");
   },
   update(part) {
     if (!root) return;
@@ -179,14 +206,18 @@ export const scope = {
     if (part === "picture") {
       if (page.parts.picture && root.querySelector("[data-simulated]").hidden === Boolean(page.parts.picture.simulated)) showControls();
       showLevels();
+      showHammer();
       showCheck();
       follow();
       if (!drawn) drawn = requestAnimationFrame(draw);
     }
+    if (part === "response") showResponse();
   },
   end() {
     trace.end();
     spectrum.end();
-    root = trace = spectrum = begin = ask = form = averaged = levels = gates = said = verdicts = relation = holding = null;
+    push.end();
+    hammer.end();
+    root = push = pushes = hammer = hammered = pushed = trace = spectrum = begin = ask = form = averaged = levels = gates = said = verdicts = relation = holding = null;
   },
 };

@@ -305,7 +305,7 @@ def _change_sentence(fits: list[_LeastSquares], largest: float) -> str:
     apparent = ((offset_1 - offset_0) + (slope_1 - slope_0)) / slope_0 * largest if slope_0 else math.nan
     percent = 100 * (slope_1 / slope_0 - 1) if slope_0 else math.nan
     return (
-        f"From before to after, the sensitivity went from {slope_0 / largest:.5g} to {slope_1 / largest:.5g} mV/mN "
-        f"({percent:+z.2f} %) and the zero from {offset_0:.4g} to {offset_1:.4g} mV, "
+        f"From before to after, the sensitivity went from {slope_0 / largest:#.5g} to {slope_1 / largest:#.5g} mV/mN "
+        f"({percent:+z.2f} %) and the zero from {offset_0:#.4g} to {offset_1:#.4g} mV, "
         f"which shifts a load of {largest:.4g} mN by {apparent:+z.2f} mN."
     )

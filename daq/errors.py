@@ -28,6 +28,10 @@ class RecordingError(MesotapError, ValueError):
         super().__init__(one_line(text))
 
 
+class StructureError(RecordingError):
+    """A file is made as no recording is (links, shared arrays, claims beyond its size): all of it is doubtful."""
+
+
 class UnwrittenError(RecordingError):
     """A file could not be written.
 

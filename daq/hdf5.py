@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.bounds import BOUNDS
-from daq.errors import RecordingError
+from daq.errors import RecordingError, StructureError
 from daq.limited_child import no_more_files
 from daq.limits import LARGEST_ARRAY, data_room
 from daq.regular import open_regular
@@ -171,6 +171,10 @@ class Node:
         place = "/".join(part for part in (self.name, name) if part)
         return RecordingError(f"{self.path}: {place or '/'}{what}")
 
+    def unsound(self, what: str) -> StructureError:
+        """Return an error about how this item is kept, which has the whole file in doubt."""
+        return StructureError(str(self.error(what)))
+
     def child(self, name: str) -> Node | None:
         """Return the item ``name`` of this group, or None when there is none; an error if it is a link elsewhere."""
         full = f"{self.name}/{name}"
@@ -178,7 +182,7 @@ class Node:
             if not self.item.id.links.exists(name.encode("utf-8", "surrogateescape")):
                 return None
         if self.is_link(name):
-            raise RecordingError(f"{self.path}: {full} is a link to another place, which is not followed")
+            raise StructureError(f"{self.path}: {full} is a link to another place, which is not followed")
         with reading(self.path, full):
             return Node(self.path, full, self.item[name], self.ledger)
 
@@ -202,7 +206,7 @@ class Node:
             It was read before, under another name: hard links make one array a thousand, or a group its own child.
         """
         if self.is_taken():
-            raise self.error(" is the same as another item")
+            raise self.unsound(" is the same as another item")
         self.ledger.taken.add(int(h5py.h5o.get_info(self.item.id).addr))
 
     def group(self, name: str) -> Node | None:
@@ -267,7 +271,7 @@ class Node:
         Raises
         ------
         RecordingError
-            Says which.
+            Says which; it is a `StructureError`.
         """
         with reading(self.path, self.name):
             plan = self.item.id.get_create_plist()
@@ -275,14 +279,14 @@ class Node:
             elsewhere = layout != h5py.h5d.VIRTUAL and plan.get_external_count() > 0
             packing = [plan.get_filter(i)[0] for i in range(plan.get_nfilters())]
         if layout == h5py.h5d.VIRTUAL:
-            raise self.error(" is made of other arrays, which are not read")
+            raise self.unsound(" is made of other arrays, which are not read")
         if elsewhere:
-            raise self.error(" is kept in another file, which is not read")
+            raise self.unsound(" is kept in another file, which is not read")
         unknown = next((code for code in packing if code not in FILTERS), None)
         if unknown is not None:
-            raise self.error(f" is packed by filter {unknown}; known are {', '.join(FILTERS.values())}")
+            raise self.unsound(f" is packed by filter {unknown}; known are {', '.join(FILTERS.values())}")
         if len(set(packing)) < len(packing):
-            raise self.error(" is packed twice")
+            raise self.unsound(" is packed twice")
 
     def content(self) -> NDArray[np.generic]:
         """Return this array as it is, once its claims were held against what its file can hold.
@@ -299,10 +303,10 @@ class Node:
             chunk = math.prod(self.item.chunks or ())
             stored = int(self.item.id.get_storage_size())
         if math.prod(shape) > LARGEST_ARRAY:
-            raise self.error(f" claims shape {shape}, more than this program takes")
+            raise self.unsound(f" claims shape {shape}, more than this program takes")
         needed = max(math.prod(shape) * max(itemsize, 8), chunk * itemsize)
         if needed > self.ledger.room or stored > self.ledger.size:
-            raise self.error(f" claims shape {shape}, more than a file of this size holds")
+            raise self.unsound(f" claims shape {shape}, more than a file of this size holds")
         self.ledger.room -= needed
         with reading(self.path, self.name), np.errstate(all="ignore"):
             return np.asarray(self.item[()])

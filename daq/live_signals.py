@@ -37,22 +37,32 @@ ARMING_S = 0.05
 
 
 class TapWindow:
-    """Waits for the first departure of either channel, and returns the record around it.
+    """Waits for the first departure of either accelerometer, or of the hammer, and returns the record around it.
 
     Parameters
     ----------
     before, after
         Samples before the trigger and from it on; a record never spans samples that were lost, and nothing before
         ``since`` is in it.
-    level_m_s2
-        Departure that triggers; raised to six standard deviations of the noise.
+    level
+        Departure that triggers, m/s2, or N; raised to six standard deviations of the noise of the quietest stretch of
+        ``ARMING_S`` since: what still rings when the wait begins does not hide a later tap.
+    by_force
+        Whether the hammer's force triggers, instead of the accelerations.
+
+    Attributes
+    ----------
+    found
+        Index of the first sample of the record that was returned last.
     """
 
-    def __init__(self, before: int, after: int, sample_rate_hz: float, level_m_s2: float, since: int) -> None:
+    def __init__(
+        self, before: int, after: int, sample_rate_hz: float, level: float, since: int, by_force: bool = False
+    ) -> None:
         self.before, self.after = before, after
-        self._rate, self._level = sample_rate_hz, level_m_s2
-        self._since = since
-        self._thresholds: tuple[Threshold, Threshold] | None = None
+        self._rate, self._level, self._by_force = sample_rate_hz, level, by_force
+        self._since, self.found = since, since
+        self._thresholds: list[Threshold] | None = None
         self._found: int | None = None
 
     @property
@@ -67,21 +77,33 @@ class TapWindow:
         arming = round(ARMING_S * self._rate)
         if self._found is None and self._thresholds is None:
             if stream.end - self._since >= max(self.before, arming):
-                quiet = stream.acceleration(stream.end - arming, stream.end)
-                self._thresholds = (
-                    Threshold(quiet[:1], self._rate, self._level),
-                    Threshold(quiet[1:], self._rate, self._level),
-                )
+                self._thresholds = self._of_the_latest(stream, arming)
             return None
         if self._found is None and self._thresholds is not None:
-            block = stream.last
-            over = [t.first_over(block.acceleration[i : i + 1]) for i, t in enumerate(self._thresholds)]
+            first = stream.last.first_sample
+            block = self._watched(stream, first)
+            over = [t.first_over(row[None]) for row, t in zip(block, self._thresholds, strict=True)]
             if all(index is None for index in over):
+                latest = self._of_the_latest(stream, arming)
+                both = zip(self._thresholds, latest, strict=True)
+                self._thresholds = [now if now.level < then.level else then for then, now in both]
                 return None
-            self._found = block.first_sample + min(index for index in over if index is not None)
+            self._found = first + min(index for index in over if index is not None)
         if self._found is None or stream.end < self._found + self.after:
             return None
-        return stream.acceleration(self._found - self.before, self._found + self.after)
+        self.found = self._found - self.before
+        return stream.acceleration(self.found, self._found + self.after)
+
+    def _of_the_latest(self, stream: SampleStream, samples: int) -> list[Threshold]:
+        quiet = self._watched(stream, stream.end - samples)
+        return [Threshold(row[None], self._rate, self._level) for row in quiet]
+
+    def _watched(self, stream: SampleStream, first: int) -> Real:
+        """Return what triggers, (channels, samples), from a sample on."""
+        if not self._by_force:
+            return stream.acceleration(first, stream.end)
+        force = stream.force(first, stream.end)
+        return np.zeros((0, stream.end - first)) if force is None else force[None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,11 +139,14 @@ class Trace:
         Time of the first point, from the trigger or the newest sample, and between points.
     acceleration
         (2, points), m/s2: samples, or in turn the smallest and the largest of as many as share a column.
+    force
+        (points,) of an instrumented hammer, N, likewise; None without one.
     """
 
     first_ms: float
     step_ms: float
     acceleration: Real
+    force: Real | None = None
 
 
 class LiveSignals:
@@ -177,7 +202,8 @@ class LiveSignals:
             if clipped[i]:
                 self._overloaded_at[i] = self.stream.end
         if self._window is not None and (record := self._window.feed(self.stream)) is not None:
-            self._sweep = _on_screen(record, -self._window.before, self.rate)
+            force = self.stream.force(self._window.found, self._window.found + record.shape[1])
+            self._sweep = _on_screen(record, force, -self._window.before, self.rate)
             self._window = self._armed()
         self.stream.forget(self.stream.end - round(HISTORY_S * self.rate))
 
@@ -193,7 +219,8 @@ class LiveSignals:
         span = min(self._span(), self.stream.end - self.stream.begin)
         if span < 2:
             return None
-        return _on_screen(self.stream.acceleration(self.stream.end - span, self.stream.end), -span, self.rate)
+        first, end = self.stream.end - span, self.stream.end
+        return _on_screen(self.stream.acceleration(first, end), self.stream.force(first, end), -span, self.rate)
 
     def levels(self) -> tuple[Level, Level]:
         """Return the level of each channel."""
@@ -219,15 +246,17 @@ class LiveSignals:
         return a, b
 
 
-def _on_screen(record: Real, first: int, sample_rate_hz: float) -> Trace:
-    """Return (2, n) samples as a trace of two points a column at most; ``first`` is the index of the first sample."""
+def _on_screen(acceleration: Real, force: Real | None, first: int, sample_rate_hz: float) -> Trace:
+    """Return samples as a trace of two points a column at most; ``first`` is the index of the first sample."""
+    record = acceleration if force is None else np.vstack([acceleration, force])
     n = record.shape[1]
     step_ms = 1e3 / sample_rate_hz
-    if n <= 2 * COLUMNS:
-        return Trace(first * step_ms, step_ms, record)
-    each = n // COLUMNS
-    columns = record[:, : each * COLUMNS].reshape(2, COLUMNS, each)
-    ends = np.stack([columns.min(axis=2), columns.max(axis=2)], axis=2)
-    falling = columns.argmin(axis=2) > columns.argmax(axis=2)
-    ends[falling] = ends[falling][:, ::-1]
-    return Trace(first * step_ms, each * step_ms / 2, ends.reshape(2, -1))
+    first_ms = first * step_ms
+    if n > 2 * COLUMNS:
+        each = n // COLUMNS
+        columns = record[:, : each * COLUMNS].reshape(len(record), COLUMNS, each)
+        ends = np.stack([columns.min(axis=2), columns.max(axis=2)], axis=2)
+        falling = columns.argmin(axis=2) > columns.argmax(axis=2)
+        ends[falling] = ends[falling][:, ::-1]
+        record, step_ms = ends.reshape(len(record), -1), each * step_ms / 2
+    return Trace(first_ms, step_ms, record[:2], None if force is None else record[2])

@@ -151,6 +151,8 @@ class Session:
     """What had to be repeated to get the recording; None where nobody kept count."""
     zeros: tuple[ZeroReading, ...] = ()
     """Readings of the gauge while the surfaces were apart, between the calibrations."""
+    refused: tuple[str, ...] = ()
+    """What is wrong with each record of the file that could not be read and is left out; not kept in a file."""
 
     def load_sets(self) -> list[int]:
         """Numbers of the load sets in the session, ascending."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from daq.bounds import BOUNDS
 from daq.durable import write_whole
-from daq.errors import RecordingError
+from daq.errors import RecordingError, StructureError
 from daq.hdf5 import CHECKSUMMED, Node, open_hdf5, refuse_non_finite
 from daq.impact_group import (
     check_impact,
@@ -38,6 +38,8 @@ ZEROS = "zero_readings"
 MOST_ZEROS = 10_000
 """Readings without load that are read; a plan has a tenth as many loads."""
 FAMILIES = ("butterworth", "none", "")
+MOST_REFUSED = 10
+"""Records that cannot be read and are named; of more, their number is told."""
 RATE_TOLERANCE = 0.01
 """Relative difference between the rig's sampling rate and an impact's that a recorder's clock may explain."""
 
@@ -148,12 +150,16 @@ KINDS = (Session, Impact, RigDescription, CalibrationPoints, Repetition, ZeroRea
 def read_session(path: str | Path) -> Session:
     """Return the session in a file of format 1, everything in it checked; what is beside the format is ignored.
 
-    The file's path becomes the session's ``source``. A process of its own reads it (`daq.limited`).
+    A record with something wrong is left out and named in the session's ``refused``; the others are checked each by
+    itself, and by digests of their own. The file's path becomes the session's ``source``. A process of its own reads it
+    (`daq.limited`).
 
     Raises
     ------
     RecordingError
-        No such file, no HDF5 file, a damaged one, or an item is missing or malformed: one sentence that names it.
+        No such file, no HDF5 file, a damaged one, or an item of the session is missing or malformed, or every record
+        is, or most records contradict the header's sampling rate, or one is put together as none is (a link, an array
+        of two records, a claim beyond the file's size): one sentence that names it.
     """
     return read_limited(session_in, Path(path), kinds=KINDS)
 
@@ -175,10 +181,11 @@ def session_in(path: Path) -> Session:
             raise root.error(" is missing", "/config")
         rig = _read_rig(root.need_group("rig"))
         calibration = root.group("calibration")
+        impacts, refused = _read_impacts(root.need_group("impacts"), rig.sample_rate_hz)
         return Session(
             created=created,
             rig=rig,
-            impacts=_read_impacts(root.need_group("impacts"), rig.sample_rate_hz),
+            impacts=impacts,
             pre=_read_points(calibration, "pre"),
             post=_read_points(calibration, "post"),
             zeros=_read_zeros(root),
@@ -190,6 +197,7 @@ def session_in(path: Path) -> Session:
             config=scalar_text(config),
             source=str(path),
             hardware=_read_hardware(root),
+            refused=refused,
         )
 
 
@@ -271,16 +279,46 @@ def _read_points(calibration: Node | None, when: str) -> CalibrationPoints | Non
     )
 
 
-def _read_impacts(group: Node, rig_rate_hz: float) -> tuple[Impact, ...]:
+class _OtherRate(RecordingError):
+    """A record is sampled at another rate than the header says: one of the two is wrong."""
+
+
+def _read_impacts(group: Node, rig_rate_hz: float) -> tuple[tuple[Impact, ...], tuple[str, ...]]:
+    """Return the records that are sound, and what is wrong with the others.
+
+    Raises
+    ------
+    RecordingError
+        None is sound, or it is rather the header or the file's structure that is wrong.
+    """
     impacts: list[Impact] = []
+    faults: list[RecordingError] = []
     for name in sorted((n for n in group.names() if n.isascii() and n.isdigit()), key=int):
-        node = group.need_group(name)
-        node.take()
-        number = int(name)
-        if name != f"{number:05d}":
-            raise node.error(": an impact's name has five digits")
-        rate_hz = node.number("sample_rate_hz", above=0.0)
-        if math.isfinite(rig_rate_hz) and abs(rate_hz - rig_rate_hz) > RATE_TOLERANCE * rig_rate_hz:
-            raise node.error(f": sample_rate_hz is {rate_hz:g} but /rig says {rig_rate_hz:g}")
-        impacts.append(read_impact(node, number))
-    return tuple(impacts)
+        try:
+            impacts.append(_read_one(group, name, rig_rate_hz))
+        except StructureError:
+            raise
+        except RecordingError as error:
+            faults.append(error)
+    rates = [fault for fault in faults if isinstance(fault, _OtherRate)]
+    if len(rates) > len(impacts):
+        raise RecordingError(str(rates[0]))
+    if faults and not impacts:
+        more = f"; nor can any of its {len(faults) - 1} other records be read" if len(faults) > 1 else ""
+        raise RecordingError(f"{faults[0]}{more}")
+    said = [f"{str(fault).removeprefix(f'{group.path}: ')}; this record is left out" for fault in faults]
+    if len(said) > MOST_REFUSED:
+        said[MOST_REFUSED:] = [f"{len(said) - MOST_REFUSED} more records cannot be read and are left out"]
+    return tuple(impacts), tuple(said)
+
+
+def _read_one(group: Node, name: str, rig_rate_hz: float) -> Impact:
+    node = group.need_group(name)
+    node.take()
+    number = int(name)
+    if name != f"{number:05d}":
+        raise node.error(": an impact's name has five digits")
+    rate_hz = node.number("sample_rate_hz", above=0.0)
+    if math.isfinite(rig_rate_hz) and abs(rate_hz - rig_rate_hz) > RATE_TOLERANCE * rig_rate_hz:
+        raise _OtherRate(str(node.error(f": sample_rate_hz is {rate_hz:g} but /rig says {rig_rate_hz:g}")))
+    return read_impact(node, number)

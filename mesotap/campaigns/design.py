@@ -20,6 +20,10 @@ from mesotap.configuration.config import ConfigError, effective_text, parse_conf
 from mesotap.configuration.yaml_text import NOT_YAML, not_yaml, parsed
 
 CONFIG, RESULTS, DIAGNOSIS = "config.yaml", "results.json", "session/diagnosis.json"
+EMPTY = (
+    "is empty, and says nothing to try; write for example 'vary: {mesotap.impacts_per_load: [4, 8]}', or 'repeats: 10' "
+    "for sessions that differ by chance alone"
+)
 LARGEST_SWEEP = 1_000_000  # sessions; beyond it a design is a slip of the pen
 
 
@@ -54,6 +58,13 @@ class Design(pydantic.BaseModel):
     vary: dict[str, list[Any]] = {}
     diagnose: bool = False
 
+    @pydantic.model_validator(mode="after")
+    def _each_key_once(self) -> Design:
+        for key in self.vary:
+            if key in self.set:
+                raise ValueError(f"{key} stands in set and in vary: the value in set would not count, take it out")
+        return self
+
     @pydantic.field_validator("vary")
     @classmethod
     def _something_is_varied(cls, vary: dict[str, list[Any]]) -> dict[str, list[Any]]:
@@ -87,8 +98,10 @@ def read_design(path: Path) -> Design:
         raise CampaignError(str(error)) from error
     except NOT_YAML as error:
         raise CampaignError(not_yaml(str(path), error)) from error
+    if content is None or content == {}:
+        raise CampaignError(f"{path}: {EMPTY}")
     try:
-        return Design.model_validate(content if content is not None else {})
+        return Design.model_validate(content)
     except pydantic.ValidationError as error:
         faults = [f"{'.'.join(map(str, e['loc'])) or 'the design'}: {e['msg']}" for e in error.errors()]
         raise CampaignError(f"{path}: {'; '.join(faults)}") from error

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from mesotap import __version__
+from mesotap.answers.rounding import counted
 from mesotap.campaigns.task import program_sha256
 from mesotap.catalogue.answers_beside import AGAIN, places_of_answers
 from mesotap.catalogue.entry import Entry, Found
@@ -113,7 +114,7 @@ def _graph(
     }
     root = {
         **{"@id": "./", "@type": "Dataset", "datePublished": at.date().isoformat()},
-        "name": f"{len(sessions)} sessions of contact resonance tests: {names}",
+        "name": f"{counted(len(sessions), 'session')} of contact resonance tests: {names}",
         "description": "Recordings of taps on two masses pressed together, with calibration, configuration and the "
         "contact stiffness and damping found in them (doi 10.1115/1.1857920).",
         "license": {"@id": license_id},

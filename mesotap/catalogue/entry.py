@@ -7,6 +7,10 @@ from typing import Any
 
 COMPLETE, UNFINISHED = "complete", "unfinished"
 DAMAGED, FOREIGN, MOVED, GONE = "damaged", "other format", "moved", "gone"
+STATES = (COMPLETE, UNFINISHED, DAMAGED, FOREIGN, MOVED, GONE)
+VERDICTS = ("consistent", "missing_physics", "new_physics", "unexplained")
+"""Of a diagnosis; see `analysis.mismatch.answer`."""
+
 UNREADABLE = (DAMAGED, FOREIGN, MOVED, GONE)
 """States of a session of which nothing can be said but why."""
 
@@ -57,7 +61,7 @@ class Entry:
     path
         Of the session's folder, or of a session file that lies by itself; absolute.
     state, reason
-        One of the states above; why, where it is not ``complete``.
+        One of the states above; why, where it is not ``complete``, and which records cannot be read.
     stands, goes_on
         Where a session's folder stands by its journal, and where it goes on when it is resumed.
     format

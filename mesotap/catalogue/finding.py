@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from mesotap.catalogue.question import OF_LOAD, All, Is, Node, Not, OneOf, Within, Words
+from mesotap.catalogue.entry import UNREADABLE
+from mesotap.catalogue.question import OF_LOAD, TEXTS, All, Is, Node, Not, OneOf, Within, Words
 
 Clause = tuple[str, list[object]]
 _COLUMN = {"load": "load_mn", "kc": "k_c", "zeta": "zeta", "f2": "f2_hz", "f1": "f1_hz", "noise": "noise_m_s2"}
@@ -31,7 +32,11 @@ def clause_for(question: Node) -> Clause:
             return _on_one_load([question]) if key in _LOAD_KEYS else _bounds(question)
         case Not(part):
             inner, values = clause_for(part)
-            return f"NOT coalesce({inner}, 0)", values
+            if _known_of_all(part):
+                return f"NOT coalesce({inner}, 0)", values
+            # of a session that cannot be read nobody knows that it is not so
+            marks = ", ".join("?" * len(UNREADABLE))
+            return f"(NOT coalesce({inner}, 0) AND state NOT IN ({marks}))", [*values, *UNREADABLE]
         case OneOf(parts):
             return _joined([clause_for(part) for part in parts], " OR ", "0")
         case All(parts):
@@ -39,6 +44,20 @@ def clause_for(question: Node) -> Clause:
             clauses = [clause_for(p) for p in parts if not (isinstance(p, Within) and p.key in _LOAD_KEYS)]
             return _joined([*clauses, *([_on_one_load(of_load)] if of_load else [])], " AND ", "1")
     raise TypeError(question)
+
+
+def _known_of_all(question: Node) -> bool:
+    """Whether what is asked is known of a session that cannot be read, too: how it stands and what it is called."""
+    match question:
+        case Not(part):
+            return _known_of_all(part)
+        case OneOf(parts) | All(parts):
+            return all(_known_of_all(part) for part in parts)
+        case Words(columns):
+            return columns == TEXTS["name"]
+        case Is(key):
+            return key == "state"
+    return False
 
 
 def _joined(clauses: list[Clause], word: str, empty: str) -> Clause:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 from daq.errors import one_line
+from mesotap.catalogue.entry import STATES, VERDICTS
 from rig.errors import MesotapError
 
 TEXTS = {
@@ -27,6 +28,9 @@ TEXTS = {
 own: labs write it into specimen or title."""
 
 EXACT = ("verdict", "mechanism", "state", "software")
+ALLOWED = {"state": STATES, "verdict": VERDICTS}
+"""Values of those keys that have no others: what is not among them is a slip, and would find nothing."""
+
 SWITCHES = ("drifted", "simulated")
 OF_SESSION = {"noise": 1.0, "f1": 1.0}
 OF_LOAD = {"load": 1.0, "kc": 1e6, "zeta": 1e-2, "f2": 1.0}
@@ -159,6 +163,8 @@ def term(key: str, value: str) -> Node:
             raise QuestionError(f"{key}: takes yes or no, not {value!r:.40}")
         return Is(key, value.lower() in YES)
     if key in EXACT:
+        if key in ALLOWED and value not in ALLOWED[key]:
+            raise QuestionError(f"{key}: is one of {', '.join(ALLOWED[key])}, not {value!r:.40}")
         return Is(key, value)
     if key in DATES:
         return _date(key, value)

@@ -172,7 +172,9 @@ def _from_file(session: Session, bare: Entry) -> Entry:
     return replace(
         bare,
         state=COMPLETE if session.complete else UNFINISHED,
-        reason="" if session.complete else "the session did not reach its end",
+        reason="; ".join(
+            [*([] if session.complete else ["the session did not reach its end"]), *map(plain, session.refused)]
+        ),
         format=f"{FORMAT} {VERSION}",
         simulated="simulated rig" in session.software or "emulated" in session.software,
         taps=len(session.impacts),

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from analysis.control_charts import CUSUM_LIMIT, Chart, chart
+from mesotap.answers.rounding import counted
 from mesotap.catalogue.entry import UNREADABLE, Entry
 from mesotap.catalogue.listing import copies
 from mesotap.catalogue.store import seconds_of
@@ -75,7 +76,7 @@ def trends(entries: Sequence[Entry], load_mn: float | None) -> tuple[list[Trend]
     for name, (unit, found) in series.items():
         values = [value for _, value in found]
         if len(values) < FEWEST:
-            said.append(f"{name}: {len(values)} sessions have it, a chart needs {FEWEST}")
+            said.append(f"{name}: had by {counted(len(values), 'session')}, a chart needs {FEWEST}")
         elif np.ptp(values) <= 1e-9 * abs(float(np.mean(values))):
             said.append(f"{name}: is the same in all {len(values)} sessions: it is declared, not measured")
         else:
@@ -111,11 +112,21 @@ def alarm_sentence(trend: Trend, number: int) -> str:
     at, since = trend.sessions[alarm.at], trend.sessions[alarm.since]
     way = "higher" if alarm.upwards else "lower"
     text = f"{trend.quantity}: is {way} since {since.name} ({since.created[:10]}), told by {which} at {at.name}"
-    if alarm.change is not None:
+    if alarm.change is None:
+        seen = alarm.at - alarm.since + 1
+        text += f"; by how much cannot be said: {_too_few(seen, alarm.since)}"
+    else:
         mean = float(np.mean(trend.chart.values))
         percent = f" ({100 * alarm.change.value / mean:+.2g} %)" if mean and trend.quantity != "gauge zero" else ""
         text += f": by {alarm.change.value:.3g} ± {alarm.change.half_width:.2g} {trend.unit}{percent}"
     return text
+
+
+def _too_few(after: int, before: int) -> str:
+    """Return why a change has no size: an interval needs two values on either side, and some scatter."""
+    if after < 2:
+        return "it shows in one session so far, and an interval needs two"
+    return "one session was before it, and an interval needs two" if before < 2 else "the values before do not scatter"
 
 
 def trends_json(made: Sequence[Trend], said: Sequence[str]) -> dict[str, Any]:

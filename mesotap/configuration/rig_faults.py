@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -74,3 +75,24 @@ def _meant(loc: tuple[Any, ...], content: object, kinds: Mapping[str, type[Secti
             meant = next((k for key, k in kinds.items() if isinstance(at, dict) and key in at), last)
             return part not in {kind.__name__ for kind in kinds.values()} or part == meant.__name__
     return True
+
+
+def place_named(message: str, content: Mapping[Any, Any]) -> tuple[Any, ...]:
+    """Return the path of the key that a fault of the whole file begins with; nothing where it begins with none.
+
+    Examples
+    --------
+    >>> place_named("Value error, bodies.far: nothing holds it", {"bodies": {"far": 1, "near": 1}})
+    ('bodies', 'far')
+    >>> place_named("joints.0 names 'x', which is not a body", {"joints": [{"between": ["x", "ground"]}]})
+    ('joints', 0)
+    """
+    said = message.removeprefix("Value error, ")
+    for section, within in content.items():
+        keys = list(within) if isinstance(within, dict) else range(len(within)) if isinstance(within, list) else ()
+        named = [key for key in keys if re.match(rf"{re.escape(f'{section}.{key}')}(?=[:, ])", said)]
+        if named:
+            return section, max(named, key=lambda key: len(str(key)))
+        if re.match(rf"{re.escape(str(section))}(?=[:., ])", said):
+            return (section,)
+    return ()

@@ -14,7 +14,7 @@ from daq.errors import one_line
 from daq.exchange.units import is_known_unit, kind_of_motion
 from mesotap.configuration.config import ConfigError, text_of
 from mesotap.configuration.rig_connections import unconnected, unconnected_words
-from mesotap.configuration.rig_faults import deepest
+from mesotap.configuration.rig_faults import deepest, place_named
 from mesotap.configuration.yaml_text import NOT_YAML, line_of, not_yaml, parsed, sentence
 from rig.section import Section, of_a_size
 from sim_backend.arrangement import LOAD, Arrangement, Element, Parameter, Role, Row, Sensor
@@ -330,7 +330,7 @@ def parse_rig(text: str, name: str = "rig.yaml") -> DescribedRig:
     except ValidationError as error:
         lines = []
         for fault in deepest(error, content, KINDS):
-            line = line_of(node, fault["loc"])
+            line = line_of(node, fault["loc"] or place_named(fault["msg"], content))
             where = f"{name}, line {line}" if line else name
             lines.append(f"{where}: {sentence(fault, RigFile)}")
         raise ConfigError("\n".join(dict.fromkeys(lines))) from error

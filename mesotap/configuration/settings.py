@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, Field, field_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from daq.texts import refuse_unstorable
 from rig.settings import Positive, Section
@@ -49,6 +49,15 @@ class SessionSettings(Section):
     def taps_per_load(self) -> int:
         """Good taps that are made at each load: those that are used, and those to choose from."""
         return self.impacts_per_load + self.surplus_impacts
+
+    @model_validator(mode="after")
+    def _taps_can_be_had(self) -> SessionSettings:
+        if self.surplus_impacts and self.taps_per_load > self.tries_per_load:
+            raise ValueError(
+                f"mesotap.impacts_per_load and mesotap.surplus_impacts ask for {self.taps_per_load} good taps at each "
+                f"load, and mesotap.tries_per_load ends it after {self.tries_per_load}"
+            )
+        return self
 
     @field_validator("load_plan_mn")
     @classmethod

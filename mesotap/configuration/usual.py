@@ -105,9 +105,14 @@ def _remark(content: Any, key: str, usual: Usual) -> str:
     for part in key.split("."):
         content = content.get(part) if isinstance(content, dict) else None
     several = isinstance(content, list | tuple)
-    values = [
-        abs(v)
-        for v in (content if several else [content])
-        if isinstance(v, int | float) and v is not True and math.isfinite(v)
-    ]
-    return usual.remark(f"the largest of {key}" if several else key, float(max(values, default=0.0)))
+    values = [_magnitude(v) for v in (content if several else [content])]
+    return usual.remark(f"the largest of {key}" if several else key, max(values, default=0.0))
+
+
+def _magnitude(value: Any) -> float:
+    """Return how large a number is; 0.0 for what is none, or too large for a float, which the schema refuses."""
+    try:
+        size = abs(float(value)) if isinstance(value, int | float) and value is not True else 0.0
+    except OverflowError:
+        return 0.0
+    return size if math.isfinite(size) else 0.0

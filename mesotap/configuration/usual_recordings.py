@@ -13,7 +13,8 @@ from analysis.mismatch.rig_description import DescribedRig
 from daq.exchange import Recording
 from daq.exchange.units import to_si
 from daq.records import Session
-from mesotap.configuration.usual import Usual
+from mesotap.configuration.usual import LOAD as LOADS
+from mesotap.configuration.usual import MASS, STIFFNESS, Usual
 from sim_backend.arrangement import LOAD
 
 SLOWEST: Final = 1000.0  # Hz, of a sampling rate below which no contact resonance of the tester is seen
@@ -28,6 +29,7 @@ OF_UNIT: Final = {
     "N": Usual(1e-6, 1e7, "N", (("mN", 1e-3), ("uN", 1e-6), ("kN", 1e3))),
 }
 """Usual largest magnitudes of a channel: from the noise of good sensors to what testing machines reach."""
+OF_THE_RIG: Final = {"m1_kg": MASS, "m2_kg": MASS, "k1_n_per_m": STIFFNESS, "k2_n_per_m": STIFFNESS}
 ANY_UNIT: Final = Usual(1e-12, 1e12, "of its unit")
 PREFIXES: Final = {"k": 1e3, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}
 
@@ -48,12 +50,23 @@ def recording_remarks(recording: Recording, rate: bool = True) -> list[str]:
 
 
 def session_remarks(session: Session) -> list[str]:
-    """Return in sentences what is unusual about the accelerations of a session."""
+    """Return in sentences what is unusual about the accelerations, the loads and the declared rig of a session."""
     taps = [i.acceleration for i in session.impacts]
     said = channel_remarks(("A", "B"), ("m/s2", "m/s2"), taps) if taps else []
     rates = {i.sample_rate_hz for i in session.impacts} if session.rig.is_tester else set()
     said += [slow(rate) for rate in sorted(rates) if rate < SLOWEST]
+    if session.rig.is_tester:
+        declared = {key: getattr(session.rig, key) for key in OF_THE_RIG}
+        said += [OF_THE_RIG[key].remark(f"{key} of /rig", value) for key, value in declared.items()]
+        loads = [abs(i.target_load_mn) for i in session.impacts if math.isfinite(i.target_load_mn)]
+        said.append(LOADS.remark("the largest target_load_mn", max(loads, default=0.0)))
+        said = [one for one in said if one]
     return [f"{session.source}: {one}" for one in said]
+
+
+def refused_records(session: Session) -> list[str]:
+    """Return a sentence for each record of a session's file that could not be read and is left out."""
+    return [f"{session.source}: {one}" for one in session.refused]
 
 
 def slow(rate_hz: float) -> str:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import difflib
 import re
 import reprlib
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any
 
 import yaml
@@ -29,6 +31,9 @@ LARGEST_TEXT = 100_000
 
 MOST_ENTRIES = 20_000
 """Keys and values of a text with its aliases written out."""
+
+TEXTS_KEPT = 16
+"""Whose values are kept: one command reads the same configuration several times, and each time takes 0.1 s."""
 
 HIDDEN_LINE_END = re.compile("[\x85\u2028\u2029]")
 SHOWN_LINE_END = re.compile("\r\n?|\n")
@@ -55,7 +60,7 @@ class NotTaken(ValueError):
 
 
 def parsed(text: str) -> tuple[Any, Any]:
-    """Return YAML as nodes, which know their lines, and as values.
+    """Return YAML as nodes, which know their lines and are not to be altered, and as values of the caller's own.
 
     Raises
     ------
@@ -65,6 +70,12 @@ def parsed(text: str) -> tuple[Any, Any]:
     if len(text) > LARGEST_TEXT:
         raise NotTaken(f"it is longer than {LARGEST_TEXT // 1000} kB")
     _refuse_hidden_line_ends(text)
+    node, values = _read(text)
+    return node, copy.deepcopy(values)
+
+
+@lru_cache(TEXTS_KEPT)
+def _read(text: str) -> tuple[Any, Any]:
     loader = _Loader(text)
     try:
         node = loader.get_single_node()

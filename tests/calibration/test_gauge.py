@@ -190,7 +190,9 @@ def test_a_voltage_that_is_no_number_has_no_load():
     assert GaugeHistory(line(EIGHT), None, SETTINGS).load_at(float("nan"), NINE) is None
 
 
-@pytest.mark.parametrize("scenario", ["still", "steady", "jump"])
+@pytest.mark.parametrize(
+    "scenario", ["still", *(pytest.param(drifts, marks=pytest.mark.slow) for drifts in ("steady", "jump"))]
+)
 def test_load_intervals_cover(scenario):
     rng = np.random.default_rng(11)
     draws, hits = 500, 0
@@ -214,6 +216,7 @@ def test_load_intervals_cover(scenario):
         assert hits / draws < 0.985
 
 
+@pytest.mark.slow
 def test_a_random_walk_is_covered_as_far_as_one_increment_can_tell():
     # Bridge over the increment of a walk of unknown size is Student's t with one degree of freedom.
     rng = np.random.default_rng(12)

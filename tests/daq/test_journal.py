@@ -23,7 +23,6 @@ from daq.impact_group import digest_of
 from daq.journal import SessionFolder, append_after_death
 from daq.journal_file import parse_journal
 from daq.records import Impact
-from tests.fuzz.forked import reading_in_forks
 
 from .same import same
 
@@ -232,7 +231,7 @@ def test_kills_lose_at_most_the_impact_in_flight(tmp_path: Path) -> None:
             reported = max(reported, len(numbers) - 1)
             done = [event["shot"] for event in run.events() if event["event"] == "shot"]
             assert set(done) <= set(numbers)
-    with SessionFolder.open(path) as run, reading_in_forks():
+    with SessionFolder.open(path) as run:
         for number in numbers:
             impact, checkpoint = run.read_impact(number)
             assert checkpoint == {"n": number}

@@ -21,6 +21,8 @@ from daq.limited_child import no_more_files
 from daq.limited_reply import NoReply, decoded, empty_arrays, encoded
 from daq.limits import LARGEST_ARRAY, data_room, memory_room
 
+pytestmark = pytest.mark.usefixtures("in_new_processes")
+
 
 @dataclass
 class Kept:

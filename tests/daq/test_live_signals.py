@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -88,6 +90,15 @@ def test_noise_does_not_trigger_however_low_the_level():
     assert played(noise(2.0), triggered=True, level_m_s2=1e-6).trace() is None
 
 
+def test_a_tap_is_shown_although_the_one_before_still_rang_when_the_wait_for_it_began():
+    samples, t = noise(6.0), np.arange(round(3.0 * RATE)) / RATE
+    for begin, size in ((1.0, 1.2), (3.0, 0.7)):
+        first = round(begin * RATE)
+        samples[:, first : first + t.size] += size * np.exp(-2 * t) * np.sin(2 * np.pi * 356 * t)
+    trace = played(samples, span_ms=50.0, triggered=True).trace()
+    assert np.abs(trace.acceleration).max() == pytest.approx(0.7, rel=0.05)
+
+
 def test_levels():
     t = np.arange(round(3 * RATE)) / RATE
     samples = np.stack([2.0 * np.sin(2 * np.pi * 100.0 * t), np.full_like(t, 0.25)])
@@ -131,3 +142,41 @@ def test_no_record_spans_lost_samples():
 def test_what_is_kept_is_bounded():
     signals = played(noise(6.0))
     assert signals.stream.end - signals.stream.begin <= 2.5 * RATE + BLOCK
+
+
+class WithForce(Playing):
+    """A recorder with a hammer, whose force is a tenth of the second channel."""
+
+    def read_block(self):
+        block = super().read_block()
+        return replace(block, force=0.1 * block.acceleration[1])
+
+
+def test_the_force_is_shown_with_the_accelerations_on_the_same_columns():
+    samples = noise(2.2)
+    samples[1, 40_017] = 30.0
+    for span_ms, points in ((50.0, 1250), (2000.0, 2 * COLUMNS)):
+        signals = LiveSignals(WithForce(samples, []), 16, span_ms, False, 0.05)
+        with pytest.raises(RigError, match="the end"):
+            while True:
+                signals.read()
+        trace = signals.trace()
+        assert (trace.acceleration.shape, trace.force.shape) == ((2, points), (points,))
+        assert np.allclose(trace.force, 0.1 * trace.acceleration[1])
+    assert trace.force.max() == pytest.approx(3.0)
+    assert played(samples).trace().force is None
+
+
+def test_a_tap_is_found_in_the_force_although_neither_accelerometer_saw_it():
+    samples = noise(1.0)
+    samples[1, 12_345:12_360] = 0.04  # below what an acceleration triggers at, above 3 mN
+    for by_force, expected in ((True, [12_345 - 250]), (False, [])):
+        signals = LiveSignals(WithForce(samples, []), 16, 50.0, False, 0.05)
+        window, found = TapWindow(250, 1000, RATE, 0.003 if by_force else 0.05, 0, by_force), []
+        with pytest.raises(RigError, match="the end"):
+            while True:
+                signals.read()
+                if window.feed(signals.stream) is not None:
+                    found.append(window.found)
+                    window = TapWindow(250, 1000, RATE, 0.003, signals.stream.end, by_force)
+        assert found == expected

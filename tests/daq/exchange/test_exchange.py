@@ -16,7 +16,6 @@ from daq.errors import RecordingError
 from daq.exchange import Recording, as_session, import_recording
 from daq.session_file import read_session, write_session
 from tests.daq.same import same
-from tests.fuzz.forked import reading_in_forks
 
 N = 400
 RATE = 25600.0
@@ -354,8 +353,7 @@ FUZZ = settings(max_examples=80, deadline=None, suppress_health_check=[HealthChe
 def recording_or_sentence(path: Path, content: bytes) -> None:
     path.write_bytes(content)
     try:
-        with reading_in_forks():
-            recording = import_recording(path, rate_hz=None)
+        recording = import_recording(path, rate_hz=None)
     except RecordingError as error:
         if "\n" in str(error) or not str(error).startswith(str(path)):
             raise AssertionError(str(error)) from error

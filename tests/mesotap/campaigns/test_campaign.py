@@ -77,6 +77,7 @@ def test_a_task_sees_its_inputs_alone_and_its_result_says_how_it_came_about(tmp_
     assert result["provenance"]["program_sha256"] == program_sha256()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("program")
 def test_what_fails_three_times_is_set_aside_and_the_others_are_done(tmp_path: Path):
     bad = {"breaks": ["break"], "dies": ["die"], "hangs": ["hang"], "fills": ["fill"]}

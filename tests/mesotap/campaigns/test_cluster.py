@@ -204,6 +204,7 @@ def test_a_description_that_is_not_there_is_named(tmp_path: Path):
 # --- on workers of dask ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @needs_dask
 def test_a_task_that_kills_its_worker_is_set_aside_and_the_others_are_done(tmp_path: Path):
     good = {f"t{i}": ("answer", str(i)) for i in range(6)}

@@ -18,7 +18,7 @@ from mesotap.commands.campaign import TABLE, campaign, sweep
 from mesotap.configuration.config import parse_config
 from rig.errors import MesotapError
 
-SHORT = "{mesotap.load_plan_mn: [264.9], mesotap.impacts_per_load: 2, mesotap.dwell_s: 0}"
+SHORT = "{mesotap.load_plan_mn: [264.9], mesotap.dwell_s: 0}"
 
 
 def written(folder: Path, text: str) -> Path:
@@ -64,6 +64,7 @@ vary:
         ("vary: {mesotap.dwell_s: 1}", "vary.mesotap.dwell_s: Input should be a valid list"),
         ("vary: {mesotap.dwel_s: [1]}", "mesotap.dwel_s"),
         ("vary: {mesotap.dwell_s: [1, -1]}", "mesotap.dwell_s: -1"),
+        ("{set: {mesotap.dwell_s: 1}, vary: {mesotap.dwell_s: [1, 2]}}", "mesotap.dwell_s stands in set and in vary"),
         ("config: nowhere.yaml", "nowhere.yaml"),
         ("repeats: 2000000", "asks for 2,000,000 sessions"),
         ('title: "a\\nb"', "title"),
@@ -77,10 +78,11 @@ def test_what_is_no_design_gets_a_sentence_that_says_where(tmp_path: Path, text:
     assert "design.yaml" in str(caught.value) or "nowhere.yaml" in str(caught.value)
 
 
-def test_an_empty_design_is_one_session_of_the_defaults(tmp_path: Path):
-    path = written(tmp_path, "")
-    assert read_design(path) == Design()
-    assert len(dict(planned(Design(), path))) == 1
+@pytest.mark.parametrize("text", ["", "{}", "# to be written\n"])
+def test_an_empty_design_is_refused_with_what_to_write(tmp_path: Path, text: str):
+    with pytest.raises(MesotapError, match=r"is empty.*write for example 'vary: \{mesotap.impacts_per_load"):
+        read_design(written(tmp_path, text))
+    assert len(dict(planned(Design(), tmp_path / "design.yaml"))) == 1
 
 
 @pytest.mark.slow

@@ -62,7 +62,6 @@ def test_a_diagnosis_of_another_recording_is_left_out_and_said(tmp_path, catalog
     assert "of another recording" in found.notes[0]
 
 
-@pytest.mark.usefixtures("in_forks")
 def test_only_what_changed_is_read_again(tmp_path, catalogue):
     first = filed(tmp_path / "lab" / "a")
     filed(tmp_path / "lab" / "b", session(seed=2))
@@ -74,7 +73,6 @@ def test_only_what_changed_is_read_again(tmp_path, catalogue):
     assert entries(catalogue)["a"].loads[0].contact_stiffness_n_per_m.value == 7e6
 
 
-@pytest.mark.usefixtures("in_forks")
 def test_the_same_answer_whatever_it_was_before(tmp_path, catalogue):
     """An index that grew, was kept through moves and was made anew says the same of what is there."""
     for number in range(3):
@@ -87,7 +85,6 @@ def test_the_same_answer_whatever_it_was_before(tmp_path, catalogue):
         assert anew.find() == [e for e in catalogue.find() if e.state != "moved"]
 
 
-@pytest.mark.usefixtures("in_forks")
 def test_a_session_that_was_moved_or_is_gone_is_said_to_be(tmp_path, catalogue):
     for number in range(2):
         filed(tmp_path / "lab" / f"s{number}", session(seed=number))
@@ -106,7 +103,6 @@ def test_a_session_that_was_moved_or_is_gone_is_said_to_be(tmp_path, catalogue):
     assert entries(catalogue)["s1"].state == "complete"
 
 
-@pytest.mark.usefixtures("in_forks")
 def test_a_folder_that_was_renamed_is_found_by_its_new_name_alone(tmp_path, catalogue):
     filed(tmp_path / "lab" / "s0")
     update(catalogue, [tmp_path / "lab"])
@@ -115,7 +111,6 @@ def test_a_folder_that_was_renamed_is_found_by_its_new_name_alone(tmp_path, cata
     assert sorted(e.state for e in catalogue.find()) == ["complete", "moved"]
 
 
-@pytest.mark.usefixtures("in_forks")
 def test_other_formats_and_damaged_files_are_listed_with_the_reason(tmp_path, catalogue):
     folder = filed(tmp_path / "s1")
     for name, version in (("older.h5", 0), ("newer.h5", 2)):
@@ -160,7 +155,6 @@ def test_answers_that_are_none_are_said(tmp_path, catalogue, results_text):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("in_forks")
 def test_no_damage_of_a_folder_ends_an_update(tmp_path, sound, catalogue):
     place = tmp_path / "lab"
     harmless = {name: do for name, do in DAMAGES.items() if "permissions" not in name and "3 GB" not in name}

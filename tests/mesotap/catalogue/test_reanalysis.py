@@ -41,7 +41,6 @@ def recorded(tmp_path_factory):
     return place
 
 
-@pytest.mark.usefixtures("in_forks")
 def test_older_answers_stay_and_the_same_analysis_is_not_done_twice(recorded, tmp_path):
     folder = shutil.copytree(recorded, tmp_path / "lab" / "s")
     (tmp_path / "lab" / "torn.h5").write_bytes(b"torn")
@@ -63,6 +62,9 @@ def test_older_answers_stay_and_the_same_analysis_is_not_done_twice(recorded, tm
     (folder / "results.json").write_text(older)
     second = again("--where", "-state:damaged")
     assert second["s"]["done"] is False
+    assert "0 of 2 sessions analysed now" in " ".join(
+        mesotap("reanalyze", tmp_path / "lab", *index, "--where", "name:s").stdout.split()
+    )
     assert [c["beyond"] for c in second["s"]["changes"]] == [True]
     assert second["s"]["causes"]["configuration"] == "not recorded with the older answer"
     other = again("--where", "name:s", "--set", "calibration.weights_mn=[0, 400, 1000]")
@@ -74,7 +76,6 @@ def test_older_answers_stay_and_the_same_analysis_is_not_done_twice(recorded, tm
     assert found["answer"].startswith("reanalysis/")
 
 
-@pytest.mark.usefixtures("in_forks")
 def test_what_differs_from_the_analysis_before_is_told(recorded, tmp_path):
     folder = shutil.copytree(recorded, tmp_path / "s")
     index, out = ("--index", tmp_path / "i.sqlite"), tmp_path / "r.json"

@@ -352,3 +352,11 @@ def test_without_a_hammer_a_configuration_reads_as_it_did_before_there_were_any(
 def test_a_hammer_that_cannot_be_is_refused(hammer, said):
     with pytest.raises(ConfigError, match=said):
         parse_config(f"rig: {{wiring: {{hammer: {hammer}}}}}")
+
+
+def test_more_good_taps_than_tries_are_refused():
+    with pytest.raises(
+        ConfigError, match=r"ask for 107 good taps at each load, and mesotap\.tries_per_load ends it after 40"
+    ):
+        parse_config("mesotap: {surplus_impacts: 99}\n")
+    assert parse_config("mesotap: {surplus_impacts: 8}\n").mesotap.taps_per_load == 16

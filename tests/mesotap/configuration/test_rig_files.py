@@ -60,11 +60,11 @@ def test_a_constant_with_an_uncertainty_is_held_by_it():
         ("bodies: {m: 1}\n" + SENSOR, "nothing holds the bodies"),
         ("bodies: {m: heavy}\n" + SPRING + SENSOR, "line 1: bodies.m is 'heavy'"),
         ("bodies: {m: 0}\n" + SPRING + SENSOR, "bodies.m: a mass must be above 0"),
-        ("bodies: {m: 1, n: 2}\n" + SPRING + SENSOR, "bodies.n: nothing holds, pushes or shows it"),
-        ("bodies: {m: 1, n: 2}\n" + SPRING + SENSOR + "tapped: n", "bodies.n: nothing connects it to the others"),
+        ("bodies: {m: 1, n: 2}\n" + SPRING + SENSOR, "line 1: bodies.n: nothing holds, pushes or shows it"),
+        ("bodies: {m: 1, n: 2}\n" + SPRING + SENSOR + "tapped: n", "line 1: bodies.n: nothing connects it"),
         (
             "bodies: {m: 1, n: 2, p: 3}\njoints: [{between: [n, p]}]\n" + SPRING + SENSOR,
-            "bodies.n, p: nothing connects them to the others",
+            "rig.yaml, line 1: bodies.n, p: nothing connects them to the others",
         ),
         (
             "bodies: {m: 1}\n" + SPRING + "sensors: [{channel: 0, of: m, shows: velocity, unit: furlongs}]\n",
@@ -77,7 +77,11 @@ def test_a_constant_with_an_uncertainty_is_held_by_it():
         ("bodies: {m: 1}\n" + SPRING + SENSOR + "units: {length: parsecs}", "units.length: 'parsecs' is no known unit"),
         ("bodies: {m: unknown}\n" + SPRING + SENSOR, "at least one body's mass"),
         ("bodies: {ground: 1}\n" + SPRING + SENSOR, "ground is what does not move"),
-        ("bodies: {m: 1}\nsprings: [{between: [x, ground]}]\n" + SENSOR, "'x', which is not a body; bodies are m"),
+        (
+            "bodies:\n  m: 1\n  far: 2\n  far away: 3\n" + SPRING + "joints:\n- {between: [m, far]}\n" + SENSOR,
+            "rig.yaml, line 4: bodies.far away: nothing holds, pushes or shows it",
+        ),
+        ("bodies: {m: 1}\nsprings: [{between: [x, ground]}]\n" + SENSOR, "line 2: springs.0 names 'x'"),
         ("bodies: {m: 1}\nsprings: [{between: [m, m]}]\n" + SENSOR, "between m and itself"),
         ("bodies: {m: 1}\nsprings: [{between: [m, ground], stifness: 1}]\n" + SENSOR, "did you mean stiffness"),
         ("bodies: {m: 1}\n" + SPRING, "sensors is missing"),
@@ -281,6 +285,7 @@ def test_constants_far_from_the_recording_are_an_error_in_a_sentence(line):
     assert len(str(error.value).splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_a_rig_that_is_far_off_is_told_so_and_not_by_its_p_value(tmp_path):
     t = np.arange(2000) / 1000
     decay = np.exp(-1.5 * t) * np.sin(2 * math.pi * 20 * t) + 1e-4 * np.random.default_rng(0).normal(size=t.size)

@@ -48,7 +48,16 @@ def test_nothing_is_unusual_about_what_is_shipped_nor_about_the_paper_s_loads():
     assert not [line for line in told("mesotap.load_plan_mn=[70, 1000]") if "usual" in line]
 
 
-@pytest.mark.parametrize("content", [{}, {"rig": None}, {"rig": {"masses": 3}}, {"rig": {"masses": {"m1_kg": "107"}}}])
+@pytest.mark.parametrize(
+    "content",
+    [
+        {},
+        {"rig": None},
+        {"rig": {"masses": 3}},
+        {"rig": {"masses": {"m1_kg": "107"}}},
+        {"rig": {"masses": {"m1_kg": 10**400}}},
+    ],
+)
 def test_what_is_missing_or_no_number_is_passed_over(content):
     assert usual.unusual(content) == []
 

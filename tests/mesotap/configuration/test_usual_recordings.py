@@ -10,17 +10,26 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
+from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 from typer.testing import CliRunner
 
 from daq.exchange import Recording
 from daq.session_file import write_session
+from mesotap.answers.recording_modes import modes_of
 from mesotap.cli import app
 from mesotap.configuration import usual_recordings
 from mesotap.configuration.rig_files import parse_rig
-from mesotap.configuration.usual_recordings import channel_remarks, recording_remarks, rig_remarks, size_remark
+from mesotap.configuration.usual_recordings import (
+    channel_remarks,
+    recording_remarks,
+    rig_remarks,
+    session_remarks,
+    size_remark,
+)
 from tests.fuzz.sessions import small_session
 
 RATE, SAMPLES = 10_000.0, 3000
@@ -45,11 +54,25 @@ def as_uff(folder: Path, data: np.ndarray) -> Path:
     return folder / "r.uff"
 
 
+def as_tdms(folder: Path, data: np.ndarray) -> Path:
+    channels = [ChannelObject("g", n, y, {"wf_increment": 1 / RATE}) for n, y in zip("ab", data, strict=True)]
+    with TdmsWriter(folder / "r.tdms") as file:
+        file.write_segment(channels)
+    return folder / "r.tdms"
+
+
+def as_hdf5(folder: Path, data: np.ndarray) -> Path:
+    with h5py.File(folder / "r.hdf5", "w") as file:
+        for name, y in (("time", T), ("a", data[0]), ("b", data[1])):
+            file[name] = y
+    return folder / "r.hdf5"
+
+
 def run(*arguments: object):
     return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
-@pytest.mark.parametrize("write", [as_csv, as_mat, as_uff])
+@pytest.mark.parametrize("write", [as_csv, as_mat, as_uff, as_tdms, as_hdf5])
 def test_data_times_1e30_is_told_by_import_with_what_is_usual(tmp_path: Path, write: Writer) -> None:
     file = write(tmp_path, np.array([DECAY, 0.9 * DECAY]) * 1e29)
     done = run("import", file, tmp_path / "s.h5")
@@ -58,6 +81,43 @@ def test_data_times_1e30_is_told_by_import_with_what_is_usual(tmp_path: Path, wr
     assert "raw counts, scaled twice, or numbers read with the wrong type or byte order" in said
     assert not (tmp_path / "s.h5").exists()  # an acceleration that a session cannot hold is refused besides
     assert "expected at most 1e+15" in str(done.exception)
+
+
+@pytest.mark.parametrize("write", [as_csv, as_mat, as_tdms, as_hdf5])
+@pytest.mark.parametrize(
+    ("wrong", "said"), [(np.nan, "holds a NaN at sample 50"), (np.inf, "an infinite value at sample 50")]
+)
+def test_what_is_no_number_is_refused_with_its_place(tmp_path: Path, write: Writer, wrong: float, said: str) -> None:
+    data = np.array([DECAY, 0.9 * DECAY])
+    data[0, 50] = wrong
+    done = run("import", write(tmp_path, data), tmp_path / "s.h5")
+    assert done.exit_code != 0
+    assert re.search(rf"channel \S*a holds {said.removeprefix('holds ')}", str(done.exception))
+    assert not (tmp_path / "s.h5").exists()
+
+
+@pytest.mark.parametrize("write", [as_tdms, as_hdf5])
+def test_zeros_are_told_by_import_whatever_the_format(tmp_path: Path, write: Writer) -> None:
+    said = " ".join(run("import", write(tmp_path, np.zeros((2, SAMPLES))), tmp_path / "s.h5").output.split())
+    assert "channels a, b are zero throughout: not connected, muted, or not recorded at all" in said
+
+
+@pytest.mark.parametrize("scale", [1e30, 1e-30])
+def test_numbers_out_of_this_world_have_the_modes_of_others(tmp_path: Path, scale: float) -> None:
+    (plain, far) = (
+        modes_of(Recording(s * np.array([DECAY, DECAY]), RATE, ("a", "b"), "", "r"), "ml") for s in (1.0, scale)
+    )
+    assert far.modes[0].frequency_hz.value == pytest.approx(plain.modes[0].frequency_hz.value)
+    assert far.modes[0].frequency_hz.half_width == pytest.approx(plain.modes[0].frequency_hz.half_width, rel=1e-3)
+    assert far.modes[0].amplitude == pytest.approx(tuple(scale * a for a in plain.modes[0].amplitude), rel=1e-6)
+    assert far.modes[0].along_decay[0].amplitude == pytest.approx(
+        scale * plain.modes[0].along_decay[0].amplitude, rel=1e-6
+    )
+
+
+def test_hdf5_that_is_no_session_is_told_what_reads_it(tmp_path: Path) -> None:
+    file = as_hdf5(tmp_path, np.array([DECAY, DECAY]))
+    assert "'mesotap import' makes one" in str(run("analyze", file).exception)
 
 
 def test_a_described_rig_s_recording_is_told_of_too(tmp_path: Path) -> None:
@@ -124,6 +184,22 @@ def test_a_session_of_zeros_is_told_to_be_one(tmp_path: Path) -> None:
     assert done.exit_code == 0
     (said,) = json.loads((tmp_path / "info.json").read_text())["remarks"]
     assert "channels A and B are zero throughout" in said.replace("A, B", "A and B")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"m1_kg": 107.0}, "m1_kg of /rig is 107 kg; usual is 0.005 to 20 kg: if 107 g is meant, write 0.107"),
+        ({"k2_n_per_m": 537.0}, "k2_n_per_m of /rig is 537 N/m; usual is 1000 to 1e+09 N/m: if 537 N/mm is meant"),
+        ({}, "the largest target_load_mn is 0.3 mN; usual is 5 to 20000 mN: if 0.3 N is meant, write 300"),
+    ],
+)
+def test_a_session_of_grams_or_newtons_is_told_what_they_may_be(change: dict[str, float], said: str) -> None:
+    sound = small_session()
+    assert session_remarks(sound) == []
+    impacts = sound.impacts if change else tuple(replace(i, target_load_mn=0.3) for i in sound.impacts)
+    (told,) = session_remarks(replace(sound, rig=replace(sound.rig, **change), impacts=impacts))
+    assert said in told
 
 
 def test_an_analysis_of_a_wav_tells_a_silent_channel(tmp_path: Path) -> None:

@@ -144,10 +144,12 @@ $(VENV)/bin/python:
 
 $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	$(BIN)/python -m mesotap.compiled
 	touch $@
 
 $(VENV)/.tested: $(VENV)/bin/python pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	$(BIN)/python -m mesotap.compiled
 	touch $(VENV)/.installed $@
 
 # wheel and sdist, built and tried in an environment that holds nothing else

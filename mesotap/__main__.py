@@ -15,14 +15,22 @@ def main() -> None:
     # the matrices here are small: a second BLAS thread only gets in the way of the first
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from mesotap.cli import app
+    from mesotap.operator.completion import ASKED, INSTALL, NO_SHELL, complete_at_the_first_tab, completed_for
     from mesotap.operator.terminal import complain, let_go_of_the_dead, survive_any_text
 
     survive_any_text()
     try:
+        of_a_shell = completed_for(sys.argv[1:])
+        if of_a_shell is not None:
+            print(of_a_shell)
+            return
         ended = app(standalone_mode=False)
         if ended == INTERRUPTED:  # what typer makes of an interrupt, without a word
             raise KeyboardInterrupt
         if isinstance(ended, int) and ended:
+            if ASKED & set(sys.argv[1:]):
+                complain(NO_SHELL)
+                ended = REFUSED
             sys.exit(ended)
     except KeyboardInterrupt:
         complain("mesotap: interrupted")
@@ -40,6 +48,8 @@ def main() -> None:
         complain(f"mesotap: {whole}")
         sys.exit(INTERRUPTED if type(error).__name__ == "SessionAborted" else REFUSED)
     finally:
+        if any(word.split("=", 1)[0] == INSTALL for word in sys.argv[1:]):
+            complete_at_the_first_tab()
         let_go_of_the_dead()
 
 

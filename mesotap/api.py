@@ -64,12 +64,13 @@ def read_session(path: AnyPath) -> Session:
     -------
     Session
         Its ``impacts`` hold the records, ``acceleration`` (2, n) in m/s2; `Session.to_pandas` is a table of them,
-        `Session.to_xarray` all records as one labelled array.
+        `Session.to_xarray` all records as one labelled array. ``refused`` says what is wrong with each record that
+        could not be read and is left out.
 
     Raises
     ------
     MesotapError
-        The file is missing, damaged, or no session.
+        The file is missing, damaged, or no session, or none of its records can be read.
 
     Examples
     --------
@@ -297,6 +298,7 @@ def diagnose(
     rig: AnyPath | None = None,
     without: Sequence[str] = (),
     mechanisms: Sequence[AnyPath] = (),
+    listed_only: bool = False,
 ) -> Answer:
     """Say which physics Eq. 9, or a described rig, leaves out of recordings.
 
@@ -310,6 +312,8 @@ def diagnose(
         Ids of mechanisms that are excluded.
     mechanisms
         Folders of mechanisms of your own.
+    listed_only
+        Name listed mechanisms; learn no law.
 
     Returns
     -------
@@ -345,7 +349,8 @@ def diagnose(
         read = Read(tester_rig() if description is None else load_rig(description), (), sessions)
     else:
         read = read_files(paths, description, quiet)
-    return diagnosed(read, known_mechanisms(without, [os.fspath(m) for m in mechanisms]), quiet).answer
+    known = known_mechanisms(without, [os.fspath(m) for m in mechanisms])
+    return diagnosed(read, known, quiet, learn=not listed_only).answer
 
 
 def simulate(load_mn: float = 500.0, *, seed: int = 1, config: AnyPath | None = None) -> Session:

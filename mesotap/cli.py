@@ -316,12 +316,21 @@ def analyze(
     segment: Annotated[
         float | None, typer.Option("--segment", help="Length of what is averaged, in s.", show_default=False)
     ] = None,
+    driving_point: Annotated[
+        str | None,
+        typer.Option(
+            "--driving-point",
+            metavar="CHANNEL",
+            help="Accelerometer on the mass struck: with one on the other, both masses and k_c by the hammer.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Find the modes of every impact and k_c and zeta of every load; of any other ring-down, its modes."""
     from mesotap.commands.files import analyze as answer
     from mesotap.commands.force_channel import ForceOptions
 
-    options = ForceOptions(force, window, segment)
+    options = ForceOptions(force, window, segment, driving_point)
     answer(files, method, rate, config, changes or (), report, json, _console(json, report), model, mac, options)
 
 
@@ -397,7 +406,7 @@ def paper_figures(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the simulated sessions.")] = 1,
     json: JsonPath = None,
 ) -> None:
-    """Draw the paper's Fig. 3, 5 to 9 again, and compare the numbers of its text with theory."""
+    """Draw the paper's figures 3 and 5 to 9 again, and compare the numbers of its text with theory."""
     from mesotap.commands.theory import paper_figures as draw
 
     draw(output, seed, json, _console(json, output))
@@ -500,6 +509,7 @@ def diagnose(
         list[str] | None,
         typer.Option("--without", metavar="MECHANISM", help="Exclude a mechanism from the list.", show_default=False),
     ] = None,
+    listed_only: Annotated[bool, typer.Option("--listed-only", help="Name listed mechanisms; learn no law.")] = False,
     published: Annotated[
         str | None,
         typer.Option("--published", metavar="flat|sphere", help="The paper's own gap instead.", show_default=False),
@@ -510,7 +520,7 @@ def diagnose(
     ] = 2,
     report: Report = None,
 ) -> None:
-    """Say which physics Eq. 9, or the rig described, leaves out, where it acts, and how certain that is."""
+    """Say which physics the model, or the rig described, leaves out, where it acts, and how certain that is."""
     if published is not None:
         from mesotap.commands.theory import published_gap
 
@@ -521,7 +531,7 @@ def diagnose(
     from mesotap.commands.diagnose import Asked
     from mesotap.commands.diagnose import diagnose as find_out
 
-    asked = Asked(rig, config, tuple(without or ()), json, report, 1 if contract == 1 else 2)
+    asked = Asked(rig, config, tuple(without or ()), json, report, 1 if contract == 1 else 2, not listed_only)
     find_out(files, asked, _console(json, report))
 
 
@@ -536,6 +546,23 @@ def adopt(
     from mesotap.commands.diagnose import adopt as take_up
 
     take_up(diagnosis, config, output, json, _console(json))
+
+
+@app.command()
+def learn(
+    diagnosis: Annotated[Path, typer.Argument(help="JSON of a diagnosis that learned a law.", show_default=False)],
+    name: Annotated[str, typer.Option("--name", "-n", help="Of the mechanism.", show_default=False)],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of mechanisms.")] = Path("mechanisms"),
+    rig: Annotated[
+        Path | None,
+        typer.Option("--rig", metavar="RIG.YAML", help="The rig it was learned in; the tester by default."),
+    ] = None,
+    json: JsonPath = None,
+) -> None:
+    """Keep the law that a diagnosis learned as a mechanism of your own."""
+    from mesotap.commands.learn import learn as keep
+
+    keep(diagnosis, name, output, rig, json, _console(json))
 
 
 @app.command()
@@ -562,6 +589,33 @@ def prove(
         typer.Option("--practice", metavar="FOLDER", help="Sessions with a truth.json instead.", show_default=False),
     ] = None,
     rigs: Annotated[bool, typer.Option("--rigs", help="Recordings of described rigs instead of sessions.")] = False,
+    outside: Annotated[
+        bool, typer.Option("--outside", help="Effects outside the list alone; a null or a listed one now and then.")
+    ] = False,
+    size: Annotated[
+        str | None,
+        typer.Option("--size", metavar="LxT", help="Of --outside: loads x taps; 6x8 by default.", show_default=False),
+    ] = None,
+    sealed: Annotated[
+        int | None,
+        typer.Option(
+            "--sealed",
+            min=0,
+            metavar="SEED",
+            help="Of --outside: only the five effects that this seed holds back.",
+            show_default=False,
+        ),
+    ] = None,
+    unsealed: Annotated[
+        int | None,
+        typer.Option(
+            "--unsealed",
+            min=0,
+            metavar="SEED",
+            help="Of --outside: all but the five effects that this seed holds back.",
+            show_default=False,
+        ),
+    ] = None,
     config: ConfigPath = None,
     json: JsonPath = None,
 ) -> None:
@@ -571,14 +625,14 @@ def prove(
     """
     from mesotap.campaigns.cluster import engine_of
     from mesotap.commands.diagnose import own_folders
-    from mesotap.commands.prove import RIGS, TESTER, prove_practice
     from mesotap.commands.prove import prove as try_out
+    from mesotap.commands.prove import prove_practice, subject_of
 
+    subject = subject_of(rigs, outside, size, sealed, unsealed)
     with engine_of(cluster, jobs) as engine:
         if practice is not None:
             prove_practice(practice, sessions, output, engine, own_folders(config), _console(json, output), json)
         else:
-            subject = RIGS if rigs else TESTER
             folders, shown = own_folders(config), _console(json, output)
             try_out(seed, sessions or 24, only, output, jobs, engine, folders, shown, subject, json)
 

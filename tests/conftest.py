@@ -16,10 +16,22 @@ settings.register_profile("searching", untimed, derandomize=False)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 
-@pytest.fixture
+@pytest.fixture(scope="session", autouse=True)
 def in_forks() -> Iterator[None]:
-    """Read files in forks of the tests; that a new process reads alike, tests of daq.limited and of commands show."""
+    """Read files in forks of a small process, unless a test asks for `in_new_processes`; forks of the tests do so too.
+
+    That a new process reads alike, tests of daq.limited and of commands in processes of their own show.
+    """
     from tests.fuzz.forked import reading_in_forks
 
     with reading_in_forks():
+        yield
+
+
+@pytest.fixture
+def in_new_processes(in_forks: None) -> Iterator[None]:
+    """Read each file in a new process, as the program does."""
+    from tests.fuzz.forked import reading_in_new_processes
+
+    with reading_in_new_processes():
         yield

@@ -12,8 +12,8 @@ from rich.table import Table
 from daq.durable import write_whole
 from daq.errors import RecordingError
 from daq.regular import read_head
-from mesotap.answers.rounding import significant
-from mesotap.catalogue.entry import COMPLETE, MOVED, UNREADABLE, Entry
+from mesotap.answers.rounding import counted, significant
+from mesotap.catalogue.entry import MOVED, UNREADABLE, Entry
 from mesotap.catalogue.indexing import Update, update
 from mesotap.catalogue.listing import COLUMNS, loads_csv, loads_parquet, sessions_json
 from mesotap.catalogue.question import EVERYTHING, Node, asked
@@ -100,13 +100,13 @@ def _refuse_others_file(file: Path, begins: bytes) -> None:
 
 
 def _show(answer: Answer, console: Console) -> None:
-    shown = Table(title=f"{len(answer.found)} sessions; loads in mN, k_c in MN/m, zeta2 in %")
+    shown = Table(title=f"{counted(len(answer.found), 'session')}; loads in mN, k_c in MN/m, zeta2 in %")
     for heading in ("created", "name", "specimen", "operator", "loads", "k_c", "zeta2", "diagnosis", "state"):
         shown.add_column(heading)
     for entry in answer.found[:MOST_SHOWN]:
         named = ", ".join(m.id for m in entry.mechanisms) or entry.verdict
         doubt = ", gauge drifted" if entry.drifted else ""
-        state = entry.state if entry.state == COMPLETE else f"{entry.state}: {entry.reason}"
+        state = f"{entry.state}: {entry.reason}" if entry.reason else entry.state
         cells = (entry.created[:16], entry.name, entry.specimen, entry.operator)
         numbers = (
             _range(entry, "load_mn", 1.0, 3),

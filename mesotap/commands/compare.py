@@ -13,15 +13,16 @@ from analysis.mixed_model import TooFew
 from daq.errors import RecordingError
 from daq.records import Session
 from mesotap.answers.results_files import results_json
-from mesotap.answers.rounding import significant
+from mesotap.answers.rounding import counted, significant
 from mesotap.catalogue.answers_beside import result_files
 from mesotap.catalogue.comparing import CLOSE, Difference, comparison_json, differences
 from mesotap.catalogue.curves import DAMPING, STIFFNESS, Compared, compared_from, read_compared
 from mesotap.catalogue.groups import GroupAnswer, Member, compare_groups, groups_json
+from mesotap.catalogue.reading import content_of
 from mesotap.commands.answers import analysed
 from mesotap.commands.files import config_for
 from mesotap.commands.outputs import make_ready, write_json
-from mesotap.commands.recordings import SESSION_FILE, opened
+from mesotap.commands.recordings import SESSION_FILE, opened_session
 from mesotap.operator.terminal import escape
 
 BY = ("session", "specimen", "title", "operator")
@@ -45,7 +46,8 @@ def compare(wanted: Wanted, json_path: Path | None, console: Console) -> None:
         raise RecordingError(f"--by {wanted.by}: allowed are {', '.join(BY)}")
     if wanted.figure is not None:
         refuse_figure(wanted.figure)
-    members = read_members(wanted.sessions, wanted.by, console)
+    paths = wanted.sessions if wanted.by == "session" else _without_copies(wanted.sessions, console)
+    members = read_members(paths, wanted.by, console)
     if len(members) < 2:
         raise RecordingError("name two sessions at least to compare")
     sessions = [member.session for member in members]
@@ -71,6 +73,23 @@ def compare(wanted: Wanted, json_path: Path | None, console: Console) -> None:
     write_json(json_path, answer)
 
 
+def _without_copies(paths: Sequence[Path], console: Console) -> list[Path]:
+    """Return sessions without those that have the content of an earlier one: in a group they would count twice."""
+    first: dict[str, Path] = {}
+    kept = []
+    for path in paths:
+        place = _place(path)
+        content = content_of(place)
+        if content in first and place != _place(first[content]):
+            said = f"- {escape(path)}: is a copy of {escape(first[content])} and left out"
+            console.print(said, highlight=False, soft_wrap=True)
+            continue
+        if content and place.exists():
+            first.setdefault(content, path)
+        kept.append(path)
+    return kept
+
+
 def read_members(paths: Sequence[Path], by: str, console: Console) -> list[Member]:
     """Return sessions with their groups; one without results is analysed now, and nothing is written.
 
@@ -79,8 +98,7 @@ def read_members(paths: Sequence[Path], by: str, console: Console) -> list[Membe
     RecordingError
         One of them is no session of the tester, or named twice.
     """
-    resolved = [path.resolve() for path in paths]
-    places = [path.parent if path.name == SESSION_FILE else path for path in resolved]
+    places = [_place(path) for path in paths]
     if len(set(places)) < len(places):
         twice = next(path for path in places if places.count(path) > 1)
         raise RecordingError(f"{twice}: is named twice: nothing differs from itself")
@@ -94,8 +112,14 @@ def read_members(paths: Sequence[Path], by: str, console: Console) -> list[Membe
     ]
 
 
+def _place(path: Path) -> Path:
+    """Return a session's folder for the file in it, and else what is named."""
+    resolved = path.resolve()
+    return resolved.parent if resolved.name == SESSION_FILE else resolved
+
+
 def _member(path: Path, by: str, console: Console) -> Member:
-    found = opened(path, None)
+    found = opened_session(path, console)
     if not isinstance(found, Session) or not found.rig.is_tester:
         raise RecordingError(f"{path}: is not a session of the tester")
     config = config_for(found, None, (), console)
@@ -170,7 +194,8 @@ def _show(found: Sequence[Difference], console: Console) -> None:
 def _show_groups(found: GroupAnswer, console: Console) -> None:
     name = "k_c" if found.quantity == STIFFNESS else "zeta2"
     shown = Table(
-        title=f"{name}: {found.sessions} sessions of {found.specimens} specimens, {found.rows} loads; "
+        title=f"{name}: {counted(found.sessions, 'session')} of {counted(found.specimens, 'specimen')}, "
+        f"{counted(found.rows, 'load')}; "
         f"ratio to {escape(found.reference)}, 95 % intervals"
     )
     for heading in ("group", "ratio", "95 % interval", "degrees of freedom"):

@@ -18,10 +18,12 @@ from daq.journal import HEADER
 from daq.limited import LimitedReader
 from daq.regular import read_regular
 from daq.session_file import KINDS, session_in
+from mesotap.answers.rounding import counted
 from mesotap.catalogue.crate import METADATA, Packed, contents, packed
 from mesotap.catalogue.entry import UNREADABLE, Entry
 from mesotap.catalogue.folders import LARGEST_HEADER
 from mesotap.catalogue.indexing import sessions_within
+from mesotap.catalogue.listing import copies
 from mesotap.catalogue.reading import SESSION_FILE, entry_of
 from mesotap.commands.catalog import Asked, look_up
 from mesotap.commands.outputs import write_json
@@ -43,6 +45,10 @@ def crate(
     for entry in entries:
         if entry.state in UNREADABLE:
             raise RecordingError(f"{entry.path}: is {entry.state}: {entry.reason}; ask for others ('-state:...')")
+    twice = copies(entries)
+    for path, other in twice.items():
+        console.print(f"- {escape(path)}: is a copy of {escape(other)} and left out", highlight=False, soft_wrap=True)
+    entries = [entry for entry in entries if entry.path not in twice]
     chosen = _packed(entries)
     size = sum(file.stat().st_size for one in chosen for file in one.files.values()) / 1e6
     if size > LARGEST_MB:
@@ -51,7 +57,7 @@ def crate(
         )
     files = contents(chosen, licence, datetime.datetime.now(datetime.UTC))
     _write(output, files)
-    said = f"{len(chosen)} sessions, {len(files)} files; {METADATA} describes them (RO-Crate 1.1)"
+    said = f"{counted(len(chosen), 'session')}, {len(files)} files; {METADATA} describes them (RO-Crate 1.1)"
     console.print(f"{escape(output)}: {said}", highlight=False, soft_wrap=True)
     if not licence:
         console.print("- no licence is stated; --license gives one, an address or a sentence", highlight=False)

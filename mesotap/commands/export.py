@@ -12,7 +12,8 @@ from daq.exchange.exporting import UNIVERSAL, Shape, export_recording, rewritten
 from daq.exchange.recording import Recording
 from daq.records import Session
 from mesotap.commands.outputs import make_ready, refuse_to_overwrite, write_json
-from mesotap.commands.recordings import opened, show_left_out
+from mesotap.commands.recordings import opened, show_left_out, show_remarks
+from mesotap.configuration.usual_recordings import refused_records
 from mesotap.operator.terminal import escape
 
 MOST_SAID = 10
@@ -36,6 +37,8 @@ def export(
         raise RecordingError(f"{source}: is a session, whose modes at each load are in its results.json")
     recording = accepted_impacts(found) if isinstance(found, Session) else found
     show_left_out(recording, console)
+    refused = refused_records(found) if isinstance(found, Session) else []
+    show_remarks(refused, console)
     modes = _modes(recording) if with_modes else []
     export_recording(output, recording, binary=not text, modes=modes)
     channels, samples = recording.data.shape
@@ -48,7 +51,7 @@ def export(
     if len(changed) > MOST_SAID:
         console.print(f"- {escape(output)}: and {len(changed) - MOST_SAID} more such", highlight=False, soft_wrap=True)
     answer = {"written": str(output), "channels": list(recording.names), "samples": samples, "modes": len(modes)}
-    write_json(json_path, {**answer, "rate_hz": recording.rate_hz, "notes": list(changed)})
+    write_json(json_path, {**answer, "rate_hz": recording.rate_hz, "notes": [*refused, *changed]})
 
 
 def accepted_impacts(session: Session) -> Recording:

@@ -13,12 +13,8 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from analysis.modal.amplitude import along_the_decay
 from analysis.modal.exponentials import FitFailure
-from analysis.modal.identify import identify_ring_down
-from analysis.modal.shapes import scaled
-from analysis.modal.stabilisation import indicators
-from analysis.results import Mode, RecordingModes, SessionResults
+from analysis.results import RecordingModes, SessionResults
 from analysis.session import AnalysisError
 from daq.errors import RecordingError
 from daq.exchange import Recording
@@ -26,16 +22,17 @@ from daq.records import Session
 from mesotap.answers.assurance import Beside, beside, with_beside
 from mesotap.answers.frequency_response import response_json, show_response
 from mesotap.answers.provenance import provenance
+from mesotap.answers.recording_modes import modes_of
 from mesotap.answers.results_files import modes_json, results_json
 from mesotap.answers.rounding import significant, with_uncertainty
 from mesotap.commands.answers import analysed, show_session
 from mesotap.commands.force_channel import ForceOptions, by_force
 from mesotap.commands.outputs import write_json
 from mesotap.commands.recordings import opened as opened_file
-from mesotap.commands.recordings import session_file, show_left_out, show_remarks
+from mesotap.commands.recordings import opened_session, session_file, show_left_out, show_remarks
 from mesotap.commands.session import partial
 from mesotap.configuration.config import Config, ConfigError, effective_text, load_config, parse_config
-from mesotap.configuration.usual_recordings import recording_remarks, session_remarks
+from mesotap.configuration.usual_recordings import recording_remarks, refused_records, session_remarks
 from mesotap.operator.terminal import escape
 from mesotap.session.header import kept_config
 
@@ -43,7 +40,6 @@ if TYPE_CHECKING:
     from mesotap.answers.correction import Correction
 
 METHODS = ("ml", "era")
-ONE_CHANNEL = "there is one channel: shapes and MPC, which are between channels, say nothing"
 NO_FORCE = ForceOptions()
 
 
@@ -99,10 +95,14 @@ def _analyze_one(
 ) -> dict[str, Any]:
     opened = opened_file(file, rate)
     unusual = session_remarks(opened) if isinstance(opened, Session) else recording_remarks(opened)
+    if isinstance(opened, Session) and not opened.rig.is_tester:  # of a tester the results' notes say it
+        unusual = [*refused_records(opened), *unusual]
     show_remarks(unusual, console)
     if isinstance(opened, Session) and opened.rig.is_tester:
         if other is not None:
             raise RecordingError(f"{file}: is a session of the tester; --mac compares the modes of other recordings")
+        if force.driving_point is not None:
+            raise RecordingError(f"{file}: is a session of the tester, which has no accelerometer on the mass struck")
         config = config_for(opened, config_path, changes, console)
         correction = None if model is None else _corrected(opened, model, config.analysis.mechanisms, console)
         if report is not None:
@@ -135,7 +135,13 @@ def _analyze_recording(
 ) -> dict[str, Any]:
     """Modes of a recording that is no session, and its frequency responses where a channel of it is a force."""
     found = by_force(recording, force, lambda text: console.print(f"- {escape(text)}", highlight=False, soft_wrap=True))
-    motions = found.motions
+    motions, told = found.motions, {}
+    if force.driving_point is not None:
+        from mesotap.commands.driving_point import by_driving_point, driving_point_json, show_driving_point
+
+        both = by_driving_point(recording, force, config)
+        show_driving_point(both, console)
+        told = {"driving_point": driving_point_json(both)}
     try:
         modes = modes_of(motions, config.analysis.method)
     except FitFailure as error:
@@ -157,6 +163,7 @@ def _analyze_recording(
         page = recording_report(report, motions, modes, compared, responses)
         console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
     answer = with_beside(modes_json(modes), compared)
+    answer |= told
     return answer if responses is None else {**answer, "frequency_response": response_json(responses)}
 
 
@@ -190,40 +197,6 @@ def _corrected(session: Session, model: Path, folders: Sequence[str], console: C
 
     with console.status("fitting the model of the diagnosis ..."):
         return correct(session, read_diagnosis(model), folders)
-
-
-def modes_of(recording: Recording, method: str) -> RecordingModes:
-    """Modes of a recording that is not a session of the tester."""
-    if not np.ptp(recording.data, axis=1).any():
-        raise FitFailure(f"{recording.source}: no channel ever changes its value: there is no ring-down in it")
-    try:
-        found = identify_ring_down(recording.data, recording.rate_hz, method=method)
-    except FitFailure as error:
-        raise FitFailure(f"{recording.source}: {error}") from error
-    poles = np.array([np.exp(m.pole / recording.rate_hz) for m in found.modes], np.complex128)
-    one = () if len(recording.data) > 1 else (ONE_CHANNEL,)
-    decay = recording.data[:, found.start :] - recording.data.mean(axis=1, keepdims=True)
-    return RecordingModes(
-        source=recording.source,
-        method=found.method,
-        modes=tuple(
-            Mode(
-                m.frequency_hz,
-                m.damping_ratio,
-                tuple(2 * float(a) for a in np.abs(m.amplitude)),
-                tuple(along_the_decay(decay, recording.rate_hz, poles, i)),
-                *indicators(found.diagram, m.frequency_hz.value),
-                tuple(complex(a) for a in scaled(m.amplitude)),
-            )
-            for i, m in enumerate(found.modes)
-        ),
-        notes=(
-            *found.notes,
-            *one,
-            f"the modes leave {100 * found.residual_share:.2g} % of the decay's energy unexplained",
-        ),
-        diagram=found.diagram,
-    )
 
 
 def config_for(session: Session, config_path: Path | None, changes: Sequence[str], console: Console) -> Config:
@@ -271,7 +244,7 @@ def write_session_report(
     console: Console,
 ) -> None:
     """Write the report of a session file or folder."""
-    opened = opened_file(source, None)
+    opened = opened_session(source, console)
     if not isinstance(opened, Session) or not opened.rig.is_tester:
         raise RecordingError(
             f"{source}: is not a session of the tester; 'mesotap analyze --report' reports any other file"

@@ -86,5 +86,5 @@ def refuse_to_overwrite(path: Path) -> None:
         there = read_session(path)
     except RecordingError:
         there = None
-    if there is None or there.pre is not None or len(there.impacts) > 1:
+    if there is None or there.pre is not None or there.refused or len(there.impacts) > 1:
         raise RecordingError(f"{path}: exists already and is left as it is; name another file")

@@ -15,7 +15,7 @@ from analysis.session import AnalysisError
 from daq.errors import RecordingError
 from daq.records import Session
 from mesotap.answers.results_files import results_json
-from mesotap.answers.rounding import significant
+from mesotap.answers.rounding import counted, significant
 from mesotap.catalogue.entry import UNREADABLE, Entry
 from mesotap.catalogue.indexing import update
 from mesotap.catalogue.listing import copies
@@ -25,7 +25,7 @@ from mesotap.commands.answers import analysed
 from mesotap.commands.catalog import Asked, look_up
 from mesotap.commands.files import config_for
 from mesotap.commands.outputs import write_json
-from mesotap.commands.recordings import opened
+from mesotap.commands.recordings import opened_session
 from mesotap.operator.terminal import escape
 
 MOST_SHOWN = 60
@@ -68,7 +68,7 @@ def _one(entry: Entry, config_path: Path | None, changes: Sequence[str], console
     if entry.state in UNREADABLE:
         raise RecordingError(f"{entry.state}: {entry.reason}")
     path = Path(entry.path)
-    session = opened(path, None)
+    session = opened_session(path, console)
     if not isinstance(session, Session) or not session.rig.is_tester:
         raise RecordingError(f"{path}: is not a session of the tester")
     config = config_for(session, config_path, changes, console)
@@ -90,7 +90,8 @@ def _told(entry: Entry, status: str, made: Reanalysis | None = None, reason: str
 
 
 def _show(told: list[dict[str, Any]], console: Console) -> None:
-    shown = Table(title=f"{len(told)} sessions analysed again; older answers are where they were")
+    done = sum(one["done"] for one in told)
+    shown = Table(title=f"{done} of {counted(len(told), 'session')} analysed now; older answers are where they were")
     for heading in (
         "session",
         "outcome",

@@ -16,10 +16,11 @@ from daq.hits import LEFT_OUT, is_left_out
 from daq.records import Impact, Session
 from daq.session_file import read_session, write_session
 from mesotap.commands.outputs import refuse_to_overwrite, write_json
-from mesotap.configuration.usual_recordings import recording_remarks, session_remarks
+from mesotap.configuration.usual_recordings import recording_remarks, refused_records, session_remarks
 from mesotap.operator.terminal import escape
 
 SESSION_FILE = "session.h5"
+NO_SESSION = "is not a session file"
 SESSION_SUFFIXES = (".h5", ".hdf5")
 
 
@@ -33,7 +34,12 @@ def opened(file: Path, rate: float | None) -> Session | Recording:
 
         return partial(file)[0]
     if file.suffix.lower() in SESSION_SUFFIXES:
-        return read_session(file)
+        try:
+            return read_session(file)
+        except RecordingError as error:
+            if NO_SESSION not in str(error):
+                raise
+            raise RecordingError(f"{error}; of another program's recording 'mesotap import' makes one") from error
     return believed(import_recording(file, rate_hz=rate))
 
 
@@ -122,6 +128,14 @@ def show_left_out(recording: Recording, console: Console) -> None:
         )
 
 
+def opened_session(file: Path, console: Console) -> Session | Recording:
+    """Return what a file, or the folder of a session, holds, and say which of its records cannot be read."""
+    found = opened(file, None)
+    if isinstance(found, Session):
+        show_remarks(refused_records(found), console)
+    return found
+
+
 def _chosen(channels: Sequence[str]) -> tuple[str | int, str | int] | None:
     if not channels:
         return None
@@ -135,7 +149,7 @@ def info(file: Path, json_path: Path | None, console: Console) -> None:
     """Say what a file holds."""
     found = opened(file, None)
     if isinstance(found, Session):
-        answer, unusual = _session_info(found, file), session_remarks(found)
+        answer, unusual = _session_info(found, file), [*refused_records(found), *session_remarks(found)]
     else:
         answer, unusual = _recording_info(found, file), recording_remarks(found)
     for key, value in answer.items():

@@ -32,6 +32,8 @@ def recover_folder(folder: Path, output: Path | None, json_path: Path | None, co
     found = recover(folder)
     write_session(target, found.session, new=True)
     session = read_session(target)  # what was written can be read, or this is the place to say so
+    if session.refused:
+        raise RecordingError(f"{target}: {session.refused[0]}")
     for line in found.losses:
         console.print(f"- {escape(line)}", highlight=False, soft_wrap=True)
     accepted = sum(impact.accepted for impact in session.impacts)

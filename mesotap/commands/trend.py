@@ -8,8 +8,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from analysis.control_charts import BETWEEN_FALSE_ALARMS
 from daq.errors import RecordingError
-from mesotap.answers.rounding import significant
+from mesotap.answers.rounding import counted, significant
 from mesotap.catalogue.trends import Trend, alarm_sentence, in_order, trends, trends_json
 from mesotap.commands.catalog import Asked, look_up
 from mesotap.commands.compare import refuse_figure
@@ -32,7 +33,9 @@ def trend(what: Asked, load_mn: float | None, figure: Path | None, json_path: Pa
         said.append("k_c: --specimen names the check specimen, --at the load (mN) at which its k_c is read off")
     left_out = len(found.found) + len(found.not_judged) - len(in_order(found.found))
     if left_out:
-        said.append(f"{left_out} sessions are left out: copies, not dated, or not to be read ('mesotap catalog' tells)")
+        said.append(
+            f"left out: {counted(left_out, 'session')}: copies, not dated, or not to be read ('mesotap catalog' tells)"
+        )
     _show(made, said, console)
     if figure is not None and made:
         from mesotap.report.figures._files import save
@@ -44,7 +47,9 @@ def trend(what: Asked, load_mn: float | None, figure: Path | None, json_path: Pa
 
 
 def _show(made: list[Trend], said: list[str], console: Console) -> None:
-    shown = Table(title="control charts (EWMA and CUSUM); a false alarm in 370 sessions or fewer for each quantity")
+    shown = Table(
+        title=f"control charts (EWMA and CUSUM); one false alarm in {BETWEEN_FALSE_ALARMS} sessions for each quantity"
+    )
     for heading in ("quantity", "unit", "sessions", "first", "last", "scatter, %", "alarms"):
         shown.add_column(heading)
     for one in made:

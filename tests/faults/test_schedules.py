@@ -11,7 +11,7 @@ import pytest
 
 from tests.faults.schedules import run_schedule
 
-SCHEDULES = int(os.environ.get("MESOTAP_FAULT_SCHEDULES", "100"))
+SCHEDULES = int(os.environ.get("MESOTAP_FAULT_SCHEDULES", "50"))
 FIRST = int(os.environ.get("MESOTAP_FAULT_SEED", "0"))
 CHUNK = 25
 

@@ -35,6 +35,7 @@ SAFE_WITHIN_S, ROUNDING_S = 0.5, 1e-6
 ROUND_TRIPS_S = (0.0, 0.016, 0.026, 0.05)
 """Of the wires to amplifier and stage: none, a USB adapter's latency, that and a controller's 10 ms, and a slow one."""
 USUAL_ROUND_TRIP_S = ROUND_TRIPS_S[2]
+SOME = 5  # one case in so many is among the tests that are not slow, on one wire; the slow ones have all on all wires
 AGAINST = "gauge and stage disagree"
 BY_HAND = "back the micrometer off by hand"
 
@@ -173,7 +174,7 @@ def rig(case: Case, outcome, load_mn: float, repeated: int, waited_s: float) -> 
     return ""
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.device}-{case.name}")
+@pytest.mark.parametrize("case", CASES[::SOME], ids=lambda case: f"{case.device}-{case.name}")
 def test_a_fault_on_a_usual_wire_is_survived_and_resumed(tmp_path, case):
     once(case, tmp_path / "s", USUAL_ROUND_TRIP_S, case.later_s)
 

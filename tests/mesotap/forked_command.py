@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import gc
 import importlib
 import io
 import os
@@ -16,11 +18,17 @@ from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any, BinaryIO
 
+import typer.main
+
 import mesotap.__main__
 import mesotap.commands
+from mesotap.cli import app
 
+# once, and not in every fork: the imports, and the parser of the command line
 for _found in pkgutil.iter_modules(mesotap.commands.__path__, "mesotap.commands."):
-    importlib.import_module(_found.name)  # once, and not in every fork
+    importlib.import_module(_found.name)
+typer.main.get_command = functools.cache(typer.main.get_command)
+typer.main.get_command(app)
 
 WIDE = {"COLUMNS": "200"}
 
@@ -30,6 +38,7 @@ def run_forked(arguments: Sequence[str], cwd: Path | str | None = None) -> Compl
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         child = os.fork()
         if child == 0:
+            gc.freeze()  # what the tests have made is neither looked through nor copied
             code = 1
             try:
                 code = _command(arguments, cwd, out, err)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import inspect
+import io
 import json
 import os
 import signal
@@ -16,6 +16,7 @@ import jsonschema
 import numpy as np
 import pytest
 import scipy.io
+from rich.console import Console
 
 from tests.mesotap.benches import SMALL
 from tests.mesotap.forked_command import run_forked
@@ -69,7 +70,9 @@ def test_help_names_every_command():
     text = started_anew("--help").stdout
     for command in COMMANDS:
         assert command in text
-        assert "Usage" in mesotap(command, "--help").stdout
+        said = mesotap(command, "--help").stdout
+        assert "Usage" in said
+        assert "--json" in said or command in ("config", "console"), command  # an answer for programs
     assert started_anew("--version").stdout.startswith("mesotap ")
 
 
@@ -255,28 +258,80 @@ def test_what_is_left_out_of_a_recording_is_told(tmp_path):
     assert "left out: a (complex)" in mesotap("import", file, "--channel", "b", "--channel", "c").stdout
 
 
-def test_what_is_wrong_with_a_session_file(session, tmp_path):
-    def broken(name, change):
-        path = tmp_path / f"{name}.h5"
-        path.write_bytes((session / "session.h5").read_bytes())
-        with h5py.File(path, "r+") as file:
-            change(file)
-        return refused("analyze", path)
+def with_changes(session, path, change):
+    path.write_bytes((session / "session.h5").read_bytes())
+    with h5py.File(path, "r+") as file:
+        change(file)
+    return path
 
-    def nan(file):
-        file["impacts/00001/acceleration"][0, 7] = np.nan
 
-    def no_channel(file):
-        values = file["impacts/00001/acceleration"][:1]
-        del file["impacts/00001/acceleration"]
-        file["impacts/00001/acceleration"] = values
+def put_nan(file):
+    file["impacts/00001/acceleration"][0, 7] = np.nan
 
-    def wrong_rate(file):
-        file["impacts/00001"].attrs["sample_rate_hz"] = -25000.0
 
-    for name, change in (("nan", nan), ("channel", no_channel), ("rate", wrong_rate)):
-        sentence = broken(name, change)
-        assert "/impacts/00001" in sentence, sentence
+def cut_short(file):
+    values = file["impacts/00001/acceleration"][:, :100]
+    del file["impacts/00001/acceleration"]
+    file["impacts/00001/acceleration"] = values
+    file["impacts/00001/acceleration"].attrs["units"] = "m/s2"
+
+
+def put_pretrigger(file):
+    file["impacts/00001"].attrs["pretrigger"] = 10**6
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [(put_nan, "holds a NaN"), (cut_short, "has shape"), (put_pretrigger, "pretrigger 1000000 lies outside")],
+)
+def test_a_bad_record_of_a_session_file_is_named_and_left_out(session, tmp_path, change, said):
+    path = with_changes(session, tmp_path / "s.h5", change)
+    done = mesotap("info", path)
+    (line,) = [line for line in done.stdout.splitlines() if "left out" in line]
+    assert line.startswith(f"- {path}: /impacts/00001")
+    assert said in line
+
+
+def test_each_command_says_once_which_record_it_left_out(session, tmp_path):
+    path = with_changes(session, tmp_path / "s.h5", put_nan)
+    whole = len(h5py.File(path)["impacts"])
+    sentence = "/impacts/00001/acceleration holds a NaN at channel A, sample 7; this record is left out"
+    answer, page, csv, other = (tmp_path / name for name in ("a.json", "page", "s.csv", "other.h5"))
+    commands = [
+        ("analyze", path, "--json", answer),
+        ("report", path, "-o", page),
+        ("export", path, csv),
+        ("hits", path, "--best", "1", "-o", other),
+        ("catalog", tmp_path, "--index", tmp_path / "index.sqlite"),
+    ]
+    for command in commands:
+        said = mesotap(*command).stdout
+        assert said.count("/impacts/00001/acceleration") == 1, said
+    content = json.loads(answer.read_text())
+    assert sentence in content["notes"]
+    assert len(content["impacts"]) == whole - 1
+    assert (page / "report.html").read_text().count("this record is left out") == 1
+    assert "left out" not in mesotap("info", other).stdout.replace("left out:", "")
+
+
+def test_what_is_read_for_a_diagnosis_says_which_record_is_left_out(session, tmp_path):
+    from mesotap.commands.diagnose import read_files
+
+    path = with_changes(session, tmp_path / "s.h5", put_nan)
+    console = Console(file=io.StringIO(), width=300)
+    read = read_files([path], None, console)
+    (sentence,) = [one for one in read.remarks if "left out" in one]
+    assert console.file.getvalue().count(sentence) == 1
+
+
+def test_a_session_file_of_bad_records_is_refused(session, tmp_path):
+    def all_nan(file):
+        for impact in file["impacts"].values():
+            impact["acceleration"][0, 7] = np.nan
+
+    path = with_changes(session, tmp_path / "s.h5", all_nan)
+    for command in (("analyze", path), ("diagnose", path), ("hits", path), ("export", path, tmp_path / "s.csv")):
+        assert "/impacts/00000/acceleration holds a NaN" in refused(*command)
 
 
 def test_a_configuration_of_another_version_does_not_lock_a_recording_away(session, tmp_path):
@@ -322,16 +377,34 @@ def test_what_is_refused_is_refused_before_anything_is_computed_or_served(tmp_pa
     assert [f.name for f in tmp_path.iterdir()] == ["file"]
 
 
-def test_every_command_with_an_answer_gives_it_to_programs():
-    """What only serves has none."""
-    from mesotap.cli import app, certificate_app, config_app, rig_app
-    from mesotap.cli_plugins import commands
+def every_command():
+    """Names of all commands, whatever groups they stand in, as they are typed, with whether they have an answer."""
+    from typer.main import get_command
 
-    without = {"console"}
-    for some in (app, config_app, rig_app, certificate_app, commands):
-        for command in some.registered_commands:
-            name = command.name or command.callback.__name__
-            assert ("json" in inspect.signature(command.callback).parameters) == (name not in without), name
+    from mesotap.cli import app
+
+    def within(command, words):
+        inner = getattr(command, "commands", None)
+        if inner is None:
+            yield words, "--json" in [name for p in command.params for name in p.opts]
+            return
+        for name, one in inner.items():
+            yield from within(one, (*words, name))
+
+    return list(within(get_command(app), ()))
+
+
+WITHOUT_ANSWER = {("console",)}
+"""It only serves, until it is ended."""
+
+
+@pytest.mark.parametrize(
+    ("words", "answers"), every_command(), ids=lambda v: " ".join(v) if isinstance(v, tuple) else ""
+)
+def test_every_command_answers_programs_and_refuses_with_code_2_and_a_sentence(words, answers, tmp_path):
+    assert answers == (words not in WITHOUT_ANSWER)
+    assert "--no-such-option" in refused(*words, "--no-such-option", cwd=tmp_path)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_mechanisms_for_programs():
@@ -416,14 +489,11 @@ def test_control_c_ends_safely_and_resume_goes_on(tmp_path):
     assert ended == ["safe", "hardware"]  # and then what the run had to repeat
 
 
-def test_every_command_that_answers_or_writes_has_an_answer_for_programs(tmp_path):
+def test_what_a_command_of_a_group_writes_is_an_answer_for_programs(tmp_path):
     written = tmp_path / "new.yaml"
     assert json.loads(mesotap("config", "init", written, "--json", "-").stdout) == {"written": str(written)}
     checked = json.loads(mesotap("config", "check", written, "--json", "-").stdout)
     assert (checked["file"], checked["valid"]) == (str(written), True)
-    for command in COMMANDS:
-        if command not in ("config", "console"):
-            assert "--json" in mesotap(command, "--help").stdout, command
 
 
 def test_an_interrupt_is_said_and_ends_with_130(tmp_path):

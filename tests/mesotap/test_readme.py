@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
+NEEDED = ("sample-files", "examples")  # folders of docs that the lines use
 STARTED_BY = "mesotap config init"
 
 
@@ -25,6 +26,12 @@ def commands() -> list[str]:
     return [line for line in lines if not line.startswith(". ")]
 
 
+def test_the_files_that_the_lines_name_are_here():
+    named = [word for line in commands() for word in shlex.split(line, comments=True) if word.startswith("docs/")]
+    assert named
+    assert all((ROOT / word).is_file() and word.split("/")[1] in NEEDED for word in named)
+
+
 def test_the_blocks_are_found():
     assert commands()[0].startswith(STARTED_BY)
     known = {"mesotap", "python"}
@@ -32,9 +39,10 @@ def test_the_blocks_are_found():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif("MESOTAP_README" not in os.environ, reason="takes ten minutes: make readme")
+@pytest.mark.skipif("MESOTAP_README" not in os.environ, reason="takes half an hour: make readme")
 def test_every_line_runs_as_it_stands(tmp_path):
-    shutil.copytree(ROOT / "docs" / "sample-files", tmp_path / "docs" / "sample-files")
+    for needed in NEEDED:
+        shutil.copytree(ROOT / "docs" / needed, tmp_path / "docs" / needed)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "OPENBLAS_NUM_THREADS": "1", "BROWSER": "true"}
     faults = []

@@ -1,4 +1,4 @@
-"""Sessions held against the tester's shipped description, as `mesotap diagnose` does it."""
+"""Sessions held against the tester's shipped description, as `mesotap diagnose --listed-only` does it."""
 
 from __future__ import annotations
 
@@ -19,4 +19,4 @@ def problem_of(session: Session) -> RingDowns:
 
 
 def diagnosed(session: Session, known: Sequence[Mechanism], files: Sequence[RecordingFile] = ()) -> Diagnosis:
-    return diagnose_sessions([session], tester_rig(), header_uncertainty(session), known, recordings=files)
+    return diagnose_sessions([session], tester_rig(), header_uncertainty(session), known, recordings=files, learn=False)

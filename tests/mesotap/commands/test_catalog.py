@@ -16,7 +16,7 @@ from tests.mesotap.test_cli import mesotap, refused
 
 
 @pytest.fixture
-def lab(tmp_path, monkeypatch, in_forks):
+def lab(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     filed(tmp_path / "lab" / "dry", session("steel", seed=1))
     filed(tmp_path / "lab" / "worn", session("brass =cmd()", seed=2), results(k_c=9e6))
@@ -54,9 +54,31 @@ def test_parquet_is_read_by_another_program(lab, tmp_path):
     assert set(table["name"]) == {"dry", "worn", "torn.h5"}
 
 
+@pytest.mark.parametrize("asked", ["-title:x", "not specimen:steel", "-kc:9..", "-drifted:yes", "-(title:x or kc:1)"])
+def test_what_cannot_be_read_is_not_found_by_what_it_is_not(lab, asked):
+    mesotap("catalog", lab)
+    answer = json.loads(mesotap("catalog", "--where", asked, "--json", "-").stdout)
+    assert "torn.h5" not in [s["name"] for s in answer["sessions"]]
+    assert [s["name"] for s in answer["not_judged"]] == ["torn.h5"]
+
+
+@pytest.mark.parametrize("asked", ["-state:complete", "state:damaged", "-name:dry -name:worn"])
+def test_what_is_known_of_a_session_that_cannot_be_read_finds_it(lab, asked):
+    mesotap("catalog", lab)
+    answer = json.loads(mesotap("catalog", "--where", asked, "--json", "-").stdout)
+    assert [s["name"] for s in answer["sessions"]] == ["torn.h5"]
+
+
+def test_one_session_is_one(lab):
+    mesotap("catalog", lab)
+    assert "1 session; loads" in mesotap("catalog", "--where", "name:dry").stdout
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
+        (["--where", "state:nonsense"], "state: is one of complete, unfinished, damaged, other format, moved, gone"),
+        (["--where", "verdict:perhaps"], "verdict: is one of consistent, missing_physics"),
         (["--load", "much"], "load: takes a number or a range"),
         (["--where", "weather:fine"], "nothing to ask for"),
         (["nowhere"], "there is no such folder"),
@@ -75,7 +97,6 @@ def test_nothing_of_others_is_written_over(lab, tmp_path):
     assert (tmp_path / "mine.csv").read_text() == "my table"
 
 
-@pytest.mark.usefixtures("in_forks")
 def test_the_console_lists_the_same_with_and_without_it(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     finished(tmp_path / "lab" / "a")

@@ -16,7 +16,7 @@ from tests.mesotap.test_cli import mesotap, refused
 
 
 @pytest.fixture
-def lab(tmp_path, in_forks):
+def lab(tmp_path):
     filed(tmp_path / "lab" / "dry", session("steel", config="mesotap: {specimen: steel}\n", seed=1))
     filed(tmp_path / "lab" / "wörn 2", session("brass", seed=2), results(k_c=9e6))
     again = tmp_path / "lab" / "dry" / "reanalysis" / "0123"
@@ -99,3 +99,10 @@ def test_a_selection_is_packed_and_nothing_is_written_over(lab, tmp_path):
     assert "is not a session" in refused("crate", lab, "-o", tmp_path / "other")
     assert "name sessions, or ask" in refused("crate", "-o", tmp_path / "other")
     assert not (tmp_path / "other").exists()
+
+
+def test_a_copy_is_packed_once(lab, tmp_path):
+    shutil.copytree(lab / "dry", tmp_path / "copied")
+    done = mesotap("crate", lab / "dry", tmp_path / "copied", "-o", tmp_path / "crate")
+    assert "is a copy of" in done.stdout
+    assert "crate: 1 session, " in done.stdout

@@ -15,7 +15,7 @@ SHAPES = np.array([[1.0, 0.5, 1.0], [2.0, 0.4, -1.0], [3.0, -1.0, 0.5]])  # a co
 
 
 def recording(file: Path, names: str, shapes: np.ndarray, frequencies=FREQUENCIES_HZ, seed: int = 1) -> Path:
-    t = np.arange(4000) / 4000
+    t = np.arange(1600) / 1600
     tones = [np.exp(-2 * np.pi * f * 0.008 * t) * np.sin(2 * np.pi * f * t) for f in frequencies]
     data = shapes @ np.array(tones) + 1e-3 * np.random.default_rng(seed).standard_normal((len(shapes), t.size))
     header = f"time [s],{names}"
@@ -36,6 +36,7 @@ def pair(tmp_path_factory) -> tuple[Path, Path]:
     return first, recording(folder / "b.csv", "root,tip,mid", turned, (88.0, 246.0, 391.0), seed=2)
 
 
+@pytest.mark.slow
 def test_modes_are_recognised_by_shape_whatever_the_order_of_channels(pair, tmp_path: Path) -> None:
     first, second = pair
     said = mesotap("analyze", first, "--mac", second, "--json", tmp_path / "a.json", "--report", tmp_path / "page")
@@ -62,6 +63,7 @@ def test_other_names_are_compared_in_their_order_and_that_is_said(pair, tmp_path
     assert np.diag(found["mac"]) == pytest.approx(np.ones(3), abs=0.01)
 
 
+@pytest.mark.slow
 def test_one_channel_says_nothing_of_shapes(pair, tmp_path: Path) -> None:
     single = recording(tmp_path / "one.csv", "tip", SHAPES[:1])
     said = mesotap("analyze", single, "--json", tmp_path / "one.json", "--report", tmp_path / "page").stdout

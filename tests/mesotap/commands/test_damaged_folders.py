@@ -21,7 +21,6 @@ from daq.session_file import read_session
 from mesotap.__main__ import _sentence
 from mesotap.commands import files, recordings, recover, session
 from mesotap.report import report
-from tests.fuzz.forked import reading_in_forks
 from tests.fuzz.session_folders import DAMAGES
 
 WHOLE = bool(os.environ.get("MESOTAP_WHOLE_COMMANDS"))
@@ -64,8 +63,7 @@ def _bounded(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         monkeypatch.setattr(report, "write_report", lambda *arguments, **more: None)
     before = signal.signal(signal.SIGALRM, too_long)
     signal.alarm(LONGEST_S)
-    with reading_in_forks():
-        yield
+    yield
     signal.alarm(0)
     signal.signal(signal.SIGALRM, before)
 

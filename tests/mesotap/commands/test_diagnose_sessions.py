@@ -13,6 +13,8 @@ from mesotap.proof.generator.scenarios import Scenario, make
 from sim_backend.mechanisms.catalogue import catalogue
 from tests.mesotap.test_cli import mesotap, refused
 
+pytestmark = pytest.mark.slow  # every test needs a diagnosis
+
 SHIPPED = Path(rig_files.__file__).parent / rig_files.TESTER_FILE
 FEW = {"quadratic_damping", "hertz_stiffness", "tube_spring_cubic"}  # enough rivals for a test
 SHORT = [part for name in catalogue() if name not in FEW for part in ("--without", name)]
@@ -43,7 +45,6 @@ def rig_file(folder: Path, *changes: tuple[str, str]) -> Path:
     return path
 
 
-@pytest.mark.slow
 def test_eq_9_as_a_rig_file_gives_the_answer_of_the_built_in_one(session: Path, tmp_path: Path) -> None:
     built_in = answered(tmp_path, session)
     assert [m["id"] for m in built_in["mechanisms"]] == ["quadratic_damping"]

@@ -16,6 +16,7 @@ from mesotap.cli import app
 from mesotap.commands.files import analyze
 from mesotap.commands.force_channel import ForceOptions
 from tests.analysis.frequency_response.hits_of_two import M1, M2, RATE, hits
+from tests.mesotap.test_cli import mesotap, refused
 
 KC, CC = 8.0e6, 40.0
 LIGHT = ((356.36, 0.0025), (1768.9, 0.0046))  # Hz and damping ratio
@@ -184,3 +185,61 @@ def test_the_page_shows_them(tmp_path, samples) -> None:
     assert "Frequency response" in page
     assert "3 averages; the force excites up to" in page
     assert (tmp_path / "page" / "frequency-response.pdf").exists()
+
+
+def test_a_force_that_says_neither_name_nor_unit_is_told_to_look_like_one(tmp_path):
+    t = np.arange(4000) / 5000.0
+    noise = np.random.default_rng(1).normal(size=(2, t.size))
+    push = np.where(t < 3e-3, 30 * np.sin(np.pi * t / 3e-3) ** 2, 0.0) + 0.01 * noise[0]
+    decay = np.exp(-8 * t) * np.sin(2 * np.pi * 120 * t) + 1e-4 * noise[1]
+    np.savetxt(tmp_path / "tap.csv", np.column_stack([t, push, decay]), delimiter=",")
+    said = mesotap("analyze", tmp_path / "tap.csv").stdout
+    assert "channel column2 is short pushes of one sign" in said
+    assert "with --force column2 it is the force" in said
+    np.savetxt(tmp_path / "two.csv", np.column_stack([t, decay, 0.5 * decay]), delimiter=",")
+    assert "short pushes" not in mesotap("analyze", tmp_path / "two.csv").stdout
+
+
+def test_a_recording_without_any_noise_has_no_warning(tmp_path):
+    t = np.arange(4000) / 5000.0
+    decay = np.exp(-8 * t) * np.sin(2 * np.pi * 120 * t) + np.exp(-20 * t) * np.sin(2 * np.pi * 700 * t)
+    np.savetxt(
+        tmp_path / "clean.csv", np.column_stack([t, decay]), delimiter=",", header="time,a", comments="", fmt="%.17g"
+    )
+    done = mesotap("analyze", tmp_path / "clean.csv")
+    assert done.stderr == ""
+    assert "120 (interval unknown)" in done.stdout
+
+
+@pytest.fixture(scope="module")
+def both_seen(tmp_path_factory):
+    """Five hits in one recording: the force, the struck mass and the other one, far from those of the configuration."""
+    records = hits(np.random.default_rng(4), 7e6, 15.0, count=5, m1=0.15, m2=0.08, samples=10_000, seen=(0, 1))
+    force = np.concatenate([r.force for r in records])
+    struck, other = np.concatenate([r.response for r in records], axis=1)
+    table = np.column_stack([np.arange(force.size) / RATE, force, other, struck])
+    file = tmp_path_factory.mktemp("driving") / "hits.csv"
+    np.savetxt(file, table, delimiter=",", header="time [s],push [N],low [m/s2],up [m/s2]", comments="", fmt="%.9g")
+    return file
+
+
+def test_the_driving_point_tells_both_masses_apart(both_seen, tmp_path):
+    said = mesotap("analyze", both_seen, "--driving-point", "up", "--json", tmp_path / "a.json").stdout
+    found = json.loads((tmp_path / "a.json").read_text())["driving_point"]
+    assert (found["channel"], found["other"], found["hits"]) == ("up", "low", 5)
+    for name, true in (("struck_mass_kg", 0.15), ("other_mass_kg", 0.08), ("contact_stiffness_n_per_m", 7e6)):
+        assert found[name]["value"] == pytest.approx(true, rel=5e-3), name
+        assert found[name]["low"] < found[name]["value"] < found[name]["high"], name
+    assert "up on the mass struck, low on the other" in said
+    assert "the uncertainty of the sensitivities is not in these intervals" in said
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--driving-point", "nothing"), "--driving-point nothing: it has no such channel"),
+        (("--driving-point", "push"), "is the force itself"),
+    ],
+)
+def test_a_driving_point_that_is_none_is_refused(both_seen, options, said):
+    assert said in refused("analyze", both_seen, *options)

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from daq.hits import is_left_out
 from daq.session_file import read_session
 from mesotap.cli import app
+from mesotap.commands import session as session_commands
 
 CHANGES = ("mesotap.load_plan_mn=[400]", "mesotap.impacts_per_load=3", "mesotap.surplus_impacts=2", "mesotap.dwell_s=0")
 
@@ -33,6 +34,7 @@ def used(file: Path) -> list[int]:
     return [i.number for i in read_session(file).impacts if i.accepted]
 
 
+@pytest.mark.slow
 def test_surplus_taps_are_taken_and_the_best_are_used(session: Path) -> None:
     impacts = read_session(session).impacts
     assert sum(i.accepted for i in impacts) == 3
@@ -96,6 +98,13 @@ def test_what_cannot_be_done_is_refused(session: Path, tmp_path: Path, options, 
     assert not Path("new.h5").exists()
 
 
+def test_more_than_there_are_is_told(session: Path, tmp_path: Path) -> None:
+    done = run("hits", session, "--best", 100, "-o", tmp_path / "new.h5")
+    assert done.exit_code == 0
+    assert "load 1: has 5 good taps, fewer than --best 100: all are used" in done.stdout
+    assert len(used(tmp_path / "new.h5")) == 5
+
+
 def test_a_file_that_exists_is_left_alone(session: Path, tmp_path: Path) -> None:
     there = tmp_path / "there.h5"
     there.write_text("mine")
@@ -103,7 +112,9 @@ def test_a_file_that_exists_is_left_alone(session: Path, tmp_path: Path) -> None
     assert there.read_text() == "mine"
 
 
-def test_without_surplus_every_good_tap_is_used(tmp_path: Path) -> None:
+def test_without_surplus_every_good_tap_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session_commands, "_report", lambda *arguments: None)
+    monkeypatch.setattr(session_commands, "results_json", lambda results: {})
     changes = [part for change in (*CHANGES[:2], "mesotap.surplus_impacts=0", CHANGES[3]) for part in ("--set", change)]
     assert run("run", "--simulate", "--seed", 5, "-o", tmp_path / "s", *changes).exit_code == 0
     assert not any(is_left_out(i) for i in read_session(tmp_path / "s" / "session.h5").impacts)

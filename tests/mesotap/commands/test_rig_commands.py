@@ -8,17 +8,17 @@ from typer.testing import CliRunner
 
 from mesotap.cli import app
 from mesotap.configuration.rig_files import load_rig
-from tests.analysis.mismatch.recordings.described_rigs import OMEGA, RATE, SAMPLES, motion, noise_input
+from tests.analysis.mismatch.recordings.described_rigs import RATE, SAMPLES, driven
 
 runner = CliRunner()
 
 
-@pytest.fixture
-def driven(tmp_path):
-    u = noise_input(SAMPLES, RATE, 0.5, 40, seed=5)
-    z = motion(lambda s, x, v: 100 * s - OMEGA**2 * x - 0.08 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, u)
-    y = z[0] + 1e-3 * np.std(z[0]) * np.random.default_rng(1).normal(size=SAMPLES)
-    file = tmp_path / "driven.csv"
+@pytest.fixture(scope="module", name="driven")
+def driven_file(tmp_path_factory):
+    """A recording of a driven mass; nobody writes there."""
+    u, x, _ = driven()
+    y = x + 1e-3 * np.std(x) * np.random.default_rng(1).normal(size=SAMPLES)
+    file = tmp_path_factory.mktemp("driven") / "driven.csv"
     np.savetxt(
         file, np.array([np.arange(SAMPLES) / RATE, u, y]).T, delimiter=",", header="time,drive,signal", comments=""
     )
@@ -84,6 +84,7 @@ def test_recordings_that_tell_nothing_are_refused_in_a_sentence(tmp_path, column
     assert not (tmp_path / "rig.yaml").exists()
 
 
+@pytest.mark.slow
 def test_a_value_that_is_far_off_is_told_with_what_to_leave_free(driven, tmp_path):
     file = tmp_path / "rig.yaml"
     file.write_text(
@@ -152,6 +153,7 @@ def test_a_rig_that_is_worse_than_predicting_zero_is_told_so_first_with_what_to_
     )
 
 
+@pytest.mark.slow
 def test_what_is_left_free_is_written_as_the_rig_file_has_it(driven, tmp_path):
     from analysis.mismatch.recordings.fit import problem_of
     from analysis.mismatch.recordings.recorded import prepare

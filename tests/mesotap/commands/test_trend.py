@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mesotap.catalogue.store import Catalogue
-from mesotap.catalogue.trends import CHECK, in_order, stiffness_at, trends
+from mesotap.catalogue.trends import CHECK, alarm_sentence, in_order, stiffness_at, trends
 from tests.mesotap.catalogue.lab import entry, kept, load
 from tests.mesotap.test_cli import mesotap, refused
 
@@ -35,7 +35,18 @@ def test_a_change_of_k_c_is_told_and_nothing_else():
     assert abs(alarm.since - 20) <= 1
     assert alarm.upwards
     assert told["gauge slope"].chart.alarms == ()
-    assert any(note.startswith("f1: 0 sessions") for note in said)
+    assert any(note.startswith("f1: had by 0 sessions") for note in said)
+
+
+def test_an_alarm_without_a_size_says_why():
+    found = sessions()[:20]
+    last = replace(found[-1], loads=(load(0, 400.0, 0.8 * 9e6), load(1, 600.0, 9e6)))
+    made, _ = trends([*found[:-1], last], 500.0)
+    (chart,) = (t for t in made if t.quantity == CHECK)
+    (alarm,) = chart.chart.alarms
+    assert alarm.change is None
+    said = alarm_sentence(chart, 0)
+    assert said.endswith("by how much cannot be said: it shows in one session so far, and an interval needs two")
 
 
 def test_k_c_is_read_off_between_the_loads_and_not_far_from_them():

@@ -43,6 +43,7 @@ def test_nothing_is_begun_where_the_wire_cannot_be_recorded(tmp_path: Path) -> N
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_a_session_is_recorded_and_its_log_has_the_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session, "_report", lambda *arguments: None)
     monkeypatch.setattr(session, "results_json", lambda results: {})

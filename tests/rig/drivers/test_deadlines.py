@@ -48,7 +48,7 @@ class Flooding(Transport):
 
 CHUNKS = {
     "noise": b"\xaa" * 500,
-    "lines": b"2TS000033\r\n" * 40,
+    "lines": b"2TS000033\r\n" * 4,
     "frames": bytes([1, 3, 2, 0, 0, 9, 9]) * 70,
     "drip": b"x",
 }

@@ -265,7 +265,11 @@ def test_the_drivers_do_again_what_was_recorded(path: Path) -> None:
 # --- from the midst of a session --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("part", "round_trip_s"), [("", 0.0), (TCP, 0.0), ("", 0.03)], ids=["RTU", "TCP", "slow"])
+@pytest.mark.parametrize(
+    ("part", "round_trip_s"),
+    [("", 0.0), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((TCP, 0.0), ("", 0.03)))],
+    ids=["RTU", "TCP", "slow"],
+)
 def test_every_exchange_of_a_session_is_read_again_as_it_was(tmp_path: Path, part: str, round_trip_s: float) -> None:
     """A whole session, on wires that lose, damage and delay: each question is repeated where it was, and read alike."""
     wires = [DisturbedWire(foreign_line, 1), DisturbedWire(foreign_tcp if part else foreign_rtu, 2)]

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from calibration.estimate import Estimate
-from tests.mesotap.console.consoles import CHROMIUM, FLAGS, needs_chromium
 from tests.mesotap.report.test_report import make_session, make_truth, report
 
 SCREEN_PX, SHEET_PX = 1200, 680  # 180 mm between the margins of A4
@@ -27,15 +26,10 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-@needs_chromium
 @pytest.mark.parametrize(("media", "width"), [("screen", SCREEN_PX), ("print", SHEET_PX)])
-def test_no_table_is_wider_than_its_page(written: Path, media: Any, width: int) -> None:
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        page = chromium.new_page(viewport={"width": width, "height": 900})
-        page.goto(written.as_uri())
-        page.emulate_media(media=media)
-        assert page.evaluate(f"({WIDER})().map(t => t.caption.innerText.slice(0, 40))") == []
-        chromium.close()
+def test_no_table_is_wider_than_its_page(written: Path, chromium: Any, media: Any, width: int) -> None:
+    page = chromium.new_page(viewport={"width": width, "height": 900})
+    page.goto(written.as_uri())
+    page.emulate_media(media=media)
+    assert page.evaluate(f"({WIDER})().map(t => t.caption.innerText.slice(0, 40))") == []
+    page.close()

@@ -29,6 +29,8 @@ from analysis.mismatch.selection import Candidate, started
 from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism, Tones
 
 ABRUPT_STEPS, MOST_ABRUPT_STEPS = (3.0, 1.5, 1.15), 8  # factors by which a jump's rounding is changed, how often each
+FINER, MOST_SUBSTEPS = 2, 16  # factor by which a sample's substeps are refined, and how many there are at most
+STEPPED = 1.0  # change of chi-squared with finer steps from which on these are needed
 
 Begin = tuple[Term, RingDownFit | None]
 """Values of a term, and the fit whose rig it starts from; None for the rig as declared."""
@@ -81,8 +83,10 @@ def lengthened_candidate(
 ) -> Candidate[RingDownFit]:
     """Return the fit of a force law that is begun with one of the first milliseconds."""
     stop = Stop(COMPETING_ITERATIONS, competing=True, against=current.objective, to_beat=to_beat)
-    fitted = lengthened(current.problem, begin.terms, begin, stop)
-    return _judged(current, fitted, score, score.own_numbers)
+    with suppress(ValueError, np.linalg.LinAlgError):
+        fitted = lengthened(current.problem, begin.terms, begin, stop)
+        return _judged(current, fitted, score, score.own_numbers)
+    return Candidate(score, None, 0.0)
 
 
 def continued_candidate(current: RingDownFit, candidate: Candidate[RingDownFit]) -> Candidate[RingDownFit]:
@@ -90,8 +94,11 @@ def continued_candidate(current: RingDownFit, candidate: Candidate[RingDownFit])
     fitted = candidate.fit
     if fitted is None or not fitted.only_laws:
         return candidate
-    again = continued(current.problem, fitted.terms, current)
-    return candidate if again is None else _judged(current, again, candidate.score, candidate.own)
+    with suppress(ValueError, np.linalg.LinAlgError):
+        again = continued(current.problem, fitted.terms, current)
+        if again is not None:
+            return _judged(current, again, candidate.score, candidate.own)
+    return candidate
 
 
 def _judged(current: RingDownFit, fitted: RingDownFit, score: Score, own: int) -> Candidate[RingDownFit]:
@@ -158,13 +165,18 @@ def competing(
 
 
 def converged(fitted: RingDownFit) -> RingDownFit:
-    """Go on with a fit until no step gains anything."""
+    """Go on with a fit until no step gains anything, and finer steps of its extra forces change nothing."""
     if fitted.nonlinear:  # while it competed it was computed in coarser steps
         found = fit(fitted.problem, fitted.terms, fitted, Start(amplitudes=fitted.amplitudes))
         terms = as_abrupt_as_recorded(found)
-        if terms == found.terms:
-            return found
-        return fit(found.problem, terms, found, Start(amplitudes=found.amplitudes))
+        if terms != found.terms:
+            found = fit(found.problem, terms, found, Start(amplitudes=found.amplitudes))
+        while found.added().propagated and found.substeps < MOST_SUBSTEPS:
+            finer = replace(found, substeps=FINER * found.substeps)
+            if abs(objective_with(finer, found.terms) - found.objective) < STEPPED:
+                break
+            found = fit(found.problem, found.terms, finer, Start(amplitudes=found.amplitudes))
+        return found
     found = fit(fitted.problem, fitted.terms, fitted)
     return found if found.objective < fitted.objective else fitted
 

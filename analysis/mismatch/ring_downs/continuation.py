@@ -31,6 +31,7 @@ SCAN = np.linspace(-0.08, 0.08, 41)  # relative changes of a load's stiffness th
 LEAST_SAMPLES = 300
 FIRST_S = 6e-3  # after the pulse; longest for which the fits of simulated rough contacts tapped hard do not skip cycles
 LONGER = 2.0  # factor from one part of the segments that is fitted to the next
+SHORTER = (1.0, 1 / 2, 1 / 3)  # of `FIRST_S`: parts from which amplitudes are found where those of longer ones are lost
 _ON_THE_WAY = Stop(FEW_ITERATIONS, gain=ON_THE_WAY, known=False)
 
 
@@ -45,18 +46,54 @@ def beginnings(problem: RingDowns, seconds: float) -> RingDowns:
 def linear_at_first(problem: RingDowns, begin: RingDownFit) -> RingDownFit:
     """Return the linear rig fitted to the first milliseconds, its masses as declared.
 
-    What a fit to whole segments makes of them stands in for a strong effect.
+    What a fit to whole segments makes of them stands in for a strong effect, and so may what it makes of the rest.
 
     Parameters
     ----------
     begin
         A fit of the linear rig to the same loads.
     """
-    masses = problem.arrangement.masses
-    declared = {p.name: p.value for p in problem.arrangement.parameters if p.name in masses}
+    short, start = beginnings(problem, FIRST_S), Start(kept=tuple(problem.arrangement.masses))
+    begins = declared_masses(begin), declared_constants(problem, begin)
+    fits = [fit(short, begin=one, start=start, stop=_ON_THE_WAY) for one in begins]
+    return min(fits, key=lambda one: one.objective)
+
+
+def declared_constants(problem: RingDowns, begin: RingDownFit) -> RingDownFit:
+    """Return a fit with the masses as declared, and the constants of each load that a problem starts with."""
+    declared = declared_masses(begin)
+    return replace(declared, constants=replace(declared.constants, load=problem.start.copy()))
+
+
+def declared_masses(begin: RingDownFit) -> RingDownFit:
+    """Return a fit with its masses as declared, all else as it is."""
+    masses = begin.arrangement.masses
+    declared = {p.name: p.value for p in begin.arrangement.parameters if p.name in masses}
     rig = [declared.get(n, v) for n, v in zip(begin.constants.names()[0], begin.constants.rig, strict=True)]
-    begin = replace(begin, constants=replace(begin.constants, rig=np.array(rig)))
-    return fit(beginnings(problem, FIRST_S), begin=begin, start=Start(kept=tuple(masses)), stop=_ON_THE_WAY)
+    return replace(begin, constants=replace(begin.constants, rig=np.array(rig)))
+
+
+def each_alone(problem: RingDowns, terms: Sequence[Term], begin: RingDownFit) -> list[Complex]:
+    """Return the amplitudes of each segment with constants and laws held: (p,) complex.
+
+    Far from these a fit to several periods is lost; so it is tried from fewer, too.
+    """
+    held = replace(begin, terms=tuple(terms))
+    return [_alone(problem.only([i]), held) for i in range(len(problem.experiment.segments))]
+
+
+def _alone(problem: RingDowns, held: RingDownFit) -> Complex:
+    """Return the amplitudes of the one segment of a problem."""
+    seconds = problem.samples / problem.experiment.sample_rate_hz
+    fits: list[RingDownFit] = []
+    for share in SHORTER:
+        found = fit(beginnings(problem, share * seconds), start=Start(held=held), stop=_ON_THE_WAY)
+        if share < 1:
+            found = fit(problem, start=Start(held=held, amplitudes=found.amplitudes), stop=_ON_THE_WAY)
+        fits.append(found)
+        if found.reduced_chi_squared < problem.policy.strong:
+            break
+    return min(fits, key=lambda one: one.objective).amplitudes[0]
 
 
 def lengthened(
@@ -77,7 +114,8 @@ def lengthened(
     """
     on_the_way = replace(_ON_THE_WAY, competing=stop.competing)
     whole = max(r.y.shape[1] for r in problem.experiment.segments) / problem.experiment.sample_rate_hz
-    seconds, current, start = FIRST_S, begin, Start(kept=tuple(problem.arrangement.masses))
+    amplitudes = each_alone(beginnings(problem, FIRST_S), terms, begin)
+    seconds, current, start = FIRST_S, begin, Start(kept=tuple(problem.arrangement.masses), amplitudes=amplitudes)
     while LONGER * seconds < whole:
         current = fit(beginnings(problem, seconds), terms, current, start, on_the_way)
         terms, start, seconds = current.terms, replace(start, amplitudes=current.amplitudes), LONGER * seconds

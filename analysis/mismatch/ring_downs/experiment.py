@@ -12,13 +12,15 @@ from analysis.mismatch.ring_downs.noise import NoiseModel, level_error, noise_mo
 from daq.records import Impact, Session
 from sim_backend.arrangement import DERIVATIVES, Arrangement
 from sim_backend.arrays import Real
+from sim_backend.state_space import StateSpace
 
 GUARD_SAMPLES = 5  # before the trigger that a slow rise may already touch
 PULSE_BAND_HZ = (400.0, 6000.0)  # where a tap's force stands clear of drift and of the recorder's noise
 FAR_BEYOND = 2.0  # of that band, from which on nothing of it is left
 PULSE_EDGE = 0.05  # of the tap's peak: below this the pulse is over
 MARGIN_S = 0.1e-3  # left after it: the pulse's foot
-RUN_UP = 4  # samples more, until the low-pass has forgotten forces of which only the later part is computed
+RUN_UP = (4, 16)  # samples more, least and most, until the low-pass has forgotten forces that are not computed
+FAST_HZ = 400.0  # poles of the recorder's filter beyond which forget within a few samples
 SHORTER = 3  # samples by which a pulse may end before the session's median: one that ends sooner was misjudged
 LONGEST_PULSE_S = 1.2e-3
 PULSE_MIDDLE_S = 1e-4  # after the trigger: nominal time of the impact
@@ -136,6 +138,7 @@ def segments_of(
     loads_n: Mapping[int, float],
     constants: Mapping[int, Mapping[str, float]],
     noise: tuple[NoiseModel, ...] | None,
+    analog: StateSpace,
 ) -> Experiment:
     """Whiten the accepted impacts of a session, from the end of each pulse on.
 
@@ -147,6 +150,8 @@ def segments_of(
         The rig's constants at each load set, as a linear analysis has them.
     noise
         Of the channels, where it is known from more than this session; None to take it from this one.
+    analog
+        The recorder's filter.
     """
     rate = session.rig.sample_rate_hz
     impacts = [s for s in session.impacts if s.accepted and s.load_set in constants]
@@ -164,19 +169,33 @@ def segments_of(
         cleaned.append(clean)
         starts.append(pulse_end(force, impact.pretrigger, rate) - impact.pretrigger)
     least = round(float(np.median(starts))) - SHORTER if starts else 0
+    ends = [i.pretrigger + max(end, least) + math.ceil(MARGIN_S * rate) for i, end in zip(impacts, starts, strict=True)]
+    peaks = [np.abs(clean[:, end:]).max(axis=1) for clean, end in zip(cleaned, ends, strict=True)]
+    run_up = run_up_of(analog, rate, float(np.max(np.array(peaks) / [m.deviation for m in noise], initial=1.0)))
     segments = []
-    for impact, clean, end in zip(impacts, cleaned, starts, strict=True):
-        start = impact.pretrigger + max(end, least) + math.ceil(MARGIN_S * rate) + RUN_UP
+    for impact, clean, end in zip(impacts, cleaned, ends, strict=True):
+        start = end + run_up
         y = np.stack([m.whiten(row)[start:] for m, row in zip(noise, clean, strict=True)])
         pulse = clean[:, max(0, impact.pretrigger - GUARD_SAMPLES) : start]
         segments.append(
             Segment(
                 impact.name, y, clean[:, start:], (start - impact.pretrigger) / rate, groups[impact.load_set],
-                loads_n[impact.load_set], impact.number, RUN_UP, pulse,
+                loads_n[impact.load_set], impact.number, run_up, pulse,
             )
         )  # fmt: skip
     loads = tuple(loads_n[k] for k in sorted(groups, key=lambda k: groups[k]))
     return Experiment(tuple(segments), noise, rate, loads)
+
+
+def run_up_of(analog: StateSpace, sample_rate_hz: float, peak: float) -> int:
+    """Return after how many samples a filter has forgotten forces whose response was so many times the noise.
+
+    They act during the pulse, when the motion is not known: what the filter still shows of them is not computed.
+    """
+    fast = [p for p in np.linalg.eigvals(analog.a) if abs(p) > 2 * np.pi * FAST_HZ]
+    forgotten = min((-p.real / sample_rate_hz for p in fast), default=math.inf)  # in a sample, a logarithm
+    least, most = RUN_UP
+    return min(max(math.ceil(math.log(max(peak, 1.0)) / forgotten), least), most)
 
 
 def joined(parts: Sequence[Experiment]) -> Experiment:

@@ -6,14 +6,14 @@ skips cycles and is lost. Over a few periods neither happens: what explains thes
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from analysis.mismatch.ring_downs.continuation import linear_at_first
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.ring_downs.continuation import declared_constants, each_alone, linear_at_first
 from analysis.mismatch.ring_downs.fit import Start, Stop, fit
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
 from analysis.mismatch.score_test import Score
@@ -55,38 +55,62 @@ class FirstLook:
         most = self.linear.problem.policy.may_be_left(1)
         return sorted((k for k in self.laws if self.left(k) < most), key=self.left)
 
+    def worth_fitting(self) -> list[Key]:
+        """Return what takes up much of what the linear rig misses, the best first; then what was lost even here."""
+        if self.linear is None:
+            return []
+        most = 1 - self.linear.problem.policy.serious
+        better = sorted((k for k in self.laws if self.left(k) < most), key=self.left)
+        return [*better, *(k for k in self.laws if self.left(k) > 1)]
+
 
 def first_look(current: RingDownFit, by_key: Mapping[Key, Sequence[Score]]) -> FirstLook:
-    """Fit each force law to the first milliseconds after some taps of each load.
+    """Fit each force law to the first milliseconds after the strongest taps of each load.
 
     Parameters
     ----------
     by_key
         Scores of each mechanism in each place, the best first.
+
+    Returns
+    -------
+    FirstLook
+        Nothing where the linear rig explains these, too: what shows later is found by its score.
     """
-    problem = _some_taps(current.problem)
-    linear, masses = linear_at_first(problem, current), Start(kept=tuple(problem.arrangement.masses))
+    linear = linear_at_first(_strongest_taps(current), current)
+    if linear.reduced_chi_squared < linear.problem.policy.strong:
+        return FirstLook()
     laws: dict[Key, RingDownFit] = {}
     for key, scores in by_key.items():
-        if not isinstance(scores[0].term.mechanism, ForceLaw):
-            continue
-        for score in _of_each_shape(scores):
-            with suppress(ValueError, np.linalg.LinAlgError):
-                found = fit(linear.problem, [started(score)], linear, masses, _SOON)
-                if found.objective < (laws[key].objective if key in laws else math.inf):
-                    laws[key] = found
+        if isinstance(scores[0].term.mechanism, ForceLaw):
+            fits = [f for s in _of_each_shape(scores) for f in _soon(linear, started(s))]
+            if fits:
+                laws[key] = min(fits, key=lambda one: one.objective)
     return FirstLook(linear, laws)
 
 
-def _some_taps(problem: RingDowns) -> RingDowns:
-    """Return a problem with the first taps of each load, or group of constants."""
+def _soon(linear: RingDownFit, term: Term) -> list[RingDownFit]:
+    """Return the fits of a law: from the linear rig's, and where that is lost, from the declared rig."""
+    masses, problem = Start(kept=tuple(linear.arrangement.masses)), linear.problem
+    fits: list[RingDownFit] = []
+    with suppress(ValueError, np.linalg.LinAlgError):
+        fits.append(fit(problem, [term], linear, masses, _SOON))
+    if not fits or fits[0].objective > linear.objective:
+        with suppress(ValueError, np.linalg.LinAlgError):
+            declared = declared_constants(problem, linear)
+            start = replace(masses, amplitudes=each_alone(problem, [term], declared))
+            fits.append(fit(problem, [term], declared, start, _SOON))
+    return fits
+
+
+def _strongest_taps(current: RingDownFit) -> RingDowns:
+    """Return a problem with the strongest taps of each load, or group of constants."""
+    problem, strength = current.problem, [float(np.abs(s.raw).max()) for s in current.segments]
     kept: list[int] = []
-    seen: dict[int, int] = {}
-    for i, segment in enumerate(problem.experiment.segments):
-        seen[segment.group] = seen.get(segment.group, 0) + 1
-        if seen[segment.group] <= TAPS:
-            kept.append(i)
-    return problem.only(kept)
+    for group in sorted({s.group for s in problem.experiment.segments}):
+        own = [i for i, s in enumerate(problem.experiment.segments) if s.group == group]
+        kept += sorted(own, key=lambda i: -strength[i])[:TAPS]
+    return problem.only(sorted(kept))
 
 
 def _of_each_shape(scores: Sequence[Score]) -> list[Score]:

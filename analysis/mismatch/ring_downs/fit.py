@@ -88,7 +88,7 @@ def fit(
     terms
         Mechanisms with starting values.
     begin
-        A fit of the same segments to start from (its constants and amplitudes).
+        A fit of the same segments to start from: its constants, and the steps of its extra forces if they are finer.
 
     Raises
     ------
@@ -98,7 +98,8 @@ def fit(
     held = start.held
     if held is not None:
         terms = held.terms
-    substeps = held.substeps if held is not None else COMPETING_SUBSTEPS if stop.competing else SUBSTEPS
+    finer = SUBSTEPS if begin is None else max(begin.substeps, SUBSTEPS)
+    substeps = held.substeps if held is not None else COMPETING_SUBSTEPS if stop.competing else finer
     added = AddedResponse(problem, terms, substeps)
     segments = _delayed(problem, begin, start, added)
     rig, load, fixed = _constants_at_start(problem, added, begin, start)

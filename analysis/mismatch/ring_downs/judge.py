@@ -28,8 +28,9 @@ from analysis.mismatch.ring_downs.candidates import (
     variants,
     with_stiffness,
 )
-from analysis.mismatch.ring_downs.first_look import Key, first_look
-from analysis.mismatch.ring_downs.fit import fit
+from analysis.mismatch.ring_downs.continuation import declared_masses
+from analysis.mismatch.ring_downs.first_look import FirstLook, Key, first_look
+from analysis.mismatch.ring_downs.fit import Start, fit
 from analysis.mismatch.ring_downs.held_out import held_out_afterwards, held_out_fit, split
 from analysis.mismatch.ring_downs.order import Order, by_mechanism
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
@@ -91,7 +92,7 @@ class ImpactJudge(Judge[RingDownFit]):
         """Fit the best screened mechanisms in full, each with those already accepted."""
         current, policy = state.current, self.problem.policy
         contest = state.first and self.must_reach < math.inf
-        order = self._order(state, contest)
+        order, linear = self._order(state, contest), self._linear(state)
         found: list[Candidate[RingDownFit]] = []
         explained, best = False, 0.0
         tried: set[Key] = set()
@@ -101,7 +102,7 @@ class ImpactJudge(Judge[RingDownFit]):
             fitted = {mechanism for mechanism, _ in tried} | {score.term.mechanism.id}
             enough = len(fitted) > (policy.finalists if explained or contest else policy.most_finalists)
             runner_up = state.first and not contest and _is_runner_up(current, score, found)
-            wanted = key in order.hinted or runner_up or key in order.look.explaining()
+            wanted = key in order.hinted or runner_up or key in order.look.worth_fitting()
             idle = enough or behind or not order.promising(score, best) or self.exhausted()
             if tried and not wanted and idle:
                 found.append(Candidate(score, None, screened_evidence(score)))
@@ -115,14 +116,13 @@ class ImpactJudge(Judge[RingDownFit]):
                 one = lengthened_candidate(current, score, begin, to_beat)
             else:
                 starts = [order.hinted[key]] if key in order.hinted else []
-                starts += [(started(s), current) for s in variants(order.scores[key], policy.hopeful)]
+                starts += [(started(s), linear) for s in variants(order.scores[key], policy.hopeful)]
                 one = fitted_candidate(current, score, starts, to_beat)
             best = max(best, one.evidence)
             explained = explained or explains(current, one)
             found.append(one)
         if not contest:
-            seen_early = explained or order.look.explaining()
-            found = found if seen_early else self._by_continuation(current, found)
+            found = found if explained else self._by_continuation(current, found, order.look)
             found = self._from_elsewhere(current, found, {k: v for k, v in order.scores.items() if k in tried})
         found = [c for c in found if borne_out(current, c)]
         found.sort(key=lambda c: (c.fit is None, -with_stiffness(c)))
@@ -138,16 +138,25 @@ class ImpactJudge(Judge[RingDownFit]):
         scores = by_mechanism(state, every_law=True)
         return Order(scores, policy, first_look(current, scores))
 
+    def _linear(self, state: State[RingDownFit]) -> RingDownFit:
+        """Return the fit that laws begin with; where no look is taken at a strong effect, with masses as declared."""
+        current = state.current
+        if not state.first or self.looks or current.reduced_chi_squared < self.problem.policy.strong:
+            return current
+        masses = Start(kept=tuple(current.arrangement.masses))
+        return fit(current.problem, begin=declared_masses(current), start=masses)
+
     def _by_continuation(
-        self, current: RingDownFit, candidates: list[Candidate[RingDownFit]]
+        self, current: RingDownFit, candidates: list[Candidate[RingDownFit]], look: FirstLook
     ) -> list[Candidate[RingDownFit]]:
-        """Look for force laws by continuation, the best first, until one explains."""
+        """Look for force laws by continuation, the best first, until one explains; for the best in any case."""
         out: list[Candidate[RingDownFit]] = []
-        for c in sorted(candidates, key=lambda c: (c.fit is None, -c.evidence)):
+        continued = 0
+        for c in sorted(candidates, key=lambda c: (c.fit is None, look.left(c.score.term.key), -c.evidence)):
             law = c.fit is not None and c.fit.only_laws
-            if law and not any(explains(current, o) for o in out) and not (out and self.exhausted()):
+            if law and not any(explains(current, o) for o in out) and not (continued and self.exhausted()):
                 self.on_progress(f"fitting {name_of(c.mechanism)} by continuation")
-                c = continued_candidate(current, c)
+                c, continued = continued_candidate(current, c), continued + 1
             out.append(c)
         return out
 

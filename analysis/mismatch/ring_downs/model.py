@@ -238,7 +238,7 @@ class RingDownModel:
         if not self.frozen:
             try:
                 modes, to = self.added.modes(self.constants(here))
-            except Overdamped:
+            except (Overdamped, np.linalg.LinAlgError):
                 return None
             if not modes or not all(map(alike, at.point.modes, modes)):
                 return None

@@ -35,8 +35,8 @@ class Order:
     hinted: Mapping[Key, tuple[Term, RingDownFit]] = field(default_factory=dict)
 
     def ranked(self) -> list[Score]:
-        """Return the best score of each, what is hinted at first, then what explains the first milliseconds."""
-        ahead = [*self.hinted, *self.look.explaining()]
+        """Return the best score of each, what is hinted at first, then what is worth it in the first milliseconds."""
+        ahead = [*self.hinted, *self.look.worth_fitting()]
         found = each_mechanism_first([scores[0] for scores in self.scores.values()])
         return sorted(found, key=lambda s: ahead.index(s.term.key) if s.term.key in ahead else len(ahead))
 
@@ -54,8 +54,9 @@ class Order:
 
     def begin(self, key: Key) -> RingDownFit | None:
         """Return the fit of a force law that one of whole segments begins with."""
-        if key in self.hinted and self.hinted[key][1].only_laws:
-            return self.hinted[key][1]
+        hint = self.hinted[key][1] if key in self.hinted else None
+        if hint is not None and hint.only_laws and len(hint.terms) == 1:
+            return hint
         return self.look.laws.get(key)
 
 

@@ -54,11 +54,11 @@ def ring_downs(
     first = sessions[0]
     arrangement = _declared(rig, first, uncertainty)
     usable = [_usable(session, arrangement) for session in sessions]
-    noise = _common_noise(usable)
+    noise, analog = _common_noise(usable), declared_filter(first.rig)
     parts = []
     for one in usable:
         try:
-            parts.append(segments_of(one.session, arrangement, one.loads_n, one.constants, noise))
+            parts.append(segments_of(one.session, arrangement, one.loads_n, one.constants, noise, analog))
         except ValueError as error:
             raise AnalysisError(f"{_name(one.session)}: {error}") from None
     scoped = [p.name for p in arrangement.parameters if p.scope == LOAD]
@@ -69,7 +69,7 @@ def ring_downs(
     experiment = joined(parts)
     duration = max(s.y.shape[1] for s in experiment.segments) / experiment.sample_rate_hz
     return RingDowns(
-        experiment, arrangement, declared_filter(header), slow, start.reshape(len(experiment.loads_n), len(scoped)),
+        experiment, arrangement, analog, slow, start.reshape(len(experiment.loads_n), len(scoped)),
         rig_start=_springs_to_begin_with(usable, duration), name=rig.name, parts=rig.parts,
     )  # fmt: skip
 

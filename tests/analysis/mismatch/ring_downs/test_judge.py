@@ -18,7 +18,7 @@ from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate, Selection, State, select
 from daq.records import Session
 from sim_backend.adopted import ANY_RIG
-from sim_backend.mechanisms.catalogue import catalogue
+from sim_backend.mechanisms.catalogue import catalogue, variants
 from tests.analysis.mismatch.ring_downs.selections import (
     Scripted,
     accepted,
@@ -29,7 +29,7 @@ from tests.analysis.mismatch.ring_downs.selections import (
     small,
     with_objective,
 )
-from tests.analysis.ring_downs import problem_of, session_of, with_law
+from tests.analysis.ring_downs import LOADS_N, diagnosed, problem_of, session_of, two_mass, with_law
 from tests.analysis.terms import at_work, listed
 
 
@@ -239,3 +239,19 @@ def test_what_takes_up_most_of_too_much_that_is_left_is_worth_naming(left: float
     before, current = with_objective(11_000.0), with_objective(1000.0, "channel_gain")
     state = State(current, screening(left), (accepted("channel_gain", before, current, 1e4),))
     assert scripted()._least_gain(state) == pytest.approx(least)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("law", "noise", "ratios"),
+    [("contact_loss", 5e-3, (0.6, 0.9, 1.6, 1.7)), ("hertz_stiffness", 5e-4, (0.5, 0.7, 0.95))],
+)
+def test_beneath_a_strong_law_the_model_leaves_no_error_of_its_own(
+    law: str, noise: float, ratios: tuple[float, ...]
+) -> None:
+    found = diagnosed([session_of(with_law(law), noise=noise, ratios=ratios)], variants(catalogue())).selection
+    assert found.chosen is not None
+    assert [t.mechanism.id for t in found.chosen.terms] == [law]
+    assert found.left.p_value > 0.01
+    true = [two_mass(load).kc for load in LOADS_N]
+    assert found.chosen.constants.load[:, 0] == pytest.approx(true, rel=1e-4)

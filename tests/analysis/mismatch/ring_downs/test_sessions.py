@@ -12,13 +12,16 @@ from scipy import linalg
 
 from analysis.mismatch.answer import RecordingFile
 from analysis.mismatch.diagnosis import diagnose_sessions
+from analysis.mismatch.ring_downs.experiment import run_up_of
 from analysis.mismatch.ring_downs.sessions import element_from_pole
 from analysis.session import AnalysisError
 from analysis.stiffness import ResonanceError, contact_from_pole
 from daq.records import Session
 from mesotap.configuration.declared import header_uncertainty
+from rig.settings import Filter
 from rig.tube import OwnMode
 from sim_backend.arrangement import tester as eq_9
+from sim_backend.recorder import analog_filter
 from sim_backend.two_mass import TwoMass
 from tests.analysis.ring_downs import K1, K2, LOADS_N, M1, M2, RATIOS, RIG, problem_of, session_of, two_mass, with_law
 
@@ -105,3 +108,16 @@ def test_the_contact_is_recovered_from_the_pole_it_makes() -> None:
     poles = [complex(p) for p in true.poles() if p.imag > 0]
     found = element_from_pole(rig, rig.declared(), rig.element("contact"), max(poles, key=abs))
     assert found == pytest.approx((true.kc, true.cc), rel=1e-8)
+
+
+@pytest.mark.parametrize(("peak", "samples"), [(1.0, 4), (30.0, 4), (1e3, 8), (2e4, 11), (1e30, 16)])
+def test_a_segment_begins_when_the_filter_has_forgotten_the_pulse(peak: float, samples: int) -> None:
+    low_pass = Filter(family="butterworth", highpass_hz=10.0, highpass_order=1, lowpass_hz=10000.0, lowpass_order=4)
+    assert run_up_of(analog_filter(low_pass), 25000.0, peak) == samples
+    slowest = 2 * np.pi * 10000.0 * np.cos(np.radians(67.5))  # of the poles of a Butterworth low-pass of fourth order
+    left = peak * np.exp(-slowest * samples / 25000.0)
+    assert left <= 1.0 or samples == 16
+
+
+def test_without_a_filter_segments_begin_as_early_as_any() -> None:
+    assert run_up_of(analog_filter(Filter(family="none")), 25000.0, 1e6) == 4

@@ -5,11 +5,13 @@ The types hold what the contract ``mesotap-diagnosis`` 2 says, in SI units; how 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
 from calibration.estimate import Estimate
+from sim_backend.arrangement import Parameter
 from sim_backend.arrays import Real
 
 Verdict = Literal["consistent", "missing_physics", "new_physics", "unexplained"]
@@ -19,6 +21,8 @@ Symmetry = Literal["odd", "even", "none"]
 
 TESTER: Final = "two-mass tester"
 """Name of the rig of Eq. 9."""
+FAR_OFF: Final = 3.0
+"""Declared standard errors beyond which a fitted constant is told: one sound constant in 400."""
 MOST_DECIMALS: Final = 6  # of a load in its label, mN
 LOAD_CELL: Final = "load cell"
 """Component whose mechanisms are no part of a ring-down."""
@@ -260,10 +264,23 @@ class NextExperiment:
 
 @dataclass(frozen=True, slots=True)
 class FittedRig:
-    """The rig as fitted with the mechanisms named: its constants with units, and its contact at each load."""
+    """The rig as fitted with the mechanisms named.
 
-    constants: Mapping[str, tuple[float, str]]
+    Attributes
+    ----------
+    constants
+        With 95 % intervals: infinite ones where the recordings do not determine them, of no width where they were not
+        fitted.
+    contact
+        At each load.
+    off
+        By how many declared standard errors constants are off what was declared, where that is more than `FAR_OFF`:
+        it was declared wrongly, or the constant stands in for something.
+    """
+
+    constants: Mapping[str, Interval]
     contact: tuple[ContactAtRest, ...] = ()
+    off: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,6 +339,17 @@ class Answer:
     decay: tuple[AtAmplitude, ...] = ()
     set_aside: tuple[SetAside, ...] = ()
     worse_than_zero: str = ""
+
+
+def far_off(fitted: Mapping[str, float], declared: Iterable[Parameter]) -> dict[str, float]:
+    """Return by how many declared standard errors fitted constants are off, by name, where that is `FAR_OFF`."""
+    found = {}
+    for p in declared:
+        if p.name in fitted and 0 < p.uncertainty < math.inf:
+            off = abs(fitted[p.name] - p.value) / p.uncertainty
+            if off > FAR_OFF:
+                found[p.name] = off
+    return found
 
 
 def group_labels(loads_n: Sequence[float]) -> dict[str, float]:

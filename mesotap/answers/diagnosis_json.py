@@ -240,11 +240,14 @@ def _next(found: NextExperiment | None) -> dict[str, Any] | None:
 
 
 def _fitted(fitted: FittedRig) -> dict[str, Any]:
-    return {"rig": _constants(fitted), "loads": _contact(fitted)}
+    return {"rig": _constants(fitted), "loads": _contact(fitted), "off_declared": dict(fitted.off)}
 
 
 def _constants(fitted: FittedRig) -> dict[str, Any]:
-    return {k: {"value": value, "unit": unit} for k, (value, unit) in fitted.constants.items()}
+    return {
+        k: {"value": v.value, "low": _number(v.low), "high": _number(v.high), "unit": v.unit}
+        for k, v in fitted.constants.items()
+    }
 
 
 def _contact(fitted: FittedRig) -> list[dict[str, Any]]:

@@ -23,6 +23,7 @@ KINDS: dict[LawKind, str] = {
     "dynamics": "a resonance",
 }
 """What a learned law is called in a sentence."""
+MOST_NAMED = 3  # constants in a sentence
 HUNDREDTH = 0.005  # probability from which on two decimals show something
 FAR_BEYOND = 3.0
 """Times the noise: larger errors on held-out impacts leave the name in doubt. Chosen by hand: right names had at most
@@ -83,7 +84,22 @@ def _verdict(answer: Answer) -> str:
     names = " and ".join(_name(m) for m in answer.mechanisms)
     sure = min(m.probability for m in answer.mechanisms)
     said = f"{begin} does not explain {recorded} ({chance}); it leaves out {names}, with a probability of {sure:.2f}."
-    return f"{said} {_what_remains(answer)}"
+    return " ".join([said, _what_remains(answer), *_constants_in_doubt(answer)])
+
+
+def _constants_in_doubt(answer: Answer) -> list[str]:
+    """Say which declared constants the fit moved far, as what is read beside them is then wrong, too."""
+    off = {} if answer.fitted is None else answer.fitted.off
+    if not off:
+        return []
+    most = sorted(off, key=lambda k: -off[k])[:MOST_NAMED]
+    names = " and ".join(", ".join(f"{k} by {off[k]:.0f}" for k in most).rsplit(", ", 1))
+    others = f" (and {len(off) - len(most)} more)" if len(off) > len(most) else ""
+    stiffness = "k_c and c_c" if answer.rig == TESTER else "the other constants"
+    return [
+        f"It moves {names} declared uncertainties{others}: either they were declared wrongly, or they make up for a "
+        f"law that is not quite right, and {stiffness} may then be wrong by far more than their intervals."
+    ]
 
 
 def _name(m: Named) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from markupsafe import Markup
 
+from analysis.mismatch.answer import FAR_OFF, far_off
 from analysis.mismatch.evidence.excess import by_impact, map_by_frequency, map_by_time, spectrum
 from analysis.mismatch.evidence.reconstruction import law_along, reconstruct, stitched, telling_impacts
 from analysis.mismatch.evidence.varying import contact_by_amplitude, contact_in_time
@@ -25,7 +26,6 @@ from sim_backend.arrangement import Parameter
 from sim_backend.mechanisms.catalogue import catalogue
 from sim_backend.mechanisms.kinds import Mechanism
 
-FAR_OFF = 3.0  # declared uncertainties beyond which a constant is marked: one sound constant in 400
 METHOD = Markup(
     "All loads and impacts are fitted together by Eq. 9 with its own constants free within their uncertainties, {k} "
     "and <i>c</i><sub>c</sub> of each load, the state of both masses when each pulse has ended, the declared filter "
@@ -201,8 +201,8 @@ def _contact(selection: RingDownSelection) -> Table:
 
 def _against_declared(value: float, declared: Parameter) -> Markup:
     """Write a fitted constant, marked where it is far from what was declared."""
-    off = abs(value - declared.value) / declared.uncertainty if declared.uncertainty > 0 else 0.0
-    mark = Markup(" <b>({} off)</b>").format(f"{off:.0f} uncertainties") if off > FAR_OFF else ""
+    off = far_off({declared.name: value}, [declared]).get(declared.name)
+    mark = "" if off is None else Markup(" <b>({} off)</b>").format(f"{off:.0f} uncertainties")
     return Markup("{}{}").format(significant(value, 5), mark)
 
 

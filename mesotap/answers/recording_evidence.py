@@ -7,9 +7,9 @@ from collections.abc import Mapping
 
 from markupsafe import Markup
 
+from analysis.mismatch.answer import Interval
 from analysis.mismatch.recordings.account import BlockAccount
 from analysis.mismatch.recordings.blocks import mean_of
-from analysis.mismatch.recordings.constants import constant_intervals
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.reasons import reason
 from analysis.mismatch.recordings.recorded import CHOOSE
@@ -63,11 +63,10 @@ def _constants(account: BlockAccount) -> Table:
     fitted = account.fitted()
     constants = {} if fitted is None else fitted.constants
     declared = {p.name: p for p in account.described.arrangement.parameters}
-    found = constant_intervals(account.selection.best)
-    rows = []
-    for name, (value, unit) in constants.items():
-        shown = "" if unit == "1" else unit
-        rows.append((name, significant(value, 5), _interval(found.get(name)), shown, _declared(declared.get(name))))
+    rows = [
+        (n, significant(c.value, 5), _interval(c), "" if c.unit == "1" else c.unit, _declared(declared.get(n)))
+        for n, c in constants.items()
+    ]
     caption = (
         "Constants of the rig as fitted, with 95 % intervals from what the fit leaves, in its own colour. They hold "
         "for the rig with what is named above, and are too narrow where something remains unexplained. Declared: ± is "
@@ -76,13 +75,12 @@ def _constants(account: BlockAccount) -> Table:
     return Table(caption, ("Constant", "Value", "95 % interval", "Unit", "Declared"), tuple(rows), (0, 2, 3, 4))
 
 
-def _interval(found: tuple[float, float] | None) -> str:
-    if found is None:
+def _interval(found: Interval) -> str:
+    if found.low == found.high:
         return "not fitted"
-    low, high = found
-    if not (math.isfinite(low) and math.isfinite(high)):
+    if not (math.isfinite(found.low) and math.isfinite(found.high)):
         return "not determined by these recordings"
-    return f"{significant(low, 5)} to {significant(high, 5)}"
+    return f"{significant(found.low, 5)} to {significant(found.high, 5)}"
 
 
 def _declared(constant: Parameter | None) -> str:

@@ -10,9 +10,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.mismatch.account import UNLISTED, Account, Weights, relative
-from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Location, Named, NextExperiment
+from analysis.mismatch.answer import (
+    AtAmplitude,
+    FitSummary,
+    FittedRig,
+    Interval,
+    Location,
+    Named,
+    NextExperiment,
+    far_off,
+)
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.blocks import held_out_rms, mean_of, together
+from analysis.mismatch.recordings.constants import constant_intervals
 from analysis.mismatch.recordings.decay import decay_of
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.held_out import beyond_noise, channel_errors
@@ -340,5 +350,9 @@ class BlockAccount(Account[SimulatedFit]):
     def fitted(self) -> FittedRig | None:
         """Return the rig as fitted."""
         units = {p.name: p.unit for p in self.judge.problem.arrangement.parameters}
-        values = self.selection.best.values
-        return FittedRig({k: (v, self.unit(units[k])) for k, v in values.items() if k in units})
+        best, values = self.selection.best, self.selection.best.values
+        found = constant_intervals(best)
+        constants = {
+            k: Interval(v, *found.get(k, (v, v)), self.unit(units[k])) for k, v in values.items() if k in units
+        }
+        return FittedRig(constants, off=far_off(values, self.described.arrangement.parameters))

@@ -13,13 +13,16 @@ from analysis.mismatch.account import Account, Weights, element_of_component, re
 from analysis.mismatch.answer import (
     FitSummary,
     FittedRig,
+    Interval,
     Location,
     Named,
     NextExperiment,
+    far_off,
     group_labels,
 )
 from analysis.mismatch.chi_squared import odds_of_nothing
 from analysis.mismatch.evidence.excess import excess_by_frequency, excess_by_time
+from analysis.mismatch.intervals import NORMAL_95
 from analysis.mismatch.parameters import lines_of
 from analysis.mismatch.remainder import count_words, frequency_words, spread_of
 from analysis.mismatch.ring_downs.candidates import stiffness_evidence, with_stiffness
@@ -190,8 +193,10 @@ class ImpactAccount(Account[RingDownFit]):
         return ("-".join(names),) if difference else names
 
     def _times(self, window: tuple[float, float]) -> tuple[float, float]:
-        begin = float(np.mean([s.start_s for s in self.selection.baseline.segments]))
-        return begin + window[0], begin + window[1]
+        segments, rate = self.selection.baseline.segments, self.judge.problem.experiment.sample_rate_hz
+        begin = float(np.mean([s.start_s for s in segments]))
+        end = max(s.start_s + s.y.shape[1] / rate for s in segments)
+        return begin + window[0], min(begin + window[1], end)
 
     def _showing(self, excess: Real) -> tuple[str, ...]:
         """Return the loads that show most of what each segment (n,) of the training shows."""
@@ -238,7 +243,8 @@ class ImpactAccount(Account[RingDownFit]):
         fits = [(c.id, c.fit) for c in steps[0].candidates if c.fit is not None] if steps else []
         if len(fits) < 2:
             return None
-        (first, a), (second, b) = fits[:2]
+        (first, a), *others = fits
+        second, b = next(((k, f) for k, f in others if k != first), others[0])
         loads = self.judge.problem.experiment.loads_n
         between, count = np.zeros(len(loads)), np.zeros(len(loads))
         for segment, r, s in zip(self.selection.baseline.segments, a.residuals, b.residuals, strict=True):
@@ -264,9 +270,14 @@ class ImpactAccount(Account[RingDownFit]):
         if chosen is None:
             return None
         values = dict(zip(chosen.constants.names()[0], chosen.constants.rig.tolist(), strict=True))
+        reach = dict(zip(values, NORMAL_95 * np.sqrt(np.maximum(np.diag(chosen.covariance), 0.0)), strict=False))
         declared = [p for p in self.judge.problem.arrangement.parameters if p.name in values]
+        constants = {
+            p.name: Interval(values[p.name], values[p.name] - reach[p.name], values[p.name] + reach[p.name], p.unit)
+            for p in declared
+        }
         contact = contact_at_rest(chosen) if self.judge.problem.is_tester else ()
-        return FittedRig({p.name: (values[p.name], p.unit) for p in declared}, contact)
+        return FittedRig(constants, contact, far_off(values, declared))
 
 
 def _range(edges: Real, sure: NDArray[np.bool_], fallback: tuple[float, float]) -> tuple[float, float]:

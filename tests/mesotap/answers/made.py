@@ -64,7 +64,8 @@ ANSWER = Answer(
     next_experiment=NextExperiment(0.104, 0.5, ("a", "b"), "They differ most there.", ("load", "tap")),
     loads_n={"104 mN": 0.1042, "250 mN": 0.2504},
     fitted=FittedRig(
-        {"m1": (0.107, "kg")}, (ContactAtRest(0.1042, Estimate(4e6, 1e3), Estimate(20.0, 0.1), Estimate(0.01, 1e-4)),)
+        {"m1": Interval(0.107, 0.1069, 0.1071, "kg")},
+        (ContactAtRest(0.1042, Estimate(4e6, 1e3), Estimate(20.0, 0.1), Estimate(0.01, 1e-4)),),
     ),
     decay=(AtAmplitude(0.1, 1.0, 80.0, 0.002),),
 )

@@ -26,7 +26,20 @@ from mesotap.configuration.config import Config, ConfigError, load_config, parse
 from sim_backend.adopted import adopted
 from sim_backend.mechanisms.catalogue import variants
 from sim_backend.twin import twin_record
-from tests.analysis.ring_downs import FILTER, K1, M1, ONSET_S, RATE_HZ, SAMPLES, analog_filter, session_of, two_mass
+from tests.analysis.ring_downs import (
+    FILTER,
+    K1,
+    K2,
+    M1,
+    M2,
+    ONSET_S,
+    PRETRIGGER,
+    RATE_HZ,
+    SAMPLES,
+    analog_filter,
+    session_of,
+    two_mass,
+)
 from tests.analysis.terms import listed
 from tests.mesotap.answers.test_consistent_page import ADVERBS, Page, is_rounded
 from tests.mesotap.test_cli import mesotap, refused
@@ -185,6 +198,20 @@ def test_the_contact_is_corrected_for_it(answer: dict) -> None:
             estimate = load[key]
             half = (estimate["high"] - estimate["low"]) / 2
             assert abs(estimate["value"] - value) < 2 * half
+
+
+def test_the_rigs_constants_have_intervals_that_hold_what_was_simulated(answer: dict) -> None:
+    for name, true in {"m1": M1, "m2": M2, "k1": K1, "k2": K2}.items():
+        found = answer["fitted"]["rig"][name]
+        half = (found["high"] - found["low"]) / 2
+        assert 0 < half < 0.05 * true
+        assert abs(found["value"] - true) < 2 * half
+    assert answer["fitted"]["off_declared"] == {}
+
+
+def test_the_place_in_time_ends_with_the_records(answer: dict) -> None:
+    first, last = answer["location"]["time_s"]
+    assert 0 < first < last <= (SAMPLES - PRETRIGGER) / RATE_HZ
 
 
 def test_the_simulated_rig_becomes_the_one_that_was_diagnosed(diagnosis: Path, answer: dict) -> None:

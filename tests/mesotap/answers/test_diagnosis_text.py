@@ -124,3 +124,12 @@ def test_the_next_recording_is_asked_for_in_a_sentence() -> None:
     stronger = NextExperiment(None, 3.0, ("micro_slip", "relaxation"), "", ("tap",))
     beam = replace(ANSWER, rig="beam", loads_n={})
     assert next_words(beam, stronger) == "record it 3 times as strong to tell micro slip from relaxation."
+
+
+def test_constants_that_end_far_from_what_was_declared_are_told_with_the_verdict() -> None:
+    assert ANSWER.fitted is not None
+    moved = replace(ANSWER, fitted=replace(ANSWER.fitted, off={"m1": 38.2, "m2": 115.0}))
+    assert "It moves m2 by 115 and m1 by 38 declared uncertainties" in verdict_sentence(moved)
+    assert "k_c and c_c may then be wrong by far more" in verdict_sentence(moved)
+    assert diagnosis_json(moved, 1.0)["fitted"]["off_declared"] == {"m1": 38.2, "m2": 115.0}
+    assert "declared uncertainties" not in verdict_sentence(ANSWER)

@@ -10,7 +10,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from analysis.mismatch.answer import RecordingFile
+from analysis.mismatch.answer import Interval, RecordingFile
 from analysis.mismatch.diagnosis import Diagnosis, diagnose_recordings
 from mesotap.answers.diagnosis_json import diagnosis_json
 from mesotap.answers.diagnosis_page import write_page
@@ -106,4 +106,4 @@ def test_what_is_declared_within_an_error_is_shown_with_it() -> None:
     assert _declared(Parameter("k", "N/m", 800.0, 5.0)) == "800.00 ± 10"
     assert _declared(Parameter("k", "N/m", 800.0, 0.0)) == "800.00, exactly"
     assert _declared(Parameter("k", "N/m", math.nan)) == "unknown"
-    assert _interval((0.0, math.inf)) == "not determined by these recordings"
+    assert _interval(Interval(1.0, 0.0, math.inf, "N/m")) == "not determined by these recordings"

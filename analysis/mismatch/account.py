@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic
 
@@ -18,10 +18,12 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import FitOf
 from analysis.mismatch.score_test import Screening
 from analysis.mismatch.selection import Candidate, Selection
-from sim_backend.arrangement import Arrangement
+from sim_backend.arrangement import Arrangement, Parameter
 from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, SecondImpact, Tones
 
 UNLISTED = "something else"
+FAR_OFF = 3.0  # declared standard errors beyond which a fitted constant is told: one sound constant in 400
+MOST_DECIMALS = 6  # of a load in its label, mN
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,3 +194,32 @@ def relative(evidence: Mapping[str, float], temperature: float = 1.0) -> dict[st
     """Return how likely each is over the likeliest, from twice the logarithms."""
     top = max(evidence.values(), default=0.0)
     return {k: math.exp((v - top) / 2 / temperature) for k, v in evidence.items()}
+
+
+def far_off(fitted: Mapping[str, float], declared: Iterable[Parameter]) -> dict[str, float]:
+    """Return by how many declared standard errors fitted constants are off, by name, where that is `FAR_OFF`."""
+    found = {}
+    for p in declared:
+        if p.name in fitted and 0 < p.uncertainty < math.inf:
+            off = abs(fitted[p.name] - p.value) / p.uncertainty
+            if off > FAR_OFF:
+                found[p.name] = off
+    return found
+
+
+def group_labels(loads_n: Sequence[float]) -> dict[str, float]:
+    """Return each load (N) by its label in mN, ascending, with as many decimals as tell all of them apart.
+
+    Examples
+    --------
+    >>> group_labels([0.2504, 0.1042])
+    {'104 mN': 0.1042, '250 mN': 0.2504}
+    >>> group_labels([0.10401, 0.10419])
+    {'104.0 mN': 0.10401, '104.2 mN': 0.10419}
+    """
+    loads = sorted(set(loads_n))
+    for decimals in range(MOST_DECIMALS):
+        labels = {f"{1e3 * load:.{decimals}f} mN": load for load in loads}
+        if len(labels) == len(loads):
+            return labels
+    return {f"{1e3 * load!r} mN": load for load in loads}

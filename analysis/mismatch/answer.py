@@ -5,13 +5,11 @@ The types hold what the contract ``mesotap-diagnosis`` 2 says, in SI units; how 
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
 from calibration.estimate import Estimate
-from sim_backend.arrangement import Parameter
 from sim_backend.arrays import Real
 
 Verdict = Literal["consistent", "missing_physics", "new_physics", "unexplained"]
@@ -21,9 +19,6 @@ Symmetry = Literal["odd", "even", "none"]
 
 TESTER: Final = "two-mass tester"
 """Name of the rig of Eq. 9."""
-FAR_OFF: Final = 3.0
-"""Declared standard errors beyond which a fitted constant is told: one sound constant in 400."""
-MOST_DECIMALS: Final = 6  # of a load in its label, mN
 LOAD_CELL: Final = "load cell"
 """Component whose mechanisms are no part of a ring-down."""
 
@@ -274,7 +269,7 @@ class FittedRig:
     contact
         At each load.
     off
-        By how many declared standard errors constants are off what was declared, where that is more than `FAR_OFF`:
+        By how many declared standard errors constants are off what was declared, where that is much:
         it was declared wrongly, or the constant stands in for something.
     """
 
@@ -339,32 +334,3 @@ class Answer:
     decay: tuple[AtAmplitude, ...] = ()
     set_aside: tuple[SetAside, ...] = ()
     worse_than_zero: str = ""
-
-
-def far_off(fitted: Mapping[str, float], declared: Iterable[Parameter]) -> dict[str, float]:
-    """Return by how many declared standard errors fitted constants are off, by name, where that is `FAR_OFF`."""
-    found = {}
-    for p in declared:
-        if p.name in fitted and 0 < p.uncertainty < math.inf:
-            off = abs(fitted[p.name] - p.value) / p.uncertainty
-            if off > FAR_OFF:
-                found[p.name] = off
-    return found
-
-
-def group_labels(loads_n: Sequence[float]) -> dict[str, float]:
-    """Return each load (N) by its label in mN, ascending, with as many decimals as tell all of them apart.
-
-    Examples
-    --------
-    >>> group_labels([0.2504, 0.1042])
-    {'104 mN': 0.1042, '250 mN': 0.2504}
-    >>> group_labels([0.10401, 0.10419])
-    {'104.0 mN': 0.10401, '104.2 mN': 0.10419}
-    """
-    loads = sorted(set(loads_n))
-    for decimals in range(MOST_DECIMALS):
-        labels = {f"{1e3 * load:.{decimals}f} mN": load for load in loads}
-        if len(labels) == len(loads):
-            return labels
-    return {f"{1e3 * load!r} mN": load for load in loads}

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from markupsafe import Markup
 
-from analysis.mismatch.answer import FAR_OFF, far_off
+from analysis.mismatch.account import FAR_OFF, far_off
 from analysis.mismatch.evidence.excess import by_impact, map_by_frequency, map_by_time, spectrum
 from analysis.mismatch.evidence.reconstruction import law_along, reconstruct, stitched, telling_impacts
 from analysis.mismatch.evidence.varying import contact_by_amplitude, contact_in_time

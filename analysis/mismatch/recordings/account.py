@@ -9,24 +9,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.mismatch.account import UNLISTED, Account, Weights, relative
-from analysis.mismatch.answer import (
-    AtAmplitude,
-    FitSummary,
-    FittedRig,
-    Interval,
-    Location,
-    Named,
-    NextExperiment,
-    far_off,
-)
+from analysis.mismatch.account import UNLISTED, Account, Weights, far_off, relative
+from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Interval, Location, Named, NextExperiment
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.blocks import held_out_rms, mean_of, together
 from analysis.mismatch.recordings.constants import constant_intervals
-from analysis.mismatch.recordings.decay import decay_of
+from analysis.mismatch.recordings.decay import along_words, decay_of
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.held_out import beyond_noise, channel_errors
 from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.otherwise import hold_that_explains
 from analysis.mismatch.recordings.ranking import with_time
 from analysis.mismatch.recordings.reasons import decided, not_tried, reason
 from analysis.mismatch.recordings.recorded import CHOOSE
@@ -251,24 +243,15 @@ class BlockAccount(Account[SimulatedFit]):
             element, component = self._suspected(self.selection.screening)
             what = "nothing listed explains it" + not_tried(self.judge, element)
             unexplained = self.selection.screening.p_value < self.judge.problem.policy.level
-            hold = self.judge.hold_that_explains(base) if unexplained and not self.far_off else None
+            asked = unexplained and not self.far_off
+            hold = hold_that_explains(base, self.judge.screen, self.judge.on_progress) if asked else None
             if hold is not None:
                 what = f"nothing of it is left once the rig file says 'recording: {{hold: {hold}}}'"
             elif self.far_off:
                 what = far_off_words(self.judge.problem)
         why = f"The residual of the linear rig lies from {frequency[0]:.4g} to {frequency[1]:.4g} Hz, and {what}."
-        return Location(component, element, channels or (seen[0],), time, frequency, (), why + self._along_the_decay())
-
-    def _along_the_decay(self) -> str:
-        decay = self.decay
-        if not decay:
-            return ""
-        first, last = decay[0], decay[-1]
-        return (
-            f" Along the decay from {first.amplitude:.3g} to {last.amplitude:.3g} {self.described.seen[0].unit} the "
-            f"frequency goes from {first.frequency_hz:.5g} to {last.frequency_hz:.5g} Hz and the damping ratio from "
-            f"{100 * first.damping_ratio:.3g} to {100 * last.damping_ratio:.3g} %."
-        )
+        why += along_words(self.decay, self.described.seen[0].unit)
+        return Location(component, element, channels or (seen[0],), time, frequency, (), why)
 
     def _suspected(self, screening: Screening) -> tuple[str, str]:
         """Return the element, and its component, whose best listed law would take away most."""

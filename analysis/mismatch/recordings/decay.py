@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from scipy import signal
@@ -37,3 +38,15 @@ def decay_of(recorded: Recorded, row: Real) -> tuple[AtAmplitude, ...]:
         sigma = -float(np.polyfit(t[a:b], np.log(size[a:b]), 1)[0])
         found.append(AtAmplitude(float(t[a:b].mean()), float(size[a:b].mean()), w / (2 * math.pi), sigma / w))
     return tuple(found)
+
+
+def along_words(decay: Sequence[AtAmplitude], unit: str) -> str:
+    """Say how frequency and damping go along a decay, as a further sentence; nothing of none."""
+    if not decay:
+        return ""
+    first, last = decay[0], decay[-1]
+    return (
+        f" Along the decay from {first.amplitude:.3g} to {last.amplitude:.3g} {unit} the frequency goes from "
+        f"{first.frequency_hz:.5g} to {last.frequency_hz:.5g} Hz and the damping ratio from "
+        f"{100 * first.damping_ratio:.3g} to {100 * last.damping_ratio:.3g} %."
+    )

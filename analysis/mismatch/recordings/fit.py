@@ -14,13 +14,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from analysis.mismatch.least_squares import Evaluation, Stopping, covariance, minimise
+from analysis.mismatch.least_squares import Evaluation, Stopping, minimise
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import POLICY, SelectionPolicy
 from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Problem
 from analysis.mismatch.recordings.model import Point, SimulationModel, residual
 from analysis.mismatch.recordings.motion import Own
-from analysis.mismatch.recordings.noise import NoiseModel, floor_of, innovation_rms, noise_of
+from analysis.mismatch.recordings.noise import floor_of, innovation_rms, noise_of
 from analysis.mismatch.recordings.recorded import FIT, HELD, UNUSED, Recorded, duration, level
 from analysis.mismatch.recordings.second_impact import second_impact_score
 from analysis.mismatch.recordings.signatures import columns_of
@@ -307,7 +307,7 @@ def _finished(problem: SimulatedRecordings, model: SimulationModel, found: Evalu
     sums = found.objective - found.penalty
     scatter = sums / max(sum(r.size for r in found.residuals), 1)
     values, terms = simulation.read(point.x)
-    spread = _spread(model, found, values)
+    spread = model.spread(found, values)
     covariances = []
     for i, term in enumerate(terms):
         at = [
@@ -322,24 +322,6 @@ def _finished(problem: SimulatedRecordings, model: SimulationModel, found: Evalu
         terms, simulation.arrangement, constants, found.residuals, sums, found.penalty, spread, tuple(covariances),
         problem, simulation, point.x, point.own, scatter, model.parts,
     )  # fmt: skip
-
-
-def _spread(model: SimulationModel, found: Evaluation[Point], values: Mapping[str, float]) -> Real:
-    """Return the covariance (k, k) that noise as it is gives to least squares, which weigh all of it alike."""
-    simulation, point = model.simulation, found.point
-    slopes = model.linearise(found, True)
-    inverse = covariance(slopes.normal)
-    inner = np.zeros(inverse.shape)
-    basis = slopes.basis
-    for number, (recorded, tangent) in enumerate(zip(simulation.recordings, slopes.tangents, strict=True)):
-        off, at = residual(simulation, point.x, point.own[number], number)
-        used = np.isin(recorded.part[at], model.parts)
-        columns = np.zeros((*off.shape, point.x.size))
-        columns[:, used] = tangent.common.reshape(len(off), -1, point.x.size)
-        inner += NoiseModel.of(simulation.rig, values, recorded, (off, used)).information(columns)
-    for i, _, error in model.prior:
-        inner[i, i] += model.noise / error**2 * model.noise
-    return np.asarray(basis @ inverse @ inner @ inverse @ basis.T, np.float64)
 
 
 def problem_of(rig: DescribedRig, recordings: Sequence[Recorded]) -> SimulatedRecordings:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import get_args
 
 import numpy as np
 from scipy.stats import t as student
@@ -18,16 +17,15 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.blocks import independent_samples, likelihood_ratio, mean_of
-from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit, linear_fit, problem_of
+from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit, linear_fit
 from analysis.mismatch.recordings.free_force import free_loss
 from analysis.mismatch.recordings.held_out import FinalFits
+from analysis.mismatch.recordings.otherwise import constant_explains, hold_that_explains
 from analysis.mismatch.recordings.ranking import Ranking, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.regression import regressed
 from analysis.mismatch.recordings.second_impact import where_it_fell
-from analysis.mismatch.recordings.start_check import better_unknown, with_unknown
 from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
-from analysis.mismatch.rig_description import Hold
 from analysis.mismatch.score_test import Score, Screening, screen
 from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of, started
 from sim_backend.mechanisms.kinds import ForceLaw, Mechanism, SecondImpact
@@ -35,8 +33,6 @@ from sim_backend.mechanisms.kinds import ForceLaw, Mechanism, SecondImpact
 STRONGEST_START, WEAKEST_START = 30.0, 0.1  # trial strengths that a fit begins with at most and at least
 LIGHTEST_START = 1e4  # the same, of a frame, whose trial is so many times as heavy as the rig
 HOPELESS = 4.0  # times the best objective so far, from which a competing fit is given up
-CONSTANTS = 2  # that are tried with other values where the rig as described misses most
-AS_WELL = 4.0  # mean square over that of what is named, up to which another constant explains as well
 
 Candidates = tuple[Candidate[SimulatedFit], ...]
 
@@ -299,6 +295,10 @@ class BlockJudge(Judge[SimulatedFit]):
         over = LeftOver(last.unexplained, last.p_value, share)
         return Selection(self, final, baseline.screening, steps, chosen, fitted, last, over)
 
+    def _otherwise_explained(self, before: SimulatedFit, named: SimulatedFit, linear: SimulatedFit) -> bool:
+        by_constant = constant_explains(before, named, self.on_progress)
+        return by_constant or hold_that_explains(linear, self.screen, self.on_progress, named) is not None
+
     def _without_idle_ones(
         self, current: SimulatedFit, steps: tuple[SelectionStep[SimulatedFit], ...]
     ) -> tuple[SimulatedFit, tuple[SelectionStep[SimulatedFit], ...]]:
@@ -311,41 +311,6 @@ class BlockJudge(Judge[SimulatedFit]):
                 kept[0] = replace(kept[0], before=steps[0].before)
                 return self._without_idle_ones(lean, tuple(kept))
         return current, steps
-
-    def constant_explains(self, linear: SimulatedFit, current: SimulatedFit) -> bool:
-        """Whether a declared constant is so wrong that the linear rig with another value does as well as what is named.
-
-        Only asked where the rig as described misses most of the motion.
-        """
-        if not linear.far_off():
-            return False
-        self.on_progress("trying the rig with other constants")
-        for name in list(better_unknown(self.problem))[:CONSTANTS]:
-            other = problem_of(with_unknown(self.problem.rig, name), self.problem.recordings)
-            losses = fit(replace(other, policy=self.problem.policy)).by_block(CHOOSE)
-            if mean_of(losses) < AS_WELL * mean_of(current.by_block(CHOOSE)):
-                return True
-        return False
-
-    def _otherwise_explained(self, before: SimulatedFit, named: SimulatedFit, linear: SimulatedFit) -> bool:
-        return self.constant_explains(before, named) or self.hold_that_explains(linear, named) is not None
-
-    def hold_that_explains(self, linear: SimulatedFit, named: SimulatedFit | None = None) -> Hold | None:
-        """Return what inputs would have to do between samples for the linear rig to leave nothing beyond noise.
-
-        And to predict the choosing blocks no worse than what is ``named``.
-        """
-        if not self.problem.rig.drives:
-            return None
-        self.on_progress("trying inputs that are held otherwise")
-        for hold in get_args(Hold):
-            if hold != self.problem.rig.hold:
-                other = replace(linear.problem, rig=replace(self.problem.rig, hold=hold))
-                found = fit(other, (), linear, fine=True)
-                worse = named is not None and mean_of(found.by_block(CHOOSE)) > mean_of(named.by_block(CHOOSE))
-                if not worse and self.screen(found).p_value >= self.problem.policy.level:
-                    return hold
-        return None
 
     def rival_in_time(self, steps: Sequence[SelectionStep[SimulatedFit]]) -> Candidate[SimulatedFit] | None:
         """Return the best candidate that goes with time, where amplitude and time are confounded."""

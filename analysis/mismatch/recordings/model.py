@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import dataclass
@@ -12,8 +12,9 @@ from functools import partial
 
 import numpy as np
 
-from analysis.mismatch.least_squares import Evaluation, Linearisation, Tangent
+from analysis.mismatch.least_squares import Evaluation, Linearisation, Tangent, covariance
 from analysis.mismatch.recordings.motion import Own
+from analysis.mismatch.recordings.noise import NoiseModel
 from analysis.mismatch.recordings.recorded import level
 from analysis.mismatch.recordings.simulation import Simulation
 from sim_backend.arrays import Real
@@ -131,6 +132,28 @@ class SimulationModel:
 
     def _changed(self, number: int, base: Real, x: Real, own: Own) -> Real:
         return np.asarray(base - self.used(x, own, number), np.float64).ravel()
+
+    def spread(self, found: Evaluation[Point], values: Mapping[str, float]) -> Real:
+        """Return the covariance (k, k) that noise as it is gives to least squares, which weigh all of it alike.
+
+        Parameters
+        ----------
+        values
+            The rig's constants at that point, by name.
+        """
+        simulation, point = self.simulation, found.point
+        linear = self.linearise(found, True)
+        inverse, basis = covariance(linear.normal), linear.basis
+        inner = np.zeros(inverse.shape)
+        for number, (recorded, tangent) in enumerate(zip(simulation.recordings, linear.tangents, strict=True)):
+            off, at = residual(simulation, point.x, point.own[number], number)
+            used = np.isin(recorded.part[at], self.parts)
+            columns = np.zeros((*off.shape, point.x.size))
+            columns[:, used] = tangent.common.reshape(len(off), -1, point.x.size)
+            inner += NoiseModel.of(simulation.rig, values, recorded, (off, used)).information(columns)
+        for i, _, error in self.prior:
+            inner[i, i] += self.noise / error**2 * self.noise
+        return np.asarray(basis @ inverse @ inner @ inverse @ basis.T, np.float64)
 
     def prior_slope(self, at: Evaluation[Point], basis: Real) -> Real:
         """Return half the negative slope of the penalty."""

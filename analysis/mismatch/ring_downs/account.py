@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.mismatch.account import Account, Weights, element_of_component, relative
+from analysis.mismatch.account import Account, Weights, element_of_component, far_off, group_labels, relative
 from analysis.mismatch.answer import (
     FitSummary,
     FittedRig,
@@ -17,8 +17,6 @@ from analysis.mismatch.answer import (
     Location,
     Named,
     NextExperiment,
-    far_off,
-    group_labels,
 )
 from analysis.mismatch.chi_squared import odds_of_nothing
 from analysis.mismatch.evidence.excess import excess_by_frequency, excess_by_time

@@ -14,7 +14,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.stats import chi2
 
-from analysis.mismatch.answer import SetAside, group_labels
+from analysis.mismatch.account import group_labels
+from analysis.mismatch.answer import SetAside
 from analysis.mismatch.chi_squared import evidence, p_of
 from analysis.mismatch.evidence.excess import WINDOWS_S, rotated
 from analysis.mismatch.intervals import through_zero

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from analysis.mismatch.answer import group_labels
+from analysis.mismatch.account import group_labels
 
 
 @pytest.mark.parametrize(

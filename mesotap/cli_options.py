@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,7 +24,7 @@ JsonPath = Annotated[
     typer.Option("--json", metavar="OUT.json", help="Also write the answer for programs.", show_default=False),
 ]
 
-PIPED_WIDTH = 160  # of tables where no terminal says how wide it is
+PIPED_WIDTH = 160  # of tables where neither a terminal nor COLUMNS says how wide it is
 
 
 def console(json: Path | None, *made: Path | None) -> Console:
@@ -49,6 +50,6 @@ def console(json: Path | None, *made: Path | None) -> Console:
         make_ready(json, None)
 
     found = SafeConsole(stderr=str(json) == "-")
-    if not found.is_terminal:
+    if not found.is_terminal and not os.environ.get("COLUMNS", "").isdigit():  # rich heeds that
         found.width = PIPED_WIDTH
     return found

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from analysis.mismatch.answer import ContactAtRest
@@ -22,6 +21,7 @@ from mesotap.answers.rounding import with_uncertainty
 from mesotap.configuration.config import ConfigError
 from mesotap.configuration.declared import header_uncertainty
 from mesotap.configuration.rig_files import tester_rig
+from mesotap.operator.tables import Table
 from sim_backend.adopted import adopted
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from rich.console import Console
-from rich.table import Table
 
 from analysis.mismatch.answer import LOAD_CELL, TESTER, Answer, LawKind, Named, NextExperiment
 from analysis.mismatch.remainder import SEEN, p_words, place_words
 from mesotap.answers.rounding import significant
+from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 
 LEAST = 1e-4  # probability below which its digits say nothing

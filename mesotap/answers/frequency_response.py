@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.table import Table
 
 from analysis.frequency_response.cross_check import CrossCheck
 from analysis.frequency_response.estimators import FrequencyResponse
 from calibration.estimate import Estimate
 from mesotap.answers.rounding import significant, with_uncertainty
+from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 
 DIGITS = 6

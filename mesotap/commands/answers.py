@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn
-from rich.table import Table
 
 from analysis.results import SessionResults
 from daq.records import Session
@@ -14,6 +13,7 @@ from mesotap.answers.analysing import analysed_as_configured
 from mesotap.answers.frequency_response import show_cross_checks
 from mesotap.answers.rounding import with_uncertainty
 from mesotap.configuration.config import Config
+from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 
 

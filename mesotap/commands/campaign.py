@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from daq.durable import write_whole
 from mesotap.campaigns.campaign import Campaign
@@ -20,6 +19,7 @@ from mesotap.campaigns.one_task import Limits
 from mesotap.campaigns.table import sweep_csv, verdict_of
 from mesotap.commands.outputs import make_ready, write_json
 from mesotap.commands.progress import progress
+from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 
 TABLE, PLANNED = "sweep.csv", "sweep.json"

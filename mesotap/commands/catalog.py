@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 
 from daq.durable import write_whole
 from daq.errors import RecordingError
@@ -19,6 +18,7 @@ from mesotap.catalogue.listing import COLUMNS, loads_csv, loads_parquet, session
 from mesotap.catalogue.question import EVERYTHING, Node, asked
 from mesotap.catalogue.store import Catalogue, CatalogueError, usual_place
 from mesotap.commands.outputs import make_ready, write_json
+from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 
 MOST_SHOWN = 200  # rows of the table that a person is shown
@@ -100,7 +100,7 @@ def _refuse_others_file(file: Path, begins: bytes) -> None:
 
 
 def _show(answer: Answer, console: Console) -> None:
-    shown = Table(title=f"{counted(len(answer.found), 'session')}; loads in mN, k_c in MN/m, zeta2 in %")
+    shown = Table(keys=2, title=f"{counted(len(answer.found), 'session')}; loads in mN, k_c in MN/m, zeta2 in %")
     for heading in ("created", "name", "specimen", "operator", "loads", "k_c", "zeta2", "diagnosis", "state"):
         shown.add_column(heading)
     for entry in answer.found[:MOST_SHOWN]:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from daq.errors import RecordingError
 from daq.records import Session
@@ -20,6 +19,7 @@ from mesotap.commands.files import config_for
 from mesotap.commands.outputs import make_ready, write_json
 from mesotap.commands.recordings import opened as opened_file
 from mesotap.configuration.config import ConfigError
+from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 from mesotap.report.report import written
 

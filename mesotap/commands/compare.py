@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 
 from analysis.mixed_model import TooFew
 from daq.errors import RecordingError
@@ -23,6 +22,7 @@ from mesotap.commands.answers import analysed
 from mesotap.commands.files import config_for
 from mesotap.commands.outputs import make_ready, write_json
 from mesotap.commands.recordings import SESSION_FILE, opened_session
+from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 
 BY = ("session", "specimen", "title", "operator")
@@ -169,7 +169,9 @@ def _is_figure(file: Path) -> bool:
 
 
 def _show(found: Sequence[Difference], console: Console) -> None:
-    shown = Table(title="the second against the first, 95 % intervals; p of single loads adjusted for their number")
+    shown = Table(
+        keys=3, title="the second against the first, 95 % intervals; p of single loads adjusted for their number"
+    )
     for heading in ("first", "second", "load, mN", "of", "value", "95 % interval", "p", "had nothing been common"):
         shown.add_column(heading)
     for d in found[:MOST_SHOWN]:

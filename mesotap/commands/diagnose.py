@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from analysis.mismatch.answer import RecordingFile
 from analysis.mismatch.diagnosis import Diagnosis, diagnose_recordings, diagnose_sessions
@@ -29,6 +28,7 @@ from mesotap.answers.recording_files import recording_files, sha256_of
 from mesotap.commands.outputs import write_json
 from mesotap.configuration.declared import header_uncertainty, rig_settings
 from mesotap.configuration.rig_files import load_rig, tester_rig
+from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 from sim_backend.mechanisms.catalogue import catalogue, variants
 from sim_backend.mechanisms.catalogue import without as left_without

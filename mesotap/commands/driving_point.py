@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from analysis.frequency_response.driving_point import two_masses
 from analysis.frequency_response.estimators import ForceError
@@ -21,6 +20,7 @@ from mesotap.answers.frequency_response import estimate_json
 from mesotap.answers.rounding import with_uncertainty
 from mesotap.commands.force_channel import ForceOptions, channel_called, force_of
 from mesotap.configuration.config import Config
+from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 from mesotap.session.progress import describe_rig
 

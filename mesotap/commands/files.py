@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.table import Table
 
 from analysis.modal.exponentials import FitFailure
 from analysis.results import RecordingModes, SessionResults
@@ -33,6 +32,7 @@ from mesotap.commands.recordings import opened_session, session_file, show_left_
 from mesotap.commands.session import partial
 from mesotap.configuration.config import Config, ConfigError, effective_text, load_config, parse_config
 from mesotap.configuration.usual_recordings import recording_remarks, refused_records, session_remarks
+from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 from mesotap.session.header import kept_config
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from daq.errors import RecordingError
 from daq.hits import COHERENCE, is_left_out, with_chosen
@@ -19,6 +18,7 @@ from mesotap.commands.diagnose import file_of
 from mesotap.commands.outputs import refuse_to_overwrite, write_json
 from mesotap.commands.recordings import show_remarks
 from mesotap.configuration.usual_recordings import refused_records
+from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 from mesotap.session.hand_verdicts import BY_HAND, LONGEST_REASON, HandVerdict, with_hand_verdicts
 

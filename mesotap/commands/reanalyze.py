@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from analysis.modal.exponentials import FitFailure
 from analysis.session import AnalysisError
@@ -26,6 +25,7 @@ from mesotap.commands.catalog import Asked, look_up
 from mesotap.commands.files import config_for
 from mesotap.commands.outputs import write_json
 from mesotap.commands.recordings import opened_session
+from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 
 MOST_SHOWN = 60

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from analysis.contact.gap import diagnose_published
 from analysis.contact.weighing import Weighed
@@ -25,6 +24,7 @@ from mesotap.answers.rounding import with_uncertainty
 from mesotap.commands.answers import analysed
 from mesotap.commands.outputs import write_json
 from mesotap.configuration.config import load_config
+from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 
 SHOWN = 10  # explanations of a gap in the terminal

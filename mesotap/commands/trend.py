@@ -6,7 +6,6 @@ import math
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 
 from analysis.control_charts import BETWEEN_FALSE_ALARMS
 from daq.errors import RecordingError
@@ -15,6 +14,7 @@ from mesotap.catalogue.trends import Trend, alarm_sentence, in_order, trends, tr
 from mesotap.commands.catalog import Asked, look_up
 from mesotap.commands.compare import refuse_figure
 from mesotap.commands.outputs import write_json
+from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 
 USUAL_LOAD_MN = 500.0

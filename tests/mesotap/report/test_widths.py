@@ -33,3 +33,21 @@ def test_no_table_is_wider_than_its_page(written: Path, chromium: Any, media: An
     page.emulate_media(media=media)
     assert page.evaluate(f"({WIDER})().map(t => t.caption.innerText.slice(0, 40))") == []
     page.close()
+
+
+PLACES = """() => ['.summary p', '.trust li:last-child', '.next', '.summary figure'].map(
+  s => document.querySelector(s).getBoundingClientRect()).map(r => [r.top, r.bottom])"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "height", "with_figure"), [(390, 844, False), (1200, 800, True)])
+def test_the_first_screen_says_what_was_found_and_what_to_do(
+    written: Path, chromium: Any, width: int, height: int, with_figure: bool
+) -> None:
+    page = chromium.new_page(viewport={"width": width, "height": height})
+    page.goto(written.as_uri())
+    found, lights, then, figure = page.evaluate(PLACES)
+    assert found[1] <= lights[0] <= then[0]
+    assert then[1] <= min(height, figure[0])
+    assert not with_figure or figure[0] < height - 100
+    page.close()

@@ -53,6 +53,14 @@ class Weights:
 
 
 @dataclass(frozen=True, slots=True)
+class Otherwise(Generic[FitOf]):
+    """The linear rig described in another way, with which nothing is missing: what the description says, the fit."""
+
+    said: str
+    fit: FitOf
+
+
+@dataclass(frozen=True, slots=True)
 class Account(ABC, Generic[FitOf]):
     """See the module."""
 
@@ -62,8 +70,12 @@ class Account(ABC, Generic[FitOf]):
     def weights(self, number: int) -> Weights:
         """Return how likely the candidates of the step are that accepted the mechanism of this number."""
 
+    def described_otherwise(self) -> Otherwise[FitOf] | None:
+        """Return how the rig would have to be described for nothing to be missing; None where no way is known."""
+        return None
+
     @abstractmethod
-    def location(self, named: Sequence[Named]) -> Location:
+    def location(self, named: Sequence[Named], otherwise: Otherwise[FitOf] | None = None) -> Location:
         """Return where the recordings hold more than the linear rig."""
 
     @abstractmethod

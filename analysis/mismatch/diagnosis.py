@@ -6,9 +6,7 @@ answer.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,10 +14,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from analysis.mismatch.account import Account, beyond_noise
-from analysis.mismatch.answer import Answer, Named, RecordingFile, Remainder, Rival, UpperLimit, Verdict
+from analysis.mismatch.answer import Answer, Named, RecordingFile, Remainder, UpperLimit, Verdict
 from analysis.mismatch.law_reading import law_of
 from analysis.mismatch.learning import is_learned, with_learned
-from analysis.mismatch.limits import complete_probability, probability_of_nothing, rivals_of_nothing, upper_limits
+from analysis.mismatch.limits import complete_probability, upper_limits
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.account import BlockAccount
 from analysis.mismatch.recordings.fit import SimulatedRecordings, problem_of
@@ -29,21 +27,17 @@ from analysis.mismatch.recordings.steady import Sweep
 from analysis.mismatch.remainder import remainder_statement
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.ring_downs.account import ImpactAccount
-from analysis.mismatch.ring_downs.candidates import screened_evidence
 from analysis.mismatch.ring_downs.load_drift import with_load_drift
 from analysis.mismatch.ring_downs.problem import RingDowns
 from analysis.mismatch.ring_downs.selecting import select_for_impacts
 from analysis.mismatch.ring_downs.sessions import ring_downs
-from analysis.mismatch.selection import Candidate, Selection, name_of, screened_baseline, select
+from analysis.mismatch.rivals import rivals_of
+from analysis.mismatch.selection import Selection, screened_baseline, select
 from analysis.session import AnalysisError
 from daq.exchange import Recording
 from daq.records import Session
 from sim_backend.learned.families import form_named
 from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
-
-RIVALS = 4  # that are reported
-LIKELY = 0.01  # probability from which on a rival's held-out error is computed too
-BEST_OF_NONE = 2  # candidates whose held-out error is computed where nothing is named: none of them is likely
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +175,8 @@ def answer_of(account: Account[Any], recordings: Sequence[RecordingFile] = ()) -
     named = [] if chosen is None else [_named(account, chosen, i) for i in range(len(selection.accepted))]
     if verdict == "missing_physics" and any(m.learned for m in named):
         verdict = "new_physics"
-    location = account.location(named) if found else None
+    otherwise = account.described_otherwise() if verdict == "unexplained" and not far_off else None
+    location = account.location(named, otherwise) if found else None
     remainder = _remainder(account, verdict)
     if verdict == "unexplained" and location is not None:
         statement = location.why if far_off else remainder.statement
@@ -195,7 +190,7 @@ def answer_of(account: Account[Any], recordings: Sequence[RecordingFile] = ()) -
         complete_probability=complete_probability([m.probability for m in named], remainder.p_value),
         remainder=remainder,
         upper_limits=_upper_limits(account, named),
-        rivals=_rivals(account),
+        rivals=rivals_of(account, otherwise),
         location=location,
         fit=account.summary(chosen),
         next_experiment=account.next_experiment(named) if found else None,
@@ -254,75 +249,3 @@ def _upper_limits(account: Account[Any], named: Sequence[Named]) -> tuple[UpperL
     left = beyond_noise(selection, screening)
     found = upper_limits([s for s in screening.scores if s.term.mechanism.id not in present], left)
     return tuple(replace(u, unit=account.unit(u.unit)) for u in found)
-
-
-def _rivals(account: Account[Any]) -> tuple[Rival, ...]:
-    """Return the runner-up and those behind it, from the first step of the selection."""
-    selection = account.selection
-    if not selection.steps:
-        if account.far_off:
-            return ()  # the description is wrong: what would take away most of the residual says nothing
-        gains = [(s.term.mechanism.id, screened_evidence(s)) for s in selection.screening.scores]
-        return tuple(_fitted(account, rival) for rival in rivals_of_nothing(gains, selection.p_value))
-    step = selection.steps[0]
-    named = step.accepted if selection.chosen is not None else None
-    others: dict[str, Candidate[Any]] = {}
-    for c in step.candidates:
-        if named is None or c.id != named.id:
-            others.setdefault(c.id, c)
-    certain = 1 if named else BEST_OF_NONE
-    first: float | None = None
-    found: list[Rival] = []
-    for i, c in enumerate(list(others.values())[:RIVALS]):
-        if i == 0 or c.fit:
-            found.append(_rival(account, c, i < certain, first))
-            first = None if named else found[0].heldout_rms
-    return tuple(sorted(found, key=lambda r: -r.probability))
-
-
-def _fitted(account: Account[Any], rival: Rival) -> Rival:
-    """Return the rival of a rig in which nothing is missing with the error of its full fit on what was held out."""
-    selection = account.selection
-    own = [s for s in selection.screening.scores if s.term.mechanism.id == rival.ids[0]]
-    place = max(own, key=screened_evidence).term.place
-    scores = sorted((s for s in own if s.term.place == place), key=lambda s: -screened_evidence(s))
-    selection.judge.on_progress(f"fitting {name_of(scores[0].term.mechanism)}, the runner-up")
-    with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
-        fitted = selection.judge.fitted_alone(selection.baseline, scores)
-        error = math.nan if fitted is None else account.held_out_rms(selection.judge.to_the_end(fitted))
-        if math.isfinite(error):
-            before = account.held_out_rms(selection.baseline)
-            beside = f" Fitted in full its error on what was held out is {error:.5g}; the linear rig's is {before:.5g}."
-            if error < before:
-                beside += " What was held out does not choose: the overall test says that nothing is missing."
-            return replace(rival, heldout_rms=error, why=rival.why + beside)
-    return replace(rival, why=f"{rival.why} Fitted in full it is not admissible.")
-
-
-def _rival(account: Account[Any], candidate: Candidate[Any], certain: bool, first: float | None) -> Rival:
-    """Return what is said of another explanation; its held-out error where it could matter, or ``certain``.
-
-    ``first``: where nothing is named, the held-out error of the best.
-    """
-    selection, weights = account.selection, account.weights(0)
-    step, total = selection.steps[0], weights.total
-    if selection.chosen is None or step.accepted is None:
-        # nothing is named: each is as likely as that nothing else is at work beside the best of them
-        total = max(sum(weights.of.values()), 1.0) / max(probability_of_nothing(selection.left.p_value), 1e-300)
-    probability = min(weights.of.get(candidate.id, 0.0) / total, 1.0) if total > 0 else 0.0
-    error: float | None = None
-    likely = probability > LIKELY or selection.chosen is None
-    if candidate.fit is not None and (certain or likely):
-        # of one far behind the fit in which it lost is near enough: to its end it may creep for long
-        error = account.held_out_rms(selection.judge.to_the_end(candidate.fit) if likely else candidate.fit)
-        error = error if math.isfinite(error) else None
-    best = step.accepted or step.candidates[0]
-    if candidate is best:
-        why = "It explains more than any other, but leaves too much over to be named."
-        return Rival((candidate.id,), probability, error, why)
-    why = account.compared(candidate, best)
-    if error is not None and selection.chosen is not None and error < account.held_out_rms(selection.chosen):
-        why = f"{why} {account.despite_its_error(candidate, best)}"
-    elif error is not None and first is not None and error < first:
-        why = f"{why} Its held-out error is smaller all the same: what was held out takes no part in the order."
-    return Rival((candidate.id,), probability, error, why)

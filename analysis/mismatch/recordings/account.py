@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.mismatch.account import UNLISTED, Account, Weights, far_off, relative
+from analysis.mismatch.account import UNLISTED, Account, Otherwise, Weights, far_off, relative
 from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Interval, Location, Named, NextExperiment
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.blocks import held_out_rms, mean_of, together
@@ -227,7 +227,12 @@ class BlockAccount(Account[SimulatedFit]):
             max(int(segments), pieces), len(recordings), stretches, steady, channels,
         )  # fmt: skip
 
-    def location(self, named: Sequence[Named]) -> Location:
+    def described_otherwise(self) -> Otherwise[SimulatedFit] | None:
+        """Return the linear rig with inputs held otherwise, where it leaves nothing."""
+        found = hold_that_explains(self.selection.baseline, self.judge.screen, self.judge.on_progress)
+        return None if found is None else Otherwise(f"'recording: {{hold: {found.problem.rig.hold}}}'", found)
+
+    def location(self, named: Sequence[Named], otherwise: Otherwise[SimulatedFit] | None = None) -> Location:
         """Return where most of the linear rig's residual lies."""
         base, best, rig = self.selection.baseline, self.selection.best, self.described
         time, frequency = residual_band(base)
@@ -242,11 +247,8 @@ class BlockAccount(Account[SimulatedFit]):
         else:
             element, component = self._suspected(self.selection.screening)
             what = "nothing listed explains it" + not_tried(self.judge, element)
-            unexplained = self.selection.screening.p_value < self.judge.problem.policy.level
-            asked = unexplained and not self.far_off
-            hold = hold_that_explains(base, self.judge.screen, self.judge.on_progress) if asked else None
-            if hold is not None:
-                what = f"nothing of it is left once the rig file says 'recording: {{hold: {hold}}}'"
+            if otherwise is not None:
+                what = f"nothing of it is left once the rig file says {otherwise.said}"
             elif self.far_off:
                 what = far_off_words(self.judge.problem)
         why = f"The residual of the linear rig lies from {frequency[0]:.4g} to {frequency[1]:.4g} Hz, and {what}."

@@ -40,8 +40,8 @@ def hold_that_explains(
     screen: Callable[[SimulatedFit], Screening],
     on_progress: OnProgress,
     named: SimulatedFit | None = None,
-) -> Hold | None:
-    """Return what inputs would have to do between samples for the linear rig to leave nothing beyond noise.
+) -> SimulatedFit | None:
+    """Return the linear rig with inputs that do between samples what leaves nothing beyond noise; None if none does.
 
     And to predict the choosing blocks no worse than what is ``named``.
 
@@ -59,5 +59,5 @@ def hold_that_explains(
             found = fit(replace(linear.problem, rig=replace(rig, hold=hold)), (), linear, fine=True)
             worse = named is not None and mean_of(found.by_block(CHOOSE)) > mean_of(named.by_block(CHOOSE))
             if not worse and screen(found).p_value >= level:
-                return hold
+                return found
     return None

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.mismatch.account import Account, Weights, element_of_component, far_off, group_labels, relative
+from analysis.mismatch.account import Account, Otherwise, Weights, element_of_component, far_off, group_labels, relative
 from analysis.mismatch.answer import (
     FitSummary,
     FittedRig,
@@ -138,7 +138,7 @@ class ImpactAccount(Account[RingDownFit]):
             "m/s2", experiment.noise_rms, before, after, held, len(experiment.segments), len(set(experiment.loads_n))
         )
 
-    def location(self, named: Sequence[Named]) -> Location:
+    def location(self, named: Sequence[Named], otherwise: Otherwise[RingDownFit] | None = None) -> Location:
         """Read off the residual of the linear rig where it is more than noise."""
         base, best, rig = self.selection.baseline, self.selection.best, self.judge.problem.arrangement
         rate = self.judge.problem.experiment.sample_rate_hz

@@ -67,6 +67,11 @@ def test_a_held_input_described_as_band_limited_is_told_and_not_named() -> None:
     found = diagnose_recordings([stage(0.0)], rig, variants(catalogue())).answer
     assert found.verdict == "unexplained"
     assert "hold: zero" in found.location.why
+    assert found.rivals
+    for rival in found.rivals:  # none is certain, nor needless because nothing were missing
+        assert rival.probability < 0.5
+        assert rival.why.endswith("once the rig file says 'recording: {hold: zero}'.")
+        assert "nothing is missing" not in rival.why
 
 
 @pytest.mark.slow

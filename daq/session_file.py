@@ -39,6 +39,7 @@ MOST_ZEROS = 10_000
 """Readings without load that are read; a plan has a tenth as many loads."""
 FAMILIES = ("butterworth", "none", "")
 MOST_REFUSED = 10
+STILL = "constant throughout, so that no tap was recorded"
 """Records that cannot be read and are named; of more, their number is told."""
 RATE_TOLERANCE = 0.01
 """Relative difference between the rig's sampling rate and an impact's that a recorder's clock may explain."""
@@ -300,6 +301,10 @@ def _read_impacts(group: Node, rig_rate_hz: float) -> tuple[tuple[Impact, ...], 
             raise
         except RecordingError as error:
             faults.append(error)
+    still = [i for i in impacts if i.accepted and not np.ptp(i.acceleration, axis=1).any()]
+    if len(still) < len(impacts):  # where all are, the whole session is in question, and its analysis says so
+        impacts = [i for i in impacts if not any(i is s for s in still)]
+        faults += [group.need_group(i.name).error(f"/acceleration: {STILL}") for i in still]
     rates = [fault for fault in faults if isinstance(fault, _OtherRate)]
     if len(rates) > len(impacts):
         raise RecordingError(str(rates[0]))

@@ -286,6 +286,19 @@ def test_of_many_faults_the_first_ten_are_named_and_the_others_counted(tmp_path:
     assert found.refused[-1] == "3 more records cannot be read and are left out"
 
 
+def test_a_record_in_which_nothing_changes_is_named_and_left_out(tmp_path: Path, session: Session) -> None:
+    path = tmp_path / "still.h5"
+    tap = replace(session.impacts[0], accepted=True, reject_reason="")
+    still = replace(tap, number=1, acceleration=np.full_like(tap.acceleration, 3.0))
+    write_session(path, replace(session, impacts=(tap, still)))
+    found = read_session(path)
+    assert [i.number for i in found.impacts] == [0]
+    said = "/impacts/00001/acceleration: constant throughout, so that no tap was recorded; this record is left out"
+    assert found.refused == (said,)
+    write_session(path, replace(session, impacts=(still,)))
+    assert [i.number for i in read_session(path).impacts] == [1]  # told of the whole session by what analyses it
+
+
 def test_a_shape_too_large_to_be_true_is_refused_without_reading_it(file: Path) -> None:
     with h5py.File(file, "r+") as f:
         del f[A3]

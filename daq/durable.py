@@ -31,7 +31,29 @@ _CAUSES = {
 
 def write_error(path: Path, error: OSError) -> UnwrittenError:
     """Return the one-sentence error for a file that could not be written."""
+    if error.errno == errno.ENOENT and path.parent.is_dir():
+        return UnwrittenError(path, "no file can be made in this folder")
     return UnwrittenError(path, cause_of(error))
+
+
+def try_to_write(path: Path) -> None:
+    """Find out whether `write_whole` can write a file, and leave everything as it is.
+
+    Raises
+    ------
+    UnwrittenError
+        It cannot.
+    """
+    if path.name in ("", "..") or path.is_dir():
+        raise UnwrittenError(path, "it is a folder; name a file")
+    part = path.with_name(path.name + PART)
+    try:
+        os.close(open_plain(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
+        part.unlink(missing_ok=True)
+    except FileExistsError:
+        return  # of a program that was killed, or that writes it at this moment: told when it is written
+    except OSError as error:
+        raise write_error(path, error) from error
 
 
 def cause_of(error: OSError) -> str:

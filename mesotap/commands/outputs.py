@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from daq.durable import cause_of, make_folder, write_error, write_whole
+from daq.durable import cause_of, make_folder, try_to_write, write_error, write_whole
 from daq.errors import RecordingError, UnwrittenError
 from daq.regular import read_head
 from daq.session_file import read_session
@@ -21,19 +21,22 @@ DEVICE_FOLDERS = (Path("/dev"), Path("/dev/fd").resolve(), Path("/proc/self/fd")
 def make_ready(file: Path | None, folder: Path | None) -> None:
     """Find out before anything is computed whether a file can be written, and make a folder that is asked for.
 
+    Both are tried out: permissions do not tell everything.
+
     Raises
     ------
     UnwrittenError
         One of them cannot be written.
     """
-    if file is not None and not file.parent.is_dir():
-        raise UnwrittenError(file, "the folder does not exist")
+    if file is not None and str(file) != "-" and not _takes_what_is_written(file):
+        try_to_write(file)
     if folder is None:
         return
     try:
         make_folder(folder)
     except OSError as error:
         raise write_error(folder, error) from error
+    try_to_write(folder / "index.html")
 
 
 def write_json(path: Path | None, answer: Any) -> None:

@@ -17,6 +17,7 @@ from mesotap.answers.diagnosis_text import (
     next_words,
     no_rival,
     probability_words,
+    rival_probability,
     rivals_are,
     verdict_sentence,
     what_was_recorded,
@@ -117,6 +118,7 @@ def write_page(
     html = environment().get_template("diagnosis.html").render(
         answer=answer,
         evidence=evidence,
+        files=" + ".join(Path(r.file).name for r in answer.recordings),
         sessions=sessions,
         simulated=any(is_simulated(session) for session in sessions),
         verdict=verdict_sentence(answer),
@@ -128,6 +130,7 @@ def write_page(
         next_words=next_words,
         no_rival=no_rival,
         rivals_are=rivals_are(answer),
+        rival_probability=rival_probability(answer),
         pdf_figures=pdf_figures,
     )  # fmt: skip
     return written(folder / "diagnosis.html", html)

@@ -227,6 +227,21 @@ def rivals_are(answer: Answer) -> str:
     return "What comes nearest to being seen" if answer.verdict == "consistent" else "What else it could be"
 
 
+def rival_probability(answer: Answer) -> str:
+    """Say what the probability of a rival is of, which depends on what is named."""
+    if answer.verdict == "consistent":
+        return (
+            "Probability: that this is missing all the same. Together the mechanisms have at most what the p-value of "
+            "the overall test leaves; each has a share by what its score test takes away."
+        )
+    if answer.verdict == "unexplained":
+        return "Probability: that this is at work and nothing else is beside it."
+    return (
+        "Probability: that this is at work instead of what is named, where the other listed mechanisms, a force "
+        "without a name and causes that are not listed are weighed too."
+    )
+
+
 def no_rival(answer: Answer) -> str:
     """Say why there is no runner-up."""
     if answer.far_off:

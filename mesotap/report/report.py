@@ -45,7 +45,7 @@ from mesotap.answers.summary import summary
 from mesotap.answers.trust import trusted, what_next
 from mesotap.report import figures
 from mesotap.report.figures import Recording
-from mesotap.report.typesetting import prose, unit
+from mesotap.report.typesetting import parameter, prose, unit
 
 if TYPE_CHECKING:
     from mesotap.answers.assurance import Beside
@@ -400,7 +400,7 @@ def environment() -> Environment:
     templates.filters["pm"] = lambda estimate, scale=1.0: _typographic(with_uncertainty(estimate, scale))
     templates.filters["digits"] = lambda value, count=3: _typographic(significant(value, count))
     templates.filters["signed"] = _signed
-    templates.filters["known"] = lambda parameter: _typographic(known(parameter))
+    templates.filters["known"] = lambda fitted: parameter(known(fitted))
     templates.filters["chance"] = chance
     templates.filters["moment"] = lambda text: text.replace("T", " ").removesuffix("Z").removesuffix("+00:00")
     templates.filters["prose"] = prose

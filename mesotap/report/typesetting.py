@@ -14,8 +14,10 @@ POWER = re.compile(r"(?<![\w.])(?<!/ )(\d+(?:\.\d+)?)e([+-]?\d+)(?![\w.]*\w)")
 MINUS = re.compile(r"(?<=[\s(])-(?=\d)|^-(?=\d)")
 RAISED = re.compile(r"(?<![\w/])(kg/m|m/s|um)([23])\b|\^([0-9])\b|\^\((\d/\d)\)")
 PERCENT = re.compile(r"(?<=\d) ?%")
-SYMBOL = re.compile(r"(?<![\w./\\-])(k_[cs]|c_c|R_[qas]|zeta_?[12c]|[fmk][12])(?![\w/\\-]|\.\w)")
+SYMBOL = re.compile(r"(?<![\w./\\-])(k_[cs]|c_c|R_[qas]|P_[a0]|A_n|zeta(?:_?[12c])?|[fmk][12])(?![\w/\\-]|\.\w)")
 """Of the rig; not a part of a name, of a path or of a key."""
+LETTER = re.compile(r"(?<![\w/>])[PFHR](?![\w<])")
+"""That stands for a quantity where a parameter is named; elsewhere it may be a unit or a name."""
 
 
 def prose(text: str) -> Markup:
@@ -41,6 +43,17 @@ def prose(text: str) -> Markup:
     said = RAISED.sub(_raised, PERCENT.sub(f"{NO_BREAK}%", MINUS.sub("−", said)))
     said = re.sub(r"(?<=[\d ])um(?=[²\W]|$)", "µm", said)
     return Markup(SYMBOL.sub(_symbol, said))  # escaped above
+
+
+def parameter(text: str) -> Markup:
+    """Set a parameter's name with its value for a page.
+
+    Examples
+    --------
+    >>> print(parameter("c_c / P -0.5 (-1 to 0) s/m"))
+    <i>c</i><sub>c</sub> / <i>P</i> −0.5 (−1 to 0) s/m
+    """
+    return Markup(LETTER.sub(r"<i>\g<0></i>", str(prose(text))))  # escaped by prose
 
 
 def unit(text: str) -> str:
@@ -70,4 +83,6 @@ def _raised(found: re.Match[str]) -> str:
 
 def _symbol(found: re.Match[str]) -> str:
     base, index = found[0][0], found[0][-1]
+    if found[0] == "zeta":
+        return "<i>ζ</i>"
     return f"<i>{'ζ' if base == 'z' else base}</i><sub>{index}</sub>"

@@ -321,6 +321,18 @@ def test_writes_page_numbers_and_figures(
     assert found == {"report.html", *TABLES, *(f"figures/{n}.pdf" for n in names)}
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_units_of_a_reason_are_set_as_in_the_head_of_its_table(
+    small: tuple[Session, SessionResults], tmp_path: Path
+) -> None:
+    session, results = small
+    told = tuple(replace(i, reject_reason=i.reject_reason and "peak 11.2 m/s2") for i in results.impacts)
+    assert "peak 11.2 m/s2" in {i.reject_reason for i in told}
+    text = Page(report(tmp_path, session, replace(results, impacts=told))).text
+    assert text.count("peak 11.2 m/s²") > 1
+    assert "m/s2" not in text
+
+
 def test_page_stands_alone(written: Path, page: Page) -> None:
     html = (written / "report.html").read_text(encoding="utf-8")
     assert not re.search(r"https?:|//[a-z]|url\((?!#)|@import|file:", html)

@@ -1,0 +1,40 @@
+"""What the page of a diagnosis calls things."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from analysis.mismatch.answer import RecordingFile, Rival, Verdict
+from mesotap.answers.diagnosis_page import Evidence, write_page
+from tests.mesotap.answers.made import ANSWER
+
+NOTHING = Evidence((), (), (), (), (), (), "")
+
+
+def test_files_are_named_without_their_folders(tmp_path: Path) -> None:
+    answer = replace(ANSWER, recordings=tuple(RecordingFile(f"/deep/folder/{n}.h5", "0" * 64) for n in "ab"))
+    text = write_page(tmp_path, answer, NOTHING, {}, pdf_figures=False).read_text()
+    assert "a.h5 + b.h5" in text
+    assert "/deep" not in text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "says"),
+    [
+        ("consistent", "that this is missing all the same"),
+        ("unexplained", "that this is at work and nothing else"),
+        ("missing_physics", "that this is at work instead of what is named"),
+    ],
+)
+def test_the_table_of_rivals_says_what_their_probability_is_of(tmp_path: Path, verdict: Verdict, says: str) -> None:
+    named = ANSWER.mechanisms if verdict == "missing_physics" else ()
+    answer = replace(
+        ANSWER, verdict=verdict, mechanisms=named, rivals=(Rival(("drift",), 0.072, None, "It is small."),)
+    )
+    text = write_page(tmp_path, answer, NOTHING, {}, pdf_figures=False).read_text()
+    (caption,) = (c for c in re.findall("<caption>(.*?)</caption>", text) if "held-out rms" in c)
+    assert f"Probability: {says}" in caption

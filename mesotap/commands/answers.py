@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn
+from rich.status import Status
 
 from analysis.results import SessionResults
 from daq.records import Session
@@ -30,6 +32,11 @@ def analysed(
             on_progress(text)
 
         return analysed_as_configured(session, config, show)
+
+
+def writing_report(console: Console) -> AbstractContextManager[Status]:
+    """Say so while a report is drawn and written."""
+    return console.status("writing the report ...")
 
 
 def show_session(results: SessionResults, console: Console) -> None:

@@ -24,7 +24,7 @@ from mesotap.answers.provenance import provenance
 from mesotap.answers.recording_modes import modes_of
 from mesotap.answers.results_files import modes_json, results_json
 from mesotap.answers.rounding import significant, with_uncertainty
-from mesotap.commands.answers import analysed, show_session
+from mesotap.commands.answers import analysed, show_session, writing_report
 from mesotap.commands.force_channel import ForceOptions, by_force
 from mesotap.commands.outputs import write_json
 from mesotap.commands.recordings import opened as opened_file
@@ -160,7 +160,8 @@ def _analyze_recording(
     if report is not None:
         from mesotap.report.report import recording_report
 
-        page = recording_report(report, motions, modes, compared, responses)
+        with writing_report(console):
+            page = recording_report(report, motions, modes, compared, responses)
         console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
     answer = with_beside(modes_json(modes), compared)
     answer |= told
@@ -269,16 +270,17 @@ def _session_report(
 
     truths = partial(source)[2] if source.is_dir() else []
     results = analysed(session, config, console)
-    page = write_report(
-        folder,
-        session,
-        results,
-        theory(config.analysis.contact),
-        truths or None,
-        contact=config.analysis.contact,
-        correction=correction,
-        origin=provenance(session, config, session_file(source)),
-    )
+    with writing_report(console):
+        page = write_report(
+            folder,
+            session,
+            results,
+            theory(config.analysis.contact),
+            truths or None,
+            contact=config.analysis.contact,
+            correction=correction,
+            origin=provenance(session, config, session_file(source)),
+        )
     console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
     return results
 

@@ -21,7 +21,7 @@ from daq.records import Session
 from daq.session_file import read_session, write_session
 from mesotap import __version__
 from mesotap.answers.results_files import results_json
-from mesotap.commands.answers import analysed, show_session
+from mesotap.commands.answers import analysed, show_session, writing_report
 from mesotap.commands.outputs import write_json
 from mesotap.commands.recordings import SESSION_FILE
 from mesotap.commands.wire_options import NO_WIRE, WireOptions
@@ -219,15 +219,16 @@ def _report(
     people.filing(Filing.REPORT, "")
     results = analysed(session, config, console, lambda text: people.filing(Filing.REPORT, text))
     people.filing(Filing.REPORT, "drawing")
-    page = write_report(
-        folder,
-        session,
-        results,
-        theory(config.analysis.contact),
-        list(truths) if truths else None,
-        contact=config.analysis.contact,
-        origin=_origin(session, config, folder),
-    )
+    with writing_report(console):
+        page = write_report(
+            folder,
+            session,
+            results,
+            theory(config.analysis.contact),
+            list(truths) if truths else None,
+            contact=config.analysis.contact,
+            origin=_origin(session, config, folder),
+        )
     show_session(results, console)
     console.print(f"report       {escape(page)}", highlight=False, soft_wrap=True)
     return results

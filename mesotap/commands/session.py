@@ -7,7 +7,7 @@ import datetime
 import functools
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -46,12 +46,12 @@ from mesotap.session.header import (
 )
 from mesotap.session.order import FOLDER_NAME, RigChoice
 from mesotap.session.progress import HARDWARE, assemble
-from mesotap.session.runner import Bench, SessionRunner
+from mesotap.session.runner import GOES_ON, Bench, SessionRunner
 from mesotap.session.session_log import Logged, session_log
 from mesotap.session.states import State
 from rig import Rig
 from rig.drivers.wire_record import WireFile
-from rig.errors import MesotapError
+from rig.errors import MesotapError, SessionAborted
 from rig.hardware_log import HardwareLog
 from rig.wall_clock import WallClock
 from sim_backend.clock import VirtualClock
@@ -69,7 +69,22 @@ def run(
     """Begin a session in a new folder and carry it to its report."""
     config = load_config(config_path, changes)
     path = output or Path("sessions") / datetime.datetime.now(datetime.UTC).strftime(FOLDER_NAME)
-    begin(config, choice, path, at_terminal(console), json_path, wire)
+    with _resumable(path):
+        begin(config, choice, path, at_terminal(console), json_path, wire)
+
+
+@contextlib.contextmanager
+def _resumable(path: Path) -> Iterator[None]:
+    """Say of an interrupt how the session in a folder goes on, which the end of the program would not."""
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        if not (path / HEADER).is_file():
+            raise
+        aborted = SessionAborted("interrupted")
+        for note in getattr(interrupt, "__notes__", ()) or (GOES_ON,):
+            aborted.add_note(note)
+        raise aborted from interrupt
 
 
 def begin(
@@ -126,7 +141,8 @@ def _rig_of(header: dict[str, Any], config: Config, people: People, speed: float
 
 def resume(path: Path, json_path: Path | None, console: Console, wire: WireOptions = NO_WIRE) -> None:
     """Go on with a session wherever it was left."""
-    go_on(path, at_terminal(console), json_path, wire)
+    with _resumable(path):
+        go_on(path, at_terminal(console), json_path, wire)
 
 
 def go_on(

@@ -26,6 +26,7 @@ from mesotap.commands.outputs import write_json
 from mesotap.configuration.config import load_config
 from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
+from rig.errors import SessionAborted
 
 SHOWN = 10  # explanations of a gap in the terminal
 SPHERE_DAMPING = (0.17, 100.0, -0.75)  # 17 % at 100 mN to 3 % at 1 N (Sec. 4.1), a power of the load in between
@@ -242,6 +243,9 @@ def _simulated_session(changes: Sequence[str], seed: int, console: Console) -> t
     with tempfile.TemporaryDirectory() as folder:
         unheard = Console(file=io.StringIO())
         choice = RigChoice(simulate=True, seed=seed)
-        run(None, changes, choice, Path(folder) / "session", None, unheard)
+        try:
+            run(None, changes, choice, Path(folder) / "session", None, unheard)
+        except SessionAborted as aborted:  # nobody can resume what is gone with its folder
+            raise KeyboardInterrupt from aborted
         session = read_session(Path(folder) / "session" / SESSION_FILE)
     return session, analysed(session, load_config(None, changes), console)

@@ -15,7 +15,7 @@ from daq.exchange import Recording, as_session, import_recording
 from daq.hits import LEFT_OUT, is_left_out
 from daq.records import Impact, Session
 from daq.session_file import read_session, write_session
-from mesotap.commands.outputs import refuse_to_overwrite, write_json
+from mesotap.commands.outputs import write_json
 from mesotap.configuration.usual_recordings import recording_remarks, refused_records, session_remarks
 from mesotap.operator.terminal import escape
 
@@ -78,7 +78,10 @@ def import_file(
     if output is None and file.name in ("", ".."):
         raise RecordingError(f"{file}: is a folder, not a recording")
     target = output or file.with_suffix(".h5")
-    refuse_to_overwrite(target)
+    if target.exists() and not (target.is_file() and target.stat().st_size == 0):
+        raise RecordingError(
+            f"{target}: exists already and is left as it is; name another file (mesotap import {file} NEW.h5)"
+        )
     recording = believed(import_recording(file, rate_hz=rate))
     unusual = recording_remarks(recording)
     show_remarks(unusual, console)  # before a channel may be refused for what this explains

@@ -418,7 +418,10 @@ def test_a_recording_is_not_overwritten(session, tmp_path):
     assert "left as it is" in refused("import", decay(tmp_path / "r.csv"), session / "session.h5")
     one = tmp_path / "one.h5"
     mesotap("import", tmp_path / "r.csv", one)
-    mesotap("import", tmp_path / "r.csv", one)  # what can be made again may be
+    there = one.read_bytes()
+    assert "name another file" in refused("import", decay(tmp_path / "other.csv"), one)
+    assert "name another file" in refused("import", tmp_path / "r.csv", one)
+    assert one.read_bytes() == there
 
 
 def test_nothing_is_left_of_a_run_that_could_not_begin(tmp_path):

@@ -15,19 +15,21 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """Magnitudes from ``least`` to ``most``, in ``unit``, and ``why`` there is nothing outside."""
+    """Magnitudes from ``least`` to ``most``, in ``unit``, and why there is nothing ``below`` and ``beyond``."""
 
     least: float
     most: float
     unit: str
-    why: str
+    below: str
+    beyond: str
 
     def fault(self, value: float) -> str:
         """Return what is wrong with a value; empty if nothing is, or if it is zero or unknown (NaN)."""
         if not value or math.isnan(value) or self.least <= abs(value) <= self.most:
             return ""
-        allowed = f"at most {self.most:g}" if abs(value) > self.most else f"at least {self.least:g}"
-        return f"is {value:g} {self.unit}, expected {allowed} ({self.why})"
+        if abs(value) > self.most:
+            return f"is {value:g} {self.unit}, expected at most {self.most:g} ({self.beyond})"
+        return f"is {value:g} {self.unit}, expected at least {self.least:g} ({self.below})"
 
     def fault_of_all(self, values: NDArray[np.float64]) -> str:
         """Return what is wrong with the largest of finite values; empty if nothing is."""
@@ -35,15 +37,20 @@ class Bound:
         return f"reaches {fault.removeprefix('is ')}" if (fault := self.fault(largest)) else ""
 
 
-MASS = Bound(1e-9, 1e6, "kg", "a grain of dust, a ship")
-STIFFNESS = Bound(1e-6, 1e15, "N/m", "softer than a cobweb, stiffer than rock")
-RATE = Bound(1e-6, 1e11, "Hz", "a sample in eleven days, the fastest recorder")
-CORNER = Bound(1e-9, 1e12, "Hz", "a drift of decades, beyond all electronics")
-ACCELERATION = Bound(1e-30, 1e15, "m/s2", "far below thermal noise, far beyond any sensor")
-LOAD = Bound(0.0, 1e12, "mN", "the weight of a hundred thousand tonnes")
-VOLTAGE = Bound(0.0, 1e9, "mV", "a million volts")
-FORCE = Bound(1e-30, 1e12, "N", "far below thermal noise, a mountain's weight")
-ANY = Bound(1e-30, 1e30, "of its unit", "no sensor gives this; scale it")
+COUNTS = "they may be raw counts, scaled twice, or numbers read with the wrong type or byte order"
+"""What numbers may be that are larger than any sensor's."""
+
+MASS = Bound(1e-9, 1e6, "kg", "a grain of dust", "a ship")
+STIFFNESS = Bound(1e-6, 1e15, "N/m", "softer than a cobweb", "stiffer than rock")
+RATE = Bound(1e-6, 1e11, "Hz", "a sample in eleven days", "the fastest recorder")
+CORNER = Bound(1e-9, 1e12, "Hz", "a drift of decades", "beyond all electronics")
+ACCELERATION = Bound(
+    1e-30, 1e15, "m/s2", "far below thermal noise", f"far beyond any sensor; usual is 0.0001 to 1e+06 m/s2: {COUNTS}"
+)
+LOAD = Bound(0.0, 1e12, "mN", "nothing", "the weight of a hundred thousand tonnes")
+VOLTAGE = Bound(0.0, 1e9, "mV", "nothing", "a million volts")
+FORCE = Bound(1e-30, 1e12, "N", "far below thermal noise", f"a mountain's weight; usual is 1e-06 to 1e+07 N: {COUNTS}")
+ANY = Bound(1e-30, 1e30, "of its unit", "no sensor gives this; scale it", "no sensor gives this; scale it")
 """Of a recording by another program, in whatever unit."""
 
 BOUNDS = {

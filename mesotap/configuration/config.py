@@ -128,7 +128,8 @@ def _aliased(rig: RigSettings) -> list[str]:
         return []
     return [
         f"rig.wiring.sample_rate_hz tells nothing above {highest_hz:g} Hz, and rig.filter.lowpass_hz "
-        f"({rig.filter.lowpass_hz:g}) lets more through, which is then seen at other frequencies"
+        f"({rig.filter.lowpass_hz:g}) lets more through, which is then seen at other frequencies: "
+        f"it needs at least {2 * rig.filter.lowpass_hz:g} Hz, unless the rate is in another unit than Hz"
     ]
 
 

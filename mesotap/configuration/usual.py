@@ -60,11 +60,14 @@ LOWPASS = Usual(500.0, 5e6, "Hz", (("kHz", 1e3),))
 LOAD = Usual(5.0, 2e4, "mN", (("N", 1e3), ("uN", 1e-3)))
 WEIGHT = Usual(10.0, 2e4, "mN", (("N", 1e3), ("g", 9.80665), ("uN", 1e-3)))
 GAUGE = Usual(1e-4, 5.0, "mV/mN", (("mV/N", 1e-3), ("V/mN", 1e3)))
-ACCELEROMETER = Usual(0.1, 5e3, "mV/g", (("mV per m/s2", 9.80665), ("V/g", 1e3)))
+ACCELEROMETER = Usual(1.0, 5e3, "mV/g", (("mV per m/s2", 9.80665), ("V/g", 1e3)))
 YOUNG = Usual(0.5, 1300.0, "GPa", (("MPa", 1e-3), ("Pa", 1e-9)))
 HARDNESS = Usual(0.01, 150.0, "GPa", (("MPa", 1e-3), ("HV", 9.80665e-3), ("Pa", 1e-9)))
 ROUGHNESS = Usual(1e-3, 20.0, "um", (("nm", 1e-3), ("m", 1e6)))
 AREA = Usual(1e-4, 1e3, "mm2", (("um2", 1e-6), ("m2", 1e6)))
+
+LARGEST_SHARE = 0.05
+"""Of a mass, that its standard uncertainty may be before it is told: a kitchen scale weighs better."""
 
 USUAL = {
     "rig.masses.m1_kg": MASS,
@@ -98,12 +101,30 @@ def unusual(content: dict[str, Any]) -> list[str]:
         Sections as they were read, valid or not; what is missing or no number is passed over. Of a list the largest
         value speaks: a load plan may begin very low.
     """
-    return [remark for key, usual in USUAL.items() if (remark := _remark(content, key, usual))]
+    said = [_remark(content, key, usual) for key, usual in USUAL.items()]
+    return [one for one in (*said, _uncertain_masses(content)) if one]
+
+
+def _uncertain_masses(content: Any) -> str:
+    """Say that masses are known worse than any balance weighs, and what that may mean; empty where they are not."""
+    error, *masses = (_magnitude(_at(content, f"rig.masses.{key}")) for key in ("uncertainty_kg", "m1_kg", "m2_kg"))
+    lightest = min((m for m in masses if m), default=0.0)
+    if not lightest or error <= LARGEST_SHARE * lightest:
+        return ""
+    return (
+        f"rig.masses.uncertainty_kg is {error:g} kg, {100 * error / lightest:.3g} % of the lighter mass; usual is at "
+        f"most {100 * LARGEST_SHARE:g} %: if {error:g} g is meant, write {1e-3 * error:g}"
+    )
+
+
+def _at(content: Any, key: str) -> Any:
+    for part in key.split("."):
+        content = content.get(part) if isinstance(content, dict) else None
+    return content
 
 
 def _remark(content: Any, key: str, usual: Usual) -> str:
-    for part in key.split("."):
-        content = content.get(part) if isinstance(content, dict) else None
+    content = _at(content, key)
     several = isinstance(content, list | tuple)
     values = [_magnitude(v) for v in (content if several else [content])]
     return usual.remark(f"the largest of {key}" if several else key, max(values, default=0.0))

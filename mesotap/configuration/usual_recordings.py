@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mismatch.rig_description import DescribedRig
+from daq.bounds import COUNTS
 from daq.exchange import Recording
 from daq.exchange.units import to_si
 from daq.records import Session
@@ -54,7 +55,7 @@ def session_remarks(session: Session) -> list[str]:
     taps = [i.acceleration for i in session.impacts]
     said = channel_remarks(("A", "B"), ("m/s2", "m/s2"), taps) if taps else []
     rates = {i.sample_rate_hz for i in session.impacts} if session.rig.is_tester else set()
-    said += [slow(rate) for rate in sorted(rates) if rate < SLOWEST]
+    said += [slow(rate, session.rig.lowpass_hz) for rate in sorted(rates) if rate < SLOWEST]
     if session.rig.is_tester:
         declared = {key: getattr(session.rig, key) for key in OF_THE_RIG}
         said += [OF_THE_RIG[key].remark(f"{key} of /rig", value) for key, value in declared.items()]
@@ -69,11 +70,13 @@ def refused_records(session: Session) -> list[str]:
     return [f"{session.source}: {one}" for one in session.refused]
 
 
-def slow(rate_hz: float) -> str:
-    """Say what a low sampling rate cannot show."""
+def slow(rate_hz: float, lowpass_hz: float = math.nan) -> str:
+    """Say what a low sampling rate cannot show, what else it may be, and what rate a filter needs."""
+    needed = f"; its low-pass of {lowpass_hz:g} Hz needs at least {2 * lowpass_hz:g} Hz" if lowpass_hz > 0 else ""
     return (
         f"is sampled at {rate_hz:g} Hz and shows nothing above {rate_hz / 2:g} Hz; contact resonances of the tester "
-        f"lie at 1 to 10 kHz, usual rates are 5 kHz to 5 MHz: if {rate_hz:g} kHz is meant, give {1e3 * rate_hz:g} Hz"
+        f"lie at 1 to 10 kHz, usual rates are 5 kHz to 5 MHz: if {rate_hz:g} kHz is meant, give {1e3 * rate_hz:g} Hz; "
+        f"it may also be another quantity, such as the step in us{needed}"
     )
 
 
@@ -144,7 +147,7 @@ def size_remark(name: str, unit: str, largest: float) -> str:
     if others:
         meant = f"they may be {' or '.join(others[:2])}"
     elif value > usual.most:
-        meant = "they may be raw counts, scaled twice, or numbers read with the wrong type or byte order"
+        meant = COUNTS
     else:
         meant = "they may be scaled twice, or the noise of a channel that is not connected"
     return (

@@ -29,6 +29,11 @@ def told(*changes: str) -> list[str]:
         ("rig.gauge_sensitivity_mv_per_mn=42", "if 42 mV/N is meant, write 0.042"),
         ("calibration.weights_mn=[0, 0.5, 1]", "if 1 N is meant, write 1000"),
         ("rig.filter.lowpass_hz=10", "if 10 kHz is meant, write 10000"),
+        (
+            "rig.masses.uncertainty_kg=0.05",
+            "usual is at most 5 %: if 0.05 g is meant, write 5e-05",
+        ),
+        ("rig.wiring.accelerometer_a.sensitivity_mv_per_g=0.1", "if 0.1 V/g is meant, write 100"),
     ],
 )
 def test_a_value_in_another_unit_is_told_first(change, says):
@@ -37,7 +42,7 @@ def test_a_value_in_another_unit_is_told_first(change, says):
 
 def test_a_filter_that_lets_through_more_than_the_rate_can_tell():
     assert any(
-        "nothing above 1500 Hz, and rig.filter.lowpass_hz (10000)" in line
+        "nothing above 1500 Hz, and rig.filter.lowpass_hz (10000)" in line and "it needs at least 20000 Hz" in line
         for line in told("rig.wiring.sample_rate_hz=3000")
     )
     assert not any("lets more through" in line for line in told())

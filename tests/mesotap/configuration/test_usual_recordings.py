@@ -17,6 +17,7 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 from typer.testing import CliRunner
 
+from daq.bounds import ACCELERATION, FORCE
 from daq.exchange import Recording
 from daq.session_file import write_session
 from mesotap.answers.recording_modes import modes_of
@@ -156,11 +157,21 @@ def test_what_else_it_could_be(unit: str, largest: float, meant: str) -> None:
     assert meant in size_remark("x", unit, largest)
 
 
+@pytest.mark.parametrize("unit", ["m/s2", "N"])
+def test_what_is_too_large_to_be_read_is_told_with_what_is_usual(unit: str) -> None:
+    bound, usual = {"m/s2": ACCELERATION, "N": FORCE}[unit], usual_recordings.OF_UNIT[unit]
+    said = bound.fault(1e30)
+    assert f"usual is {usual.least:g} to {usual.most:g} {unit}: they may be raw counts" in said
+    assert "thermal noise" not in said
+    assert "thermal noise" in bound.fault(1e-31)
+
+
 def test_a_slow_rate_is_told_where_no_rig_says_how_fast_it_is() -> None:
     slow = Recording(np.array([DECAY, DECAY]), 100.0, ("a", "b"), "m/s2", "r.csv")
     (said,) = recording_remarks(slow)
     assert said.startswith("r.csv: is sampled at 100 Hz and shows nothing above 50 Hz")
-    assert "if 100 kHz is meant, give 100000 Hz" in said
+    assert "if 100 kHz is meant, give 100000 Hz; it may also be another quantity, such as the step in us" in said
+    assert "its low-pass of 10000 Hz needs at least 20000 Hz" in usual_recordings.slow(100.0, 1e4)
     assert recording_remarks(slow, rate=False) == []
     held = "bodies: {m: 0.1}\nsprings: [{between: [m, ground]}]\n"
     rig = parse_rig(held + "sensors: [{channel: 0, of: m, shows: velocity}]")

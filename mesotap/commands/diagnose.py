@@ -29,8 +29,8 @@ from mesotap.commands.outputs import write_json
 from mesotap.configuration.declared import header_uncertainty, rig_settings
 from mesotap.configuration.rig_files import load_rig, tester_rig
 from mesotap.operator.tables import Table
-from mesotap.operator.terminal import escape
-from sim_backend.mechanisms.catalogue import catalogue, variants
+from mesotap.operator.terminal import complain, escape
+from sim_backend.mechanisms.catalogue import catalogue, left_out, variants
 from sim_backend.mechanisms.catalogue import without as left_without
 from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, Mechanism, SecondImpact, Tones
 
@@ -175,7 +175,12 @@ def _is_session(file: Path) -> bool:
 
 
 def known_mechanisms(without: Sequence[str] = (), folders: Sequence[str] = ()) -> Known:
-    """Return the variants of all mechanisms by id, those of a user's folders among them; ``without`` are left out."""
+    """Return the variants of all mechanisms by id, those of a user's folders among them; ``without`` are left out.
+
+    What installed packages offer and cannot be used is named on standard error.
+    """
+    for fault in left_out(folders):
+        complain(f"mesotap: cannot be used and is left out: {fault}")
     return left_without(catalogue(folders), without)
 
 
@@ -293,7 +298,8 @@ def list_mechanisms(config: Path | None, json_path: Path | None, console: Consol
         console.print("Not sought in free decays, which do not show them by themselves; all can be simulated:")
     for m in hidden:
         console.print(f"{m.id}: {m.hidden}", highlight=False)
-    write_json(json_path, {"mechanisms": [_described(m) for m in known]})
+    faults = left_out(own_folders(config))
+    write_json(json_path, {"mechanisms": [_described(m) for m in known]} | ({"left_out": faults} if faults else {}))
 
 
 def _described(mechanism: Mechanism) -> dict[str, Any]:

@@ -35,9 +35,19 @@ def catalogue(folders: Sequence[str | Path] = ()) -> dict[str, tuple[Mechanism, 
     Raises
     ------
     PluginError
-        A folder, file or package cannot be read, holds no mechanism, or one whose id exists already.
+        A folder or file cannot be read, holds no mechanism, or one whose id exists already; of an installed package
+        see `left_out`.
     """
-    return dict(_catalogue(tuple(str(Path(folder).absolute()) for folder in folders)))
+    return dict(_catalogue(_places(folders))[0])
+
+
+def left_out(folders: Sequence[str | Path] = ()) -> tuple[str, ...]:
+    """Return in sentences which mechanisms of installed packages cannot be used and are not in the catalogue."""
+    return _catalogue(_places(folders))[1]
+
+
+def _places(folders: Sequence[str | Path]) -> tuple[str, ...]:
+    return tuple(str(Path(folder).absolute()) for folder in folders)
 
 
 def family(mechanism_id: str, folders: Sequence[str | Path] = ()) -> tuple[Mechanism, ...] | None:
@@ -48,8 +58,14 @@ def family(mechanism_id: str, folders: Sequence[str | Path] = ()) -> tuple[Mecha
     PluginError
         As `catalogue`; a package that is broken matters only where nothing else has this id.
     """
-    places = tuple(str(Path(folder).absolute()) for folder in folders)
-    return _own(places).get(mechanism_id) or _catalogue(places).get(mechanism_id)
+    places = _places(folders)
+    found = _own(places).get(mechanism_id)
+    if found is not None:
+        return found
+    known, faults = _catalogue(places)
+    if mechanism_id not in known and faults:
+        raise MechanismError(faults[0])
+    return known.get(mechanism_id)
 
 
 def variants(known: Mapping[str, tuple[Mechanism, ...]]) -> list[Mechanism]:
@@ -73,11 +89,15 @@ def component(mechanism: Mechanism, rig: Arrangement, place: Place) -> str:
 
 
 @cache
-def _catalogue(folders: tuple[str, ...]) -> dict[str, tuple[Mechanism, ...]]:
-    found = dict(_own(folders))
+def _catalogue(folders: tuple[str, ...]) -> tuple[dict[str, tuple[Mechanism, ...]], tuple[str, ...]]:
+    """Return all mechanisms, and what is wrong with those of installed packages that are left out."""
+    found, faults = dict(_own(folders)), []
     for entry in offered(GROUP):
-        _add(found, family_of(entry.loaded(), entry.where()), entry.where())
-    return found
+        try:
+            _add(found, family_of(entry.loaded(), entry.where()), entry.where())
+        except PluginError as error:
+            faults.append(str(error))
+    return found, tuple(faults)
 
 
 @cache

@@ -31,7 +31,6 @@ GAUGE = "rig.parts.load_cell={driver: line-gauge, port: %s}"
 def installed(tmp_path_factory) -> Packages:
     place = tmp_path_factory.mktemp("plugins")
     source = shutil.copytree(PACKAGE, place / "source")
-    shutil.copyfile(MECHANISM, source / "mesotap_example" / MECHANISM.name)
     packages = Packages(place / "packages")
     packages.install(wheel_of(source, place))
     return packages
@@ -55,6 +54,10 @@ def test_the_examples_are_short_and_those_of_the_docs(module: str) -> None:
     text = (MODULES / module).read_text()
     assert len([line for line in text.splitlines() if line.strip()]) <= 60
     assert text in (ROOT / "docs" / "plugins.md").read_text()
+
+
+def test_the_package_holds_the_mechanism_of_the_docs() -> None:
+    assert (MODULES / MECHANISM.name).read_text() == MECHANISM.read_text()
 
 
 @pytest.mark.slow
@@ -147,9 +150,8 @@ def test_a_broken_package_is_told_where_it_is_asked_for(broken: Packages, tmp_pa
     assert "r.wrong: entry point wrong (json:loads) of bad 1: holds no FORMAT" in broken.refused(
         "info", "r.wrong", cwd=tmp_path
     )
-    assert "entry point lost (nowhere:MECHANISM) of bad 1: cannot be imported" in broken.refused(
-        "mechanisms", cwd=tmp_path
-    )
+    lost = "entry point lost (nowhere:MECHANISM) of bad 1: cannot be imported"
+    assert lost in broken.refused("simulate", "t.h5", "--set", "sim_backend.mechanisms=[{id: none_such}]", cwd=tmp_path)
 
 
 def test_a_broken_package_is_listed_with_its_fault(broken: Packages, tmp_path: Path) -> None:
@@ -161,6 +163,12 @@ def test_a_broken_package_is_listed_with_its_fault(broken: Packages, tmp_path: P
     assert {item["name"] for item in listed} == {"lost", "wrong", "conex-cc", "two"}
     assert not any(item["usable"] for item in listed)
     assert ".csv" in broken.mesotap("formats", cwd=tmp_path).stdout
+    mechanisms = broken.mesotap("mechanisms", "--json", "mechanisms.json", cwd=tmp_path)
+    fault = "entry point lost (nowhere:MECHANISM) of bad 1: cannot be imported"
+    assert f"cannot be used and is left out: {fault}" in mechanisms.stderr
+    assert "guide_friction" in mechanisms.stdout
+    (said,) = json.loads((tmp_path / "mechanisms.json").read_text())["left_out"]
+    assert said.startswith(fault)
     for command in ("drivers", "formats", "mechanisms"):
         assert "FAILS" in broken.mesotap(command, "--check", "lost", cwd=tmp_path, code=2).stdout
 

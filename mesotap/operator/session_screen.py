@@ -142,13 +142,15 @@ class SessionScreen(SessionLines, GaugeWatch):
         if tap is None:
             return Text("no tap yet")
         verdict = ("✓ used", "green") if tap.accepted else ("✗ not used", "red")
-        found, share = self._modes.get(tap.number), tap.extra.get("force_ratio")
+        share = tap.extra.get("force_ratio")
         parts: list[Any] = [f"tap {tap.number} ", verdict]
         if isinstance(share, int | float):
             parts.append(f"  {100 * share:.0f} % of the force that lifts off (limit {100 * self._force_limit:.0f} %)")
-        if found and found.get("f2_hz"):
-            f2, zeta2, k_c = (_value(found.get(name)) for name in ("f2_hz", "zeta2", "k_c"))
-            parts.append(f"  f2 {f2:.1f} Hz  zeta2 {100 * zeta2:.3g} %  k_c {1e-6 * k_c:.4g} MN/m")
+        if analysed := [number for number, modes in tuple(self._modes.items()) if modes.get("f2_hz")]:
+            latest = max(analysed)
+            of = "" if latest == tap.number else f"  tap {latest}:"
+            f2, zeta2, k_c = (_value(self._modes[latest].get(name)) for name in ("f2_hz", "zeta2", "k_c"))
+            parts.append(f"{of}  f2 {f2:.1f} Hz  zeta2 {100 * zeta2:.3g} %  k_c {1e-6 * k_c:.4g} MN/m")
         return Text.assemble(*parts)
 
     def _to_press(self) -> Text:

@@ -6,6 +6,7 @@ import os
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -15,12 +16,15 @@ from mesotap.console.session_link import SessionLink
 from mesotap.console.session_people import tap_message
 
 ANALYST = "mesotap.console.analyst_process"
+ANSWERED = ("theory", "results", "unanalysed")
+"""Kinds of the last message that it says when a session begins, and of each tap."""
+
 NICENESS = 5
 """By how much it gives way to the session, whose load watch comes first."""
 
 
 class TapAnalysis:
-    """The analysis of a session that runs at the terminal.
+    """The analysis of a session that runs at the terminal; where taps come faster than it works, of the latest.
 
     Parameters
     ----------
@@ -33,6 +37,9 @@ class TapAnalysis:
 
     def __init__(self, begun: Message, found: Callable[[int, dict[str, Any]], None]) -> None:
         self._found = found
+        self._lock = threading.Lock()
+        self._waiting: list[Impact] = []
+        self._at_work = True  # until it has begun
         ours, theirs = socket.socketpair()
         command = ["nice", "-n", str(NICENESS), sys.executable, "-m", ANALYST, str(theirs.fileno())]
         nowhere = subprocess.DEVNULL
@@ -53,8 +60,11 @@ class TapAnalysis:
         self._link.tell({"kind": "begun", **begun})
 
     def tap(self, impact: Impact) -> None:
-        """Have a tap analysed; returns at once."""
-        self._link.tell(*tap_message(impact))
+        """Have a tap analysed, unless a later one comes before it is its turn; returns at once."""
+        with self._lock:
+            self._waiting.append(impact)
+            if not self._at_work:
+                self._go_on()
 
     def end(self) -> None:
         """End it, whatever it is at."""
@@ -65,3 +75,14 @@ class TapAnalysis:
     def _heard(self, message: Message) -> None:
         if message.get("kind") == "modes":
             self._found(message["number"], message["modes"])
+        elif message.get("kind") in ANSWERED:
+            with self._lock:
+                self._go_on()
+
+    def _go_on(self) -> None:
+        """Tell of the taps that wait, of which the last is analysed by itself."""
+        waiting, self._waiting = self._waiting, []
+        self._at_work = bool(waiting)
+        for impact in waiting:
+            message, numbers = tap_message(impact)
+            self._link.tell(message | {"old": impact is not waiting[-1]}, numbers)

@@ -17,8 +17,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from mesotap.operator import session_screen
+from mesotap.operator import session_screen, tap_analysis
 from mesotap.operator.session_screen import SessionScreen, sparkline
+from mesotap.operator.tap_analysis import TapAnalysis
 from mesotap.session.states import State
 from tests.mesotap.report.test_report import make_session
 
@@ -65,6 +66,49 @@ def test_load_taps_and_what_the_last_came_to(screen):
     assert "51 % of the force that lifts off (limit 80 %)" in tap
     assert "f2 1406.7 Hz  zeta2 2.76 %  k_c 3.929 MN/m" in tap
     assert spectrum.startswith("100 ")
+
+
+def test_the_last_tap_that_is_analysed_is_shown_with_its_number(screen):
+    screen.impact(TAP, 1, 8)
+    screen._found(TAP.number, MODES)
+    screen.impact(replace(TAP, number=TAP.number + 2), 2, 8)
+    assert f"tap {TAP.number + 2} ✓ used" in lines(screen)[3]
+    assert f"  tap {TAP.number}:  f2 1406.7 Hz  zeta2 2.76 %  k_c 3.929 MN/m" in lines(screen)[3]
+    screen._found(TAP.number + 2, MODES)
+    assert ":  f2" not in lines(screen)[3]
+
+
+def test_taps_that_come_faster_than_their_analysis_hold_it_up_by_one(monkeypatch):
+    told = []
+
+    class Link:
+        def __init__(self, connection, heard, lost, silent_s):
+            self.end, self.start = connection.close, lambda: None
+
+        def tell(self, message, numbers=b""):
+            told.append((message.get("number"), message.get("old")))
+
+    monkeypatch.setattr(tap_analysis, "SessionLink", Link)
+    monkeypatch.setattr(tap_analysis, "ANALYST", "this")
+    analysis, found = TapAnalysis({}, lambda number, modes: found.append(number)), []
+    try:
+        for number in range(3):  # it has not begun
+            analysis.tap(replace(TAP, number=number))
+        assert told == [(None, None)]
+        analysis._heard({"kind": "theory"})
+        assert told[1:] == [(0, True), (1, True), (2, False)]
+        analysis.tap(replace(TAP, number=3))
+        analysis.tap(replace(TAP, number=4))
+        assert len(told) == 4
+        analysis._heard({"kind": "modes", "number": 2, "modes": MODES})
+        analysis._heard({"kind": "results"})
+        assert told[4:] == [(3, True), (4, False)]
+        analysis._heard({"kind": "unanalysed"})
+        analysis.tap(replace(TAP, number=5))
+        assert told[6:] == [(5, False)]
+        assert found == [2]
+    finally:
+        analysis.end()
 
 
 def test_a_tap_that_is_not_used_is_told_above(screen):
@@ -148,4 +192,5 @@ def test_a_session_on_a_terminal(tmp_path):
         "Hz",
     ):
         assert words in text
+    assert re.search(r"f2 \d+\.\d Hz  zeta2 [\d.]+ %  k_c [\d.]+ MN/m", text)
     assert (tmp_path / "s" / "report.html").is_file()

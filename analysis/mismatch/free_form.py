@@ -144,7 +144,7 @@ def free_law(term: Term, rig: Arrangement, scale: Scale, names: Sequence[str]) -
     """Return the force of any shape in the place of a learned law, small, with its dependence on the load."""
     loaded = rig.elements[term.place[0]].preload
     scales = {"deformation": scale.deformation, "rate": scale.rate, "duration": scale.duration_s}
-    load = {k: term.values[k] for k in (AT_LOAD, IN_LOAD) if loaded}
+    load = {AT_LOAD: term.values[AT_LOAD], IN_LOAD: term.values.get(IN_LOAD, 0.0)} if loaded else {}
     mechanism = _any_force(rig.elements[term.place[0]].component, names, loaded)
     return Term(mechanism, dict.fromkeys(names, SHARE * scale.force) | scales | load, term.place)
 

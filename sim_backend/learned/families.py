@@ -16,6 +16,7 @@ from sim_backend.arrangement import Role
 from sim_backend.learned import laws
 from sim_backend.learned.forms import (
     AT_DEFLECTION,
+    AT_LOAD,
     AT_RATE,
     FORCE,
     FORM,
@@ -29,6 +30,7 @@ from sim_backend.learned.forms import (
     over,
     power_text,
     times_load,
+    without_load_exponent,
 )
 from sim_backend.mechanisms import attached_mass
 from sim_backend.mechanisms.kinds import ChannelDistortion, Mechanism, Quantity, Real, Values
@@ -40,6 +42,7 @@ SHARE, IN_SIGNAL, AHEAD = "share_of_peak", "signal_exponent", "clock_ahead"
 
 TOUCHING = 1.1  # an exponent nearer to one cannot be told from the linear element
 LARGEST = 7.0  # exponent
+STEEPEST = 12.0  # exponent of an approach: beyond, it is an exponential
 BENT = (0.02, 40.0)  # exponent of an exponential: with a smaller one it is a square
 ABOVE, BELOW, ANY = (TOUCHING, LARGEST), (0.1, 1 / TOUCHING), (0.3, LARGEST)
 JOINTS: tuple[Role, ...] = ("contact", "joint")
@@ -105,6 +108,23 @@ def _exponential(place: int) -> Form:
     return form.with_forces(
         laws.exponential, own, begins, lambda v: (v[WAY] * v[BEND], 0.0, v[AT_DEFLECTION]), OF_DEFLECTION
     )
+
+
+def _power_of_approach(place: int) -> Form:
+    def text(v: Values) -> str:
+        w, n = number(v[FORCE] / v[AT_LOAD]), number(v[IN_DEFLECTION])
+        return f"{w} * (P * (max(1 + k * d / ({n} * P), 0)**{n} - 1) - k * d), k the stiffness under the load P"
+
+    form = Form(
+        number=place, key="power_of_approach", name="a power of the approach under load", kind="static",
+        symmetry="none", conservative=True, text=text, exponents={"deflection": IN_DEFLECTION},
+    )  # fmt: skip
+    own = (Quantity(IN_DEFLECTION, "1", TOUCHING, STEEPEST, "exponent of the approach", log=True),)
+    form = form.with_forces(
+        laws.power_of_approach, own, [{IN_DEFLECTION: n} for n in (1.25, 2.0, 3.0)],
+        lambda v: (v[IN_DEFLECTION], v[AT_LOAD]), JOINTS,
+    )  # fmt: skip
+    return replace(form, mechanism=None, loaded=form.loaded and without_load_exponent(form.loaded))
 
 
 def _dead_zone(place: int) -> Form:
@@ -307,6 +327,7 @@ _MADE: tuple[Made, ...] = (
     _curved("bent_aside", "a power of the signal, towards one side", odd=False),
     _clock,
     _resonance,
+    _power_of_approach,
 )  # fmt: skip
 FAMILIES: tuple[Form, ...] = tuple(make(place) for place, make in enumerate(_MADE))
 """All families, by their number."""

@@ -44,6 +44,18 @@ def exponential(force, d, v, t, p, before, after):  # type: ignore[no-untyped-de
 
 
 @law
+def power_of_approach(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
+    """w (P ((1 + k d / (n P))^n - 1) - k d) under a load P with the stiffness k; beyond separation nothing is pressed.
+
+    With w = 1 a force that grows with the approach to the power n: Hertz' contact with n = 3/2 (Johnson, Contact
+    Mechanics, chapter 5). p[4:7] = w times a reference load, n, that load.
+    """
+    u = 1.0 + p[1] * d / (p[FIRST] * p[0])
+    pressed = p[0] * (u ** p[FIRST] - 1.0) if u > 0.0 else -p[0]
+    return force + p[STRENGTH] / p[SECOND] * (pressed - p[1] * d)
+
+
+@law
 def dead_zone(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
     """w (|d/D| - g) with the sign of d beyond the play g, nothing within."""
     x = d / p[OF_D]

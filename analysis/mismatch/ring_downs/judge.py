@@ -46,6 +46,7 @@ from analysis.mismatch.selection import (
 )
 from sim_backend.mechanisms.kinds import AddedBody, Mechanism
 
+LEARNED_STATIC = "learned_static"  # laws whose cycles a fit skips where they are strong
 MOST_TRIED = 4  # mechanisms that are fitted until two of them are admissible
 RIVALS = 2  # mechanisms that a first step fits in full at least: the best and the runner-up
 
@@ -65,8 +66,8 @@ class ImpactJudge(Judge[RingDownFit]):
         Fits with constants of the training's groups: what they name is fitted in any case, from there as well.
     must_reach
         Objective that a first mechanism must reach; finite where it contests another, and a rough fit will do.
-    looks
-        Whether a first look is taken at strong effects; not for learned laws, on which it was not tried.
+    looked_at
+        Ids of the force laws that a first look is taken at where an effect is strong; empty: of all.
     """
 
     problem: RingDowns
@@ -76,7 +77,7 @@ class ImpactJudge(Judge[RingDownFit]):
     on_progress: OnProgress = silent
     hints: tuple[RingDownFit, ...] = ()
     must_reach: float = math.inf
-    looks: bool = True
+    looked_at: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, problem: RingDowns, known: Sequence[Mechanism], on_progress: OnProgress = silent) -> ImpactJudge:
@@ -92,7 +93,7 @@ class ImpactJudge(Judge[RingDownFit]):
         """Fit the best screened mechanisms in full, each with those already accepted."""
         current, policy = state.current, self.problem.policy
         contest = state.first and self.must_reach < math.inf
-        order, linear = self._order(state, contest), self._linear(state)
+        order, linear = self._order(state), self._linear(state)
         found: list[Candidate[RingDownFit]] = []
         explained, best = False, 0.0
         tried: set[Key] = set()
@@ -128,20 +129,21 @@ class ImpactJudge(Judge[RingDownFit]):
         found.sort(key=lambda c: (c.fit is None, -with_stiffness(c)))
         return tuple(found)
 
-    def _order(self, state: State[RingDownFit], contest: bool) -> Order:
+    def _order(self, state: State[RingDownFit]) -> Order:
         """Return what there is to fit; of a strong effect a first look is taken where nothing is hinted at."""
         current, policy = state.current, self.problem.policy
         hinted = {t.key: (t, hint) for hint in self.hints for t in hint.terms} if state.first else {}
-        if not (state.first and self.looks) or contest or hinted or current.reduced_chi_squared < policy.strong:
+        if not state.first or hinted or current.reduced_chi_squared < policy.strong:
             return Order(by_mechanism(state, hinted), policy, hinted=hinted)
         self.on_progress("fitting force laws to the first milliseconds")
-        scores = by_mechanism(state, every_law=True)
-        return Order(scores, policy, first_look(current, scores))
+        scores = by_mechanism(state, every_law=not self.looked_at)
+        seen = {k: v for k, v in scores.items() if k[0] in self.looked_at or not self.looked_at}
+        return Order(scores, policy, first_look(current, seen))
 
     def _linear(self, state: State[RingDownFit]) -> RingDownFit:
-        """Return the fit that laws begin with; where no look is taken at a strong effect, with masses as declared."""
+        """Return the fit that laws begin with; where not all of a strong effect are looked at, with declared masses."""
         current = state.current
-        if not state.first or self.looks or current.reduced_chi_squared < self.problem.policy.strong:
+        if not (state.first and self.looked_at) or current.reduced_chi_squared < self.problem.policy.strong:
             return current
         masses = Start(kept=tuple(current.arrangement.masses))
         return fit(current.problem, begin=declared_masses(current), start=masses)
@@ -294,7 +296,7 @@ class ImpactJudge(Judge[RingDownFit]):
         """Return a judge of the same impacts that knows other mechanisms and has other thresholds."""
         reach = math.inf if to_beat is None else to_beat.objective + policy.parameter_cost
         problem = replace(self.problem, policy=policy)
-        return replace(self, known=known, hints=(), must_reach=reach, looks=False, problem=problem)
+        return replace(self, known=known, hints=(), must_reach=reach, looked_at=(LEARNED_STATIC,), problem=problem)
 
     def another_first(self, candidates: Sequence[Candidate[RingDownFit]]) -> bool:
         """Whether the second candidate is nearly as good as the first."""

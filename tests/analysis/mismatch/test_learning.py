@@ -11,7 +11,7 @@ import pytest
 from analysis.mismatch.answer import Answer
 from analysis.mismatch.learning import is_learned
 from mesotap.answers.diagnosis_json import diagnosis_json
-from tests.analysis.ring_downs import Record, diagnosed, session_of, with_law
+from tests.analysis.ring_downs import LOADS_N, Record, diagnosed, session_of, two_mass, with_law
 from tests.analysis.terms import listed
 from tests.analysis.unlisted import at_upper_mass, in_contact
 
@@ -129,3 +129,26 @@ def test_a_listed_mechanism_is_no_learned_law() -> None:
     from tests.analysis.terms import at_work
 
     assert not is_learned(at_work("hertz_stiffness"))
+
+
+@pytest.mark.slow
+def test_a_strong_contact_of_another_power_is_learned_with_it_and_the_stiffness_is_right() -> None:
+    power = 2.5
+
+    def force(d: float, v: float, load: float) -> float:
+        stiffness = two_mass(load).kc
+        pressed = max(1 + stiffness * d / (power * load), 0.0) ** power
+        return load * (pressed - 1) - stiffness * d
+
+    session = session_of(in_contact(force), noise=5e-3, ratios=(0.3, 0.5, 0.7, 0.9))
+    found = diagnosed([session], FEW, learn=True)
+    (named,) = found.answer.mechanisms
+    assert named.id == "learned_static"
+    assert named.law is not None
+    exponent = named.law.exponents["deflection"]
+    assert exponent is not None
+    assert exponent.low < power < exponent.high
+    assert exponent.high - exponent.low < 0.1
+    assert found.selection.left.p_value > 0.01
+    true = [two_mass(load).kc for load in LOADS_N]
+    assert found.selection.best.constants.load[:, 0] == pytest.approx(true, rel=0.01)

@@ -11,6 +11,7 @@ import numpy as np
 
 from analysis.mismatch.account import Account, Otherwise, relative
 from analysis.mismatch.answer import Rival
+from analysis.mismatch.learning import is_learned
 from analysis.mismatch.limits import probability_of_nothing, rivals_of_nothing
 from analysis.mismatch.ring_downs.candidates import screened_evidence
 from analysis.mismatch.selection import Candidate, name_of
@@ -40,13 +41,21 @@ def rivals_of(account: Account[Any], otherwise: Otherwise[Any] | None) -> tuple[
     certain = 1 if named else BEST_OF_NONE
     first: float | None = None
     found: list[Rival] = []
-    for i, c in enumerate(list(others.values())[:RIVALS]):
+    for i, c in enumerate(_shown(named, list(others.values()))):
         if i == 0 or c.fit:
             found.append(_rival(account, c, i < certain, first))
             first = None if named else found[0].heldout_rms
     if otherwise is not None:
         found = [replace(r, why=f"{r.why} {_instead(otherwise)}") for r in found]
     return tuple(sorted(found, key=lambda r: -r.probability))
+
+
+def _shown(named: Candidate[Any] | None, others: list[Candidate[Any]]) -> list[Candidate[Any]]:
+    """Return the best of the others; beside a learned law the best listed one among them."""
+    shown, listed = others[:RIVALS], [c for c in others if c.fit is not None and not is_learned(c.score.term)]
+    if named is not None and listed and all(is_learned(c.score.term) for c in (named, *shown)):
+        shown[-1] = listed[0]
+    return shown
 
 
 def _instead(otherwise: Otherwise[Any] | None) -> str:

@@ -64,7 +64,7 @@ def test_a_linear_rig_with_correlated_noise_is_consistent(u: Real) -> None:
     assert found.verdict == "consistent"
     assert found.p_value > 0.01
     assert found.fitted is not None
-    assert found.fitted.constants["stiffness of spring"][0] == pytest.approx(OMEGA**2, rel=5e-3)
+    assert found.fitted.constants["stiffness of spring"].value == pytest.approx(OMEGA**2, rel=5e-3)
 
 
 @pytest.mark.slow

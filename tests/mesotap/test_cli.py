@@ -292,6 +292,7 @@ def test_a_bad_record_of_a_session_file_is_named_and_left_out(session, tmp_path,
     assert said in line
 
 
+@pytest.mark.slow
 def test_each_command_says_once_which_record_it_left_out(session, tmp_path):
     path = with_changes(session, tmp_path / "s.h5", put_nan)
     whole = len(h5py.File(path)["impacts"])

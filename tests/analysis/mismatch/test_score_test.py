@@ -95,6 +95,7 @@ def test_scores_under_known_noise_are_what_least_squares_gains(ring_down: RingDo
     compared(ring_down.problem, ring_down, best_of_each(screening), known_noise=True)
 
 
+@pytest.mark.slow
 def test_scores_under_unknown_noise_are_likelihood_ratios_of_least_squares() -> None:
     u, omega = noise_input(2400, 200.0, 2, 25, seed=3), 2 * np.pi * 12
     y = motion(

@@ -37,6 +37,7 @@ def decay(z, rng, samples=5000, amplitudes=None):
 # --- many at once ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("decibels", [20, 40, 60])
 @pytest.mark.parametrize(("f1", "f2", "zeta2"), PUBLISHED)
 def test_every_record_is_fitted_as_it_would_be_alone(f1, f2, zeta2, decibels):

@@ -147,6 +147,7 @@ def test_the_runner_up_is_fitted_in_full_even_where_its_score_promises_little(tm
     assert not ADVERBS.search(re.sub(r"<[^>]*>", " ", text))
 
 
+@pytest.mark.slow
 def test_the_page_says_what_where_and_why_not_and_needs_nothing_else(
     found: Diagnosis, said: Answer, answer: dict, tmp_path: Path
 ) -> None:

@@ -28,6 +28,7 @@ def session(tmp_path_factory):
         return assemble(header_of(config), config, runner.progress, folder.impacts()), runner.progress.truths
 
 
+@pytest.mark.slow
 def test_each_tap_is_told_alone_and_with_its_load(session, tmp_path):
     whole, truths = session
     analyst = Analyst()

@@ -72,6 +72,7 @@ def test_half_the_step_makes_the_same_of_an_effect(name: str, monkeypatch: pytes
     assert np.abs(coarse - fine).max() < 2e-2 * np.abs(fine).max()
 
 
+@pytest.mark.slow
 def test_nothing_survives_where_nothing_is_hidden() -> None:
     plan = small_plan()
     assert surviving(Concealed(plan)).d < 1e-3

@@ -34,6 +34,7 @@ def rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x[SHOWN] ** 2)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["hertz_stiffness", "contact_loss"])
 def test_force_and_deflection_are_those_of_the_law_that_made_the_recording(law: str) -> None:
     found, number = linear_fit(law), 7

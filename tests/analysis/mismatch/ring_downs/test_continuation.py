@@ -99,6 +99,7 @@ def test_taps_that_part_the_surfaces_are_fitted_beside_taps_that_do_not() -> Non
     assert found.penalty < 16
 
 
+@pytest.mark.slow
 def test_amplitudes_of_a_tap_are_found_from_its_first_periods() -> None:
     whole = problem_of(session_of(with_law("contact_loss"), noise=5e-3, ratios=(0.6, 1.3)))
     linear = fit(whole)

@@ -74,6 +74,7 @@ def test_a_law_moves_as_by_another_integrator(code: int, constants: tuple[float,
     assert np.max(np.abs(moved[0, :, 0] - true[0])) < 2e-6 * np.max(np.abs(true[0]))
 
 
+@pytest.mark.slow
 def test_dry_friction_stops_a_body_and_loses_the_energy_that_it_should() -> None:
     plant = Plant(np.array([0.1]), (Branch(np.array([1.0]), 4000.0, 0.0),), np.array([1.0]))
     plant = replace(plant, laws=(Law(laws.FRICTION, np.array([1.0]), (0.5,)),))

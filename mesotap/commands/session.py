@@ -184,8 +184,8 @@ def _carry_out(
     with (
         session_log(folder.path, log_wire) as hardware,
         unhurried(console),
+        people.watching(folder, config) as observer,  # shown a moment longer, in which Ctrl-C is what it always is
         people.control.listening(),
-        people.watching(folder, config) as observer,
     ):
         guardian = guardian_for(rig, config, folder)
         bench = Bench(

@@ -24,6 +24,11 @@ from mesotap.session.watching import GaugeWatch
 from rig.settings import RigSettings
 
 LOOKS_PER_S = 8
+LONGEST_SETTLING_S = 8.0
+"""For which a session that is complete stays on this screen until its latest tap is analysed: more than the 3 s that
+the analysis takes to begin beside a session in simulated time, over by then. On the bench it has long begun."""
+
+SETTLING = "the surfaces are apart; working out the latest tap"
 BAR = 40  # letters from no load to the limit
 BLOCKS = " ▁▂▃▄▅▆▇█"
 BINS, LOWEST_HZ, HIGHEST_HZ, RANGE_DB = 56, 100.0, 10_000.0, 60.0
@@ -69,10 +74,14 @@ class SessionScreen(SessionLines, GaugeWatch):
         screen.start()
         try:
             yield self
+            self._words, self._text = SETTLING, ""
+            self._analysis.settle(LONGEST_SETTLING_S)
         finally:
             with suppress(OSError):  # the terminal was closed: what ended the session says more
                 screen.stop()
             self._analysis.end()
+        if latest := self._latest_analysed():
+            self._console.print(latest, highlight=False)
 
     # --- what the session tells -----------------------------------------------------------------------------
 
@@ -146,12 +155,18 @@ class SessionScreen(SessionLines, GaugeWatch):
         parts: list[Any] = [f"tap {tap.number} ", verdict]
         if isinstance(share, int | float):
             parts.append(f"  {100 * share:.0f} % of the force that lifts off (limit {100 * self._force_limit:.0f} %)")
-        if analysed := [number for number, modes in tuple(self._modes.items()) if modes.get("f2_hz")]:
-            latest = max(analysed)
-            of = "" if latest == tap.number else f"  tap {latest}:"
-            f2, zeta2, k_c = (_value(self._modes[latest].get(name)) for name in ("f2_hz", "zeta2", "k_c"))
-            parts.append(f"{of}  f2 {f2:.1f} Hz  zeta2 {100 * zeta2:.3g} %  k_c {1e-6 * k_c:.4g} MN/m")
+        if latest := self._latest_analysed():
+            parts.append("  " + latest.removeprefix(f"tap {tap.number}:  "))
         return Text.assemble(*parts)
+
+    def _latest_analysed(self) -> str:
+        """Return what the latest tap came to whose modes are known; nothing before there is one."""
+        analysed = [number for number, modes in tuple(self._modes.items()) if modes.get("f2_hz")]
+        if not analysed:
+            return ""
+        modes = self._modes[max(analysed)]
+        f2, zeta2, k_c = (_value(modes.get(name)) for name in ("f2_hz", "zeta2", "k_c"))
+        return f"tap {max(analysed)}:  f2 {f2:.1f} Hz  zeta2 {100 * zeta2:.3g} %  k_c {1e-6 * k_c:.4g} MN/m"
 
     def _to_press(self) -> Text:
         keys = "p pause   q end, with the surfaces apart" if self._keys else "Ctrl-C ends it, with the surfaces apart"

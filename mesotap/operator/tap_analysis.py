@@ -37,9 +37,9 @@ class TapAnalysis:
 
     def __init__(self, begun: Message, found: Callable[[int, dict[str, Any]], None]) -> None:
         self._found = found
-        self._lock = threading.Lock()
+        self._news = threading.Condition()
         self._waiting: list[Impact] = []
-        self._at_work = True  # until it has begun
+        self._begun = self._at_work = self._gone = False
         ours, theirs = socket.socketpair()
         command = ["nice", "-n", str(NICENESS), sys.executable, "-m", ANALYST, str(theirs.fileno())]
         nowhere = subprocess.DEVNULL
@@ -55,16 +55,21 @@ class TapAnalysis:
             )
         finally:
             theirs.close()
-        self._link = SessionLink(ours, self._heard, lambda: None, silent_s=None)
+        self._link = SessionLink(ours, self._heard, self._lost, silent_s=None)
         self._link.start()
         self._link.tell({"kind": "begun", **begun})
 
     def tap(self, impact: Impact) -> None:
         """Have a tap analysed, unless a later one comes before it is its turn; returns at once."""
-        with self._lock:
+        with self._news:
             self._waiting.append(impact)
-            if not self._at_work:
+            if self._begun and not self._at_work:
                 self._go_on()
+
+    def settle(self, longest_s: float) -> None:
+        """Wait until the latest tap is analysed, or so long; for a session whose surfaces are apart for good."""
+        with self._news:
+            self._news.wait_for(lambda: self._gone or not (self._waiting or self._at_work), longest_s)
 
     def end(self) -> None:
         """End it, whatever it is at."""
@@ -76,8 +81,15 @@ class TapAnalysis:
         if message.get("kind") == "modes":
             self._found(message["number"], message["modes"])
         elif message.get("kind") in ANSWERED:
-            with self._lock:
+            with self._news:
+                self._begun = True
                 self._go_on()
+                self._news.notify_all()
+
+    def _lost(self) -> None:
+        with self._news:
+            self._gone = True
+            self._news.notify_all()
 
     def _go_on(self) -> None:
         """Tell of the taps that wait, of which the last is analysed by itself."""

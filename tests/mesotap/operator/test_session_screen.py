@@ -11,12 +11,15 @@ import re
 import struct
 import sys
 import termios
+import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
+from daq.journal import SessionFolder
+from mesotap.configuration.config import Config
 from mesotap.operator import session_screen, tap_analysis
 from mesotap.operator.session_screen import SessionScreen, sparkline
 from mesotap.operator.tap_analysis import TapAnalysis
@@ -24,6 +27,7 @@ from mesotap.session.states import State
 from tests.mesotap.report.test_report import make_session
 
 TAP = replace(make_session(loads=1)[0].impacts[0], extra={"force_ratio": 0.51})
+HANGS_S = 60.0
 MODES = {"f2_hz": {"value": 1406.65}, "zeta2": {"value": 0.02756}, "k_c": {"value": 3.9288e6}}
 
 
@@ -78,7 +82,9 @@ def test_the_last_tap_that_is_analysed_is_shown_with_its_number(screen):
     assert ":  f2" not in lines(screen)[3]
 
 
-def test_taps_that_come_faster_than_their_analysis_hold_it_up_by_one(monkeypatch):
+@pytest.fixture
+def told(monkeypatch):
+    """What the analysis is told, number of the tap and whether it is an old one; there is no process."""
     told = []
 
     class Link:
@@ -90,6 +96,10 @@ def test_taps_that_come_faster_than_their_analysis_hold_it_up_by_one(monkeypatch
 
     monkeypatch.setattr(tap_analysis, "SessionLink", Link)
     monkeypatch.setattr(tap_analysis, "ANALYST", "this")
+    return told
+
+
+def test_taps_that_come_faster_than_their_analysis_hold_it_up_by_one(told):
     analysis, found = TapAnalysis({}, lambda number, modes: found.append(number)), []
     try:
         for number in range(3):  # it has not begun
@@ -109,6 +119,67 @@ def test_taps_that_come_faster_than_their_analysis_hold_it_up_by_one(monkeypatch
         assert found == [2]
     finally:
         analysis.end()
+
+
+def test_a_session_that_is_over_waits_for_its_latest_tap_and_for_nothing_else(told):
+    analysis = TapAnalysis({}, lambda number, modes: None)
+    settled = threading.Event()
+
+    def settle():
+        analysis.settle(HANGS_S)
+        settled.set()
+
+    try:
+        analysis.settle(HANGS_S)  # no tap: whether it has begun does not matter
+        analysis.tap(TAP)
+        threading.Thread(target=settle, daemon=True).start()
+        assert not settled.is_set()
+        analysis._heard({"kind": "theory"})
+        assert not settled.is_set()
+        analysis._heard({"kind": "results"})
+        assert settled.wait(HANGS_S / 2)
+        analysis.tap(TAP)
+        analysis.settle(0.0)  # it answers nothing
+        analysis._lost()
+        analysis.settle(HANGS_S)
+    finally:
+        analysis.end()
+
+
+class Analysis:
+    """Finds something in the latest tap when it is waited for."""
+
+    def __init__(self, begun, found):
+        self.found, self.settled = found, False
+
+    def tap(self, impact):
+        pass
+
+    def settle(self, longest_s):
+        self.settled = True
+        self.found(TAP.number, MODES)
+
+    def end(self):
+        pass
+
+
+def test_what_the_latest_tap_came_to_stays_on_the_terminal(screen, monkeypatch, tmp_path):
+    monkeypatch.setattr(session_screen, "TapAnalysis", Analysis)
+    with SessionFolder.create(tmp_path / "s", {"config": ""}) as folder, screen.watching(folder, Config()) as seen:
+        seen.impact(TAP, 1, 8)
+    assert f"tap {TAP.number}:  f2 1406.7 Hz  zeta2 2.76 %  k_c 3.929 MN/m" in screen._console.export_text()
+
+
+def test_who_ends_a_session_waits_for_no_analysis(screen, monkeypatch, tmp_path):
+    monkeypatch.setattr(session_screen, "TapAnalysis", Analysis)
+    with (
+        SessionFolder.create(tmp_path / "s", {"config": ""}) as folder,
+        pytest.raises(RuntimeError),
+        screen.watching(folder, Config()) as seen,
+    ):
+        seen.impact(TAP, 1, 8)
+        raise RuntimeError
+    assert not screen._analysis.settled
 
 
 def test_a_tap_that_is_not_used_is_told_above(screen):
@@ -147,27 +218,20 @@ def test_the_example():
     assert doctest.testmod(session_screen).failed == 0
 
 
+SHORT = (
+    "mesotap.load_plan_mn=[300]", "mesotap.impacts_per_load=3", "mesotap.dwell_s=1", "calibration.averaging_s=0.05",
+    "calibration.repeats=1", "rig.limits.expected_contact_um=12", "sim_backend.contact_position_um=12",
+    "sim_backend.gauge.weight_settling_s=0.1",
+)  # fmt: skip
+
+
 @pytest.mark.slow
-def test_a_session_on_a_terminal(tmp_path):
-    changes = [
-        "mesotap.load_plan_mn=[300]", "mesotap.impacts_per_load=3", "mesotap.dwell_s=1", "calibration.averaging_s=0.05",
-        "calibration.repeats=1", "rig.limits.expected_contact_um=12", "sim_backend.contact_position_um=12",
-        "sim_backend.gauge.weight_settling_s=0.1",
-    ]  # fmt: skip
-    options = [word for change in changes for word in ("--set", change)]
+@pytest.mark.parametrize("time", [("--realtime",), ()], ids=["real time", "simulated time"])
+def test_a_session_on_a_terminal(tmp_path, time):
+    options = [word for change in SHORT for word in ("--set", change)]
     pid, terminal = pty.fork()
     if pid == 0:
-        command = [
-            sys.executable,
-            "-m",
-            "mesotap",
-            "run",
-            "--simulate",
-            "--realtime",
-            *options,
-            "-o",
-            str(tmp_path / "s"),
-        ]
+        command = [sys.executable, "-m", "mesotap", "run", "--simulate", *time, *options, "-o", str(tmp_path / "s")]
         os.execve(sys.executable, command, {**os.environ, "TERM": "xterm", "COLUMNS": "150", "LINES": "40"})
     fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 150, 0, 0))
     seen = b""
@@ -182,15 +246,9 @@ def test_a_session_on_a_terminal(tmp_path):
     os.close(terminal)
     assert os.waitpid(pid, 0)[1] == 0
     text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", seen.decode(errors="replace"))
-    for words in (
-        "p pause   q end",
-        "■■■ 3 of 3 good taps",
-        "✓ used",
-        "k_c",
-        "target 300, limit 1100 mN",
-        "MN/m",
-        "Hz",
-    ):
+    for words in ("p pause   q end", "■■■ 3 of 3 good taps", "✓ used", "target 300, limit 1100 mN"):
         assert words in text
-    assert re.search(r"f2 \d+\.\d Hz  zeta2 [\d.]+ %  k_c [\d.]+ MN/m", text)
+    values = r"  f2 \d+\.\d Hz  zeta2 [\d.]+ %  k_c [\d.]+ MN/m"
+    assert re.search(r"limit \d+ %\)" + values, text)
+    assert re.search(r"[\r\n]tap \d+:" + values, text)
     assert (tmp_path / "s" / "report.html").is_file()

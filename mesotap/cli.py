@@ -476,6 +476,9 @@ def hits(
     keep: Annotated[list[int] | None, typer.Option(help="Use this tap, whatever spoke against it; repeatable.")] = None,
     drop: Annotated[list[int] | None, typer.Option(help="Do not use this tap; repeatable.")] = None,
     reason: Annotated[str, typer.Option(help="Why taps are kept or dropped; it is kept with each.")] = "",
+    undo: Annotated[
+        list[int] | None, typer.Option(help="Take back what was decided by hand on this tap; repeatable.")
+    ] = None,
     reset: Annotated[bool, typer.Option("--reset", help="Undo all choices: the verdicts of the recording.")] = False,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="New session file with this choice.", show_default=False)
@@ -486,7 +489,7 @@ def hits(
     from mesotap.commands.hits import Choice
     from mesotap.commands.hits import hits as choose
 
-    choose(file, Choice(best, keep or (), drop or (), reason, reset), output, json, _console(json))
+    choose(file, Choice(best, keep or (), drop or (), reason, undo or (), reset), output, json, _console(json))
 
 
 @app.command()

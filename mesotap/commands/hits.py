@@ -10,6 +10,7 @@ from typing import Any
 from rich.console import Console
 
 from daq.errors import RecordingError
+from daq.hits import BY_HAND as HAND_REASON
 from daq.hits import COHERENCE, is_left_out, with_chosen
 from daq.records import Impact, Session
 from daq.session_file import read_session, write_session
@@ -33,6 +34,8 @@ class Choice:
         Taps to use at each load, those whose ring-downs agree best; None to choose none.
     keep, drop
         Numbers of taps that are used, or not, for this ``reason``.
+    undo
+        Numbers of taps whose verdict by hand is taken back: each is again what it was before.
     reset
         Whether every earlier choice is undone first: the verdicts are then those of the recording.
     """
@@ -41,12 +44,13 @@ class Choice:
     keep: Sequence[int] = ()
     drop: Sequence[int] = ()
     reason: str = ""
+    undo: Sequence[int] = ()
     reset: bool = False
 
     @property
     def changes(self) -> bool:
         """Whether anything is asked for."""
-        return self.best is not None or bool(self.keep) or bool(self.drop) or self.reset
+        return self.best is not None or any((self.keep, self.drop, self.undo, self.reset))
 
 
 def hits(file: Path, choice: Choice, output: Path | None, json_path: Path | None, console: Console) -> None:
@@ -58,7 +62,7 @@ def hits(file: Path, choice: Choice, output: Path | None, json_path: Path | None
         _refuse(session, choice, output)
         session = replace(session, impacts=tuple(chosen(session.impacts, choice)))
     elif output is not None:
-        raise RecordingError("--output: nothing is to be written; say --best, --keep, --drop or --reset")
+        raise RecordingError("--output: nothing is to be written; say --best, --keep, --drop, --undo or --reset")
     if output is not None:
         refuse_to_overwrite(output)
         write_session(output, session)
@@ -79,35 +83,40 @@ def _refuse(session: Session, choice: Choice, output: Path | None) -> None:
         raise RecordingError(
             "say where the session with this choice goes (--output NEW.h5): the file itself is left alone"
         )
-    numbers = {i.number for i in session.impacts}
-    for number in (*choice.keep, *choice.drop):
-        if number not in numbers:
+    taps = {i.number: i for i in session.impacts}
+    for number in (*choice.keep, *choice.drop, *choice.undo):
+        if number not in taps:
             raise RecordingError(
-                f"{session.source}: has no tap {number}; its {len(numbers)} taps begin with {min(numbers, default=0)}"
+                f"{session.source}: has no tap {number}; its {len(taps)} taps begin with {min(taps, default=0)}"
             )
+    for number in choice.undo:
+        if HAND_REASON not in taps[number].extra:
+            raise RecordingError(f"{session.source}: nothing was decided by hand on tap {number} that could be undone")
     both = sorted(set(choice.keep) & set(choice.drop))
     if both:
         raise RecordingError(f"tap {both[0]} cannot be both kept and dropped")
+    if both := sorted(set(choice.undo) & {*choice.keep, *choice.drop}):
+        raise RecordingError(f"tap {both[0]}: --undo takes back what was decided, --keep and --drop decide: say one")
     reason = choice.reason.strip()
     if (choice.keep or choice.drop) and not 0 < len(reason) <= LONGEST_REASON:
         raise RecordingError(f"say why, in 1 to {LONGEST_REASON} characters: --reason TEXT; it is kept with each tap")
 
 
 def chosen(impacts: Sequence[Impact], choice: Choice) -> list[Impact]:
-    """Return impacts with a choice applied: a reset first, then verdicts by hand, then the best of what is left."""
+    """Return impacts with a choice applied: a reset first, then undone and new verdicts by hand, then the best."""
     found = [_as_recorded(i) for i in impacts] if choice.reset else list(impacts)
     asked = {n: HandVerdict(n, n in choice.keep, choice.reason.strip()) for n in (*choice.keep, *choice.drop)}
-    found = [_before_hands(i) if i.number in asked else i for i in found]
+    found = [_before_hands(i) if i.number in asked or i.number in choice.undo else i for i in found]
     found = with_hand_verdicts(found, [{"event": BY_HAND, **verdict.entry()} for verdict in asked.values()])
     return found if choice.best is None else with_chosen(found, choice.best)
 
 
 def _before_hands(impact: Impact) -> Impact:
     """Return an impact as it was before a person decided on it."""
-    if "hand_reason" not in impact.extra:
+    if HAND_REASON not in impact.extra:
         return impact
     reason = str(impact.extra.get("overruled") or "")
-    extra = {k: v for k, v in impact.extra.items() if k not in ("hand_reason", "overruled")}
+    extra = {k: v for k, v in impact.extra.items() if k not in (HAND_REASON, "overruled")}
     return replace(impact, accepted=not reason, reject_reason=reason, extra=extra)
 
 
@@ -138,7 +147,7 @@ def _said(impact: Impact) -> dict[str, Any]:
         "target_load_mn": impact.target_load_mn if impact.target_load_mn == impact.target_load_mn else None,
         "used": impact.accepted,
         "left_out": is_left_out(impact),
-        "reason": impact.reject_reason or str(impact.extra.get("hand_reason") or ""),
+        "reason": impact.reject_reason or str(impact.extra.get(HAND_REASON) or ""),
         "lowest_coherence": coherence if isinstance(coherence, float) else None,
     }
 

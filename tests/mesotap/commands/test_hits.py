@@ -80,6 +80,24 @@ def test_another_choice_goes_to_a_new_file_and_can_be_undone(session: Path, tmp_
     assert session.read_bytes() == before
 
 
+def test_one_decision_is_taken_back_and_the_others_stay(session: Path, tmp_path: Path) -> None:
+    left = [i.number for i in read_session(session).impacts if is_left_out(i)]
+    kept = used(session)
+    decided, back, all_back = (tmp_path / f"{name}.h5" for name in ("decided", "back", "all-back"))
+    asked = ("--keep", left[0], "--drop", kept[0], "--reason", "the light was on")
+    assert run("hits", session, *asked, "-o", decided).exit_code == 0
+    assert run("hits", decided, "--undo", left[0], "-o", back).exit_code == 0
+    assert used(back) == kept[1:]
+    before = {i.number: i for i in read_session(session).impacts}
+    after = {i.number: i for i in read_session(back).impacts}
+    assert after[left[0]].reject_reason == before[left[0]].reject_reason
+    assert after[left[0]].extra == before[left[0]].extra
+    assert run("hits", back, "--undo", kept[0], "-o", all_back).exit_code == 0
+    assert used(all_back) == kept
+    refused = run("hits", all_back, "--undo", kept[0], "-o", tmp_path / "new.h5")
+    assert "nothing was decided by hand on tap" in str(refused.exception)
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -87,6 +105,8 @@ def test_another_choice_goes_to_a_new_file_and_can_be_undone(session: Path, tmp_
         (("--keep", "99", "--reason", "x", "-o", "new.h5"), "has no tap 99"),
         (("--keep", "0", "-o", "new.h5"), "say why"),
         (("--keep", "0", "--drop", "0", "--reason", "x", "-o", "new.h5"), "both kept and dropped"),
+        (("--undo", "99", "-o", "new.h5"), "has no tap 99"),
+        (("--undo", "0", "-o", "new.h5"), "nothing was decided by hand on tap 0"),
         (("-o", "new.h5"), "nothing is to be written"),
     ],
 )

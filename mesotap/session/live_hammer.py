@@ -28,14 +28,16 @@ LONGEST_SHARE = 0.8
 
 HIGHEST_SHOWN_HZ = 5000.0
 DIGITS = 5
+ESTIMATORS = ("h1", "h2", "hv")
 
 
 def response_told(found: HammerSoFar) -> dict[str, Any]:
     """Return what a page draws of taps with a hammer.
 
-    Line i is at (i + 1) ``bin_hz``. ``force``: spectrum of the last tap's force, N/Hz; ``last`` and ``mean``: size of
-    H1 of the last tap and of the average, m/s2/N; ``coherence`` from the second tap on. The last three are None above
-    ``excited_hz``, where the force is 20 dB below its highest.
+    Line i is at (i + 1) ``bin_hz``. ``force``: spectrum of the last tap's force, N/Hz; ``last``: size of the response
+    to the last tap, m/s2/N, by which H1, H2 and Hv are one; ``mean``: of the average, ``mean["h1"]``, ``["h2"]`` and
+    ``["hv"]``; ``coherence`` from the second tap on. The last three are None above ``excited_hz``, where the force is
+    20 dB below its highest.
     """
     told: dict[str, Any] = {"kind": "response", "words": found.words, "taps": 0, "window": ""}
     averaged = found.averaged
@@ -55,7 +57,7 @@ def response_told(found: HammerSoFar) -> dict[str, Any]:
         "window": averaged.window,
         "bin_hz": float(frequency[0]),
         "excited_hz": averaged.force_limit_hz,
-        "mean": lines(np.abs(averaged.h1[0]), dark),
+        "mean": {name: lines(np.abs(getattr(averaged, name)[0]), dark) for name in ESTIMATORS},
         "coherence": lines(averaged.coherence[0], dark) if averaged.averages >= 2 else [],
         "force": [] if found.last_force is None else lines(found.last_force, False),
         "last": [] if found.last is None else lines(np.abs(found.last), dark),

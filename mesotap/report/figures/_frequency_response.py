@@ -14,6 +14,7 @@ from analysis.frequency_response.estimators import FrequencyResponse, laplace
 from mesotap.report.figures._style import DASHES, GREY, PAGE_MM, PALETTE, blank, panel_letter, plain, styled
 
 MOST_LOADS = 4
+THIN = 0.4  # of H2 and Hv, which part from H1 where the coherence is low, in points
 BEYOND = 1.15  # of where the force excites, that is shown
 
 
@@ -65,6 +66,9 @@ def _panels(figure: Figure, drawn: Sequence[tuple[str, FrequencyResponse]], by_r
         style = {"color": PALETTE[number % len(PALETTE)], "linestyle": DASHES[number % len(DASHES)], "linewidth": 0.9}
         shown = f <= response.force_limit_hz
         panels[0].plot(f[shown], np.abs(h1[shown]), label=label, **style)
+        if response.averages > 1:  # of one average all three are the same
+            for other in (response.h2[row], response.hv[row]):
+                panels[0].plot(f[shown], np.abs(other[shown]), color=style["color"], linewidth=THIN, alpha=0.6)
         low, high = response.interval(row)
         if np.isfinite(low).any():
             floor = np.abs(h1) * 1e-3
@@ -82,7 +86,7 @@ def _panels(figure: Figure, drawn: Sequence[tuple[str, FrequencyResponse]], by_r
             panels[3].axvline(response.force_limit_hz, color=style["color"], linewidth=0.5)
     panels[0].set_yscale("log")
     unit = "(m/s²)/N" if drawn[0][1].unit == "m/s2/N" else plain(drawn[0][1].unit)
-    panels[0].set_ylabel(f"|H1| [{unit}]")
+    panels[0].set_ylabel(f"|H| [{unit}]")
     panels[0].legend(loc="best", ncols=2)
     panels[1].set_ylabel("Phase [°]")
     panels[1].set_yticks([-270, -180, -90, 0, 90])

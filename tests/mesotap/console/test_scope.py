@@ -117,6 +117,14 @@ def test_the_hammer_on_the_smallest_screen_too(chromium, tmp_path):
             "c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer)).size)"
         )
         assert min(drawn) > 10, drawn
+        shows(page, ".responses", "H1 takes noise of the accelerometers out")
+        picture = "() => document.querySelectorAll('.responses canvas')[1].toDataURL()"
+        by_h1 = page.evaluate(picture)
+        page.select_option(".estimator", "h2")
+        shows(page, ".responses", "It is H1 over the coherence")
+        assert page.evaluate(picture) != by_h1
+        page.select_option(".estimator", "h1")
+        page.wait_for_function(f"(before) => ({picture})() === before", arg=by_h1)
         assert page.evaluate("() => document.documentElement.scrollWidth <= document.documentElement.clientWidth")
         page.reload()
         shows(page, ".response-taps", "^2 taps")

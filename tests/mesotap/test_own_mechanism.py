@@ -14,9 +14,10 @@ from mesotap.configuration.config import load_config
 from mesotap.proof.sealed import answer_of, diagnose_all
 from sim_backend.mechanisms.catalogue import catalogue
 from tests.analysis.mismatch.recordings.described_rigs import motion, noise_input
+from tests.mesotap.installed import ROOT
 from tests.mesotap.test_cli import QUICK, mesotap, refused
 
-EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "cubed_rate_damping.py"
+EXAMPLE = ROOT / "tests" / "example_package" / "mesotap_example" / "cubed_rate_damping.py"
 ID, PARAMETER, TRUE = "cubed_rate_damping", "cubed_rate_damping_n_s3_per_m3", 2e5
 FEW = {ID, "quadratic_damping", "hertz_stiffness", "tube_spring_cubic"}  # enough rivals for a test
 SHORT = [part for name in catalogue() if name not in FEW for part in ("--without", name)]
@@ -45,7 +46,7 @@ def session(folder: Path) -> Path:
 def test_the_example_is_short_and_the_one_in_the_docs() -> None:
     text = EXAMPLE.read_text()
     assert len(text.splitlines()) <= 60
-    assert text in (EXAMPLE.parents[1] / "mechanisms.md").read_text()
+    assert text in (ROOT / "docs" / "mechanisms.md").read_text()
 
 
 def test_it_is_listed(folder: Path) -> None:

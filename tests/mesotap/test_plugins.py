@@ -23,7 +23,6 @@ from tests.rig.drivers.test_conformance import Carriage, Settings
 
 PACKAGE = ROOT / "tests" / "example_package"
 MODULES = PACKAGE / "mesotap_example"
-MECHANISM = ROOT / "docs" / "examples" / "cubed_rate_damping.py"
 GAUGE = "rig.parts.load_cell={driver: line-gauge, port: %s}"
 
 
@@ -54,10 +53,6 @@ def test_the_examples_are_short_and_those_of_the_docs(module: str) -> None:
     text = (MODULES / module).read_text()
     assert len([line for line in text.splitlines() if line.strip()]) <= 60
     assert text in (ROOT / "docs" / "plugins.md").read_text()
-
-
-def test_the_package_holds_the_mechanism_of_the_docs() -> None:
-    assert (MODULES / MECHANISM.name).read_text() == MECHANISM.read_text()
 
 
 @pytest.mark.slow

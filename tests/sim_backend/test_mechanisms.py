@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from sim_backend.mechanisms.kinds import ForceLaw
 
 PACKAGE = Path(undeclared_filter.__file__).parent
 FILES = sorted(p for p in PACKAGE.glob("[!_]*.py") if p.stem not in PARTS)
-EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "cubed_rate_damping.py"
+EXAMPLE = Path(__file__).parents[1] / "example_package" / "mesotap_example" / "cubed_rate_damping.py"
 SMALL = benches()[1].rig
 BAD = """
 from sim_backend.mechanisms.kinds import ForceLaw, Quantity, law
@@ -173,14 +174,20 @@ def test_a_shipped_file_is_the_programs_own_module() -> None:
     assert load_file(PACKAGE / "adhesion.py")[0] is catalogue()["adhesion"][0]
 
 
-def test_a_users_own_is_listed_beside_the_programs() -> None:
-    own = catalogue([EXAMPLE.parent])
+@pytest.fixture
+def own_folder(tmp_path: Path) -> Path:
+    shutil.copyfile(EXAMPLE, tmp_path / EXAMPLE.name)
+    return tmp_path
+
+
+def test_a_users_own_is_listed_beside_the_programs(own_folder: Path) -> None:
+    own = catalogue([own_folder])
     assert set(own) - set(catalogue()) == {"cubed_rate_damping"}
     assert len(variants(own)) == len(variants(catalogue())) + 1
 
 
-def test_a_users_own_can_be_simulated() -> None:
-    found = adopted("cubed_rate_damping", {"cubed_rate_damping_n_s3_per_m3": 2.0}, [EXAMPLE.parent])
+def test_a_users_own_can_be_simulated(own_folder: Path) -> None:
+    found = adopted("cubed_rate_damping", {"cubed_rate_damping_n_s3_per_m3": 2.0}, [own_folder])
     assert found.place == (2,)
 
 

@@ -202,7 +202,10 @@ def _valid(account: Account[Any], fitted: Any, own: _Read) -> dict[str, tuple[fl
 
 
 def _table(best: _Read, own: _Read, valid: Mapping[str, tuple[float, float]]) -> LawTable | None:
-    """Return the law as a curve over what the recordings cover, or a surface, at the reference load; with a band."""
+    """Return the law as a curve over what the recordings cover, or a surface, with a band.
+
+    At the load that is nearest to its reference.
+    """
     mechanism, kind = best.term.mechanism, own.form.kind
     if not isinstance(mechanism, ForceLaw) or kind not in FREE:
         return None
@@ -215,49 +218,79 @@ def _table(best: _Read, own: _Read, valid: Mapping[str, tuple[float, float]]) ->
     grid = np.meshgrid(*axes.values(), indexing="ij")
     at = dict(zip(axes, grid, strict=True))
     d, v = (np.asarray(at.get(name, np.zeros_like(grid[0]))).ravel() for name in along)
-    middle = _forces(best.term, d, v)
-    covariance = best.fitted.term_covariances[best.number]
-    slopes = []
-    for q in [q for q in mechanism.parameters if q.name in best.term.values]:
+    group = _group(best.fitted, best.term)
+    rest = _rest(best.fitted, best.term, group)
+    middle = _forces(best.term, rest, d, v)
+    slopes = np.zeros((len(best.fitted.term_covariances[best.number]), d.size))
+    for slope, q in zip(slopes, [q for q in mechanism.parameters if q.name in best.term.values], strict=True):
         value = best.term.values[q.name]
         step = STEP * (1.0 if q.log else max(abs(value), STEP))
         moved = value * math.exp(step) if q.log else value + step
-        slopes.append((_forces(best.term.moved({q.name: moved}), d, v) - middle) / step)
-    made = np.array(slopes)
-    reach = NORMAL_95 * np.sqrt(np.maximum(np.einsum("in,ij,jn->n", made, covariance, made), 0.0))
+        slope[:] = (_forces(best.term.moved({q.name: moved}), rest, d, v) - middle) / step
+    by_law = _deviation(slopes, best.fitted.term_covariances[best.number])
+    reach = NORMAL_95 * (by_law + _by_constants(best, group, d, v, middle))  # as if they went fully together
     low, high, force = (x.reshape(grid[0].shape) for x in (middle - reach, middle + reach, middle))
     return LawTable(axes, force, low, high)
 
 
 def force_on(fitted: Any, term: Term, learned: Term, axes: Mapping[str, Real]) -> Real:
-    """Return the force (N) of a term without a memory on the grid of a learned law, at that law's reference load.
-
-    With the element's constants at the load that is nearest to it.
-    """
-    mechanism, load = term.mechanism, learned.values.get(AT_LOAD, 0.0)
-    if not isinstance(mechanism, ForceLaw):
-        raise TypeError(f"{mechanism.id} is no force law")
-    experiment = getattr(fitted.problem, "experiment", None)  # recordings of a described rig have no loads
-    loads = np.array(getattr(experiment, "loads_n", (load,)))
-    values = fitted.constants.at(int(np.argmin(np.abs(loads - load))))
-    rest = AtRest.of(fitted.arrangement.elements[term.place[0]], values, load)
+    """Return the force (N) of a term without a memory on the grid of a learned law, at the same load."""
+    if not isinstance(term.mechanism, ForceLaw):
+        raise TypeError(f"{term.mechanism.id} is no force law")
+    rest = _rest(fitted, term, _group(fitted, learned))
     grid = np.meshgrid(*axes.values(), indexing="ij")
     at = dict(zip(axes, grid, strict=True))
     d, v = (np.asarray(at.get(name, np.zeros_like(grid[0]))).ravel() for name in ("deflection_m", "rate_m_per_s"))
-    p, memory = mechanism.packed(term.values, rest, 1.0), np.zeros(MEMORY)
-    base = rest.stiffness * d + rest.damping * v
-    force = [mechanism.law(b, x, y, 0.0, p, memory, memory) - b for b, x, y in zip(base, d, v, strict=True)]
-    return np.array(force).reshape(grid[0].shape)
+    return _forces(term, rest, d, v).reshape(grid[0].shape)
 
 
 def _both_ways(reach: float, count: int) -> Real:
     return np.linspace(-reach, reach, count)
 
 
-def _forces(term: Term, d: Real, v: Real) -> Real:
-    """Return (n,) the force of a law without a memory, at its reference load."""
+def _group(fitted: Any, learned: Term) -> int:
+    """Return the number of the load that is nearest to a law's reference."""
+    return int(np.argmin([abs(load - learned.values.get(AT_LOAD, 0.0)) for load in _loads(fitted)]))
+
+
+def _loads(fitted: Any) -> Sequence[float]:
+    """Return the loads, N; recordings of a described rig have none."""
+    experiment = getattr(fitted.problem, "experiment", None)
+    return getattr(experiment, "loads_n", (0.0,))
+
+
+def _rest(fitted: Any, term: Term, group: int, moved: Mapping[str, float] | None = None) -> AtRest:
+    """Return a term's element at a load, with some constants moved."""
+    values = fitted.constants.at(group) | (moved or {})
+    return AtRest.of(fitted.arrangement.elements[term.place[0]], values, _loads(fitted)[group])
+
+
+def _forces(term: Term, rest: AtRest, d: Real, v: Real) -> Real:
+    """Return (n,) the force of a law without a memory beside the element's own."""
     mechanism = term.mechanism
     assert isinstance(mechanism, ForceLaw)  # noqa: S101
-    p = mechanism.packed(term.values, AtRest(preload=term.values.get(AT_LOAD, 0.0)), 1.0)
-    memory = np.zeros(MEMORY)
-    return np.array([mechanism.law(0.0, x, y, 0.0, p, memory, memory) for x, y in zip(d, v, strict=True)])
+    p, memory = mechanism.packed(term.values, rest, 1.0), np.zeros(MEMORY)
+    base = rest.stiffness * d + rest.damping * v
+    force = [mechanism.law(b, x, y, 0.0, p, memory, memory) - b for b, x, y in zip(base, d, v, strict=True)]
+    return np.array(force)
+
+
+def _by_constants(read: _Read, group: int, d: Real, v: Real, middle: Real) -> Real:
+    """Return (n,) the standard deviation of a law's force by that of the rig's constants at a load."""
+    fitted = read.fitted
+    rig, each = fitted.constants.names()
+    places = [*range(len(rig)), *(len(rig) + group * len(each) + i for i in range(len(each)))]
+    values = fitted.constants.at(group)
+    slopes = np.zeros((len(places), d.size))
+    for slope, name in zip(slopes, [*rig, *each], strict=True):
+        step = STEP * abs(values[name])
+        if step > 0:
+            moved = _rest(fitted, read.term, group, {name: values[name] + step})
+            slope[:] = (_forces(read.term, moved, d, v) - middle) / step
+    return _deviation(slopes, fitted.covariance[np.ix_(places, places)])
+
+
+def _deviation(slopes: Real, covariance: Real) -> Real:
+    """Return (n,) the standard deviation of n values with slopes (k, n) by what has a covariance (k, k)."""
+    variance: Real = np.einsum("in,ij,jn->n", slopes, covariance, slopes)
+    return np.sqrt(np.maximum(variance, 0.0))

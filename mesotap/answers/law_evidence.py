@@ -39,7 +39,7 @@ def evidence_of_laws(found: Diagnosis) -> tuple[tuple[Picture, ...], tuple[Table
                     drawn,
                     f"Force of the learned law in the {m.element or m.where} with its 95 % band",
                     f"Force that acts in the {m.element or m.where} beside its linear stiffness and damping, at the "
-                    f"reference load, over what the recordings cover; shaded: 95 %.{dashed}",
+                    f"load that is nearest to its reference, over what the recordings cover; shaded: 95 %.{dashed}",
                 )
             )
     return tuple(pictures), tuple(tables)

@@ -16,7 +16,6 @@ from sim_backend.arrangement import Role
 from sim_backend.learned import laws
 from sim_backend.learned.forms import (
     AT_DEFLECTION,
-    AT_LOAD,
     AT_RATE,
     FORCE,
     FORM,
@@ -25,15 +24,16 @@ from sim_backend.learned.forms import (
     TIME,
     Form,
     Kind,
+    LearnedForce,
     Symmetry,
     number,
     over,
     power_text,
+    references,
     times_load,
-    without_load_exponent,
 )
 from sim_backend.mechanisms import attached_mass
-from sim_backend.mechanisms.kinds import ChannelDistortion, Mechanism, Quantity, Real, Values
+from sim_backend.mechanisms.kinds import ChannelDistortion, Mechanism, Quantity, Real, Scale, Values
 from sim_backend.mechanisms.places import each_channel, last_of_alike
 
 BEND, WAY, PLAY, FALLING, FALLING_RATE = "bend", "way", "play", "falling_share", "falling_rate"
@@ -112,19 +112,25 @@ def _exponential(place: int) -> Form:
 
 def _power_of_approach(place: int) -> Form:
     def text(v: Values) -> str:
-        w, n = number(v[FORCE] / v[AT_LOAD]), number(v[IN_DEFLECTION])
-        return f"{w} * (P * (max(1 + k * d / ({n} * P), 0)**{n} - 1) - k * d), k the stiffness under the load P"
+        n = number(v[IN_DEFLECTION])
+        return f"P * (max(1 + k * d / ({n} * P), 0)**{n} - 1) - k * d, k the stiffness under the load P"
 
     form = Form(
         number=place, key="power_of_approach", name="a power of the approach under load", kind="static",
         symmetry="none", conservative=True, text=text, exponents={"deflection": IN_DEFLECTION},
     )  # fmt: skip
-    own = (Quantity(IN_DEFLECTION, "1", TOUCHING, STEEPEST, "exponent of the approach", log=True),)
-    form = form.with_forces(
-        laws.power_of_approach, own, [{IN_DEFLECTION: n} for n in (1.25, 2.0, 3.0)],
-        lambda v: (v[IN_DEFLECTION], v[AT_LOAD]), JOINTS,
+    exponent = Quantity(IN_DEFLECTION, "1", TOUCHING, STEEPEST, "exponent of the approach", log=True)
+
+    def trials(scale: Scale) -> list[dict[str, float]]:
+        return [{FORM: float(place), **references(scale), IN_DEFLECTION: n} for n in (1.25, 2.0, 3.0)]
+
+    law = LearnedForce(
+        id="learned_static", component="", summary=f"a law learned from recordings: {form.name}", source="learned",
+        parameters=(exponent,), strength=None, trials=trials, statement=form.statement,
+        law=laws.power_of_approach, constants=lambda values, rest: (values[IN_DEFLECTION],), fits=JOINTS,
+        preloaded=True,
     )  # fmt: skip
-    return replace(form, mechanism=None, loaded=form.loaded and without_load_exponent(form.loaded))
+    return replace(form, loaded=law)
 
 
 def _dead_zone(place: int) -> Form:

@@ -144,15 +144,6 @@ def held(mechanism: Mechanism, names: Sequence[str]) -> Mechanism:
     return replace(mechanism, parameters=tuple(q for q in mechanism.parameters if q.name not in names))
 
 
-def without_load_exponent(mechanism: Mechanism) -> Mechanism:
-    """Return a law whose force depends on the load by itself already."""
-
-    def trials(scale: Scale) -> list[dict[str, float]]:
-        return [{k: x for k, x in v.items() if k != IN_LOAD} for v in mechanism.trials(scale) if not v[IN_LOAD]]
-
-    return replace(held(mechanism, [IN_LOAD]), trials=trials)
-
-
 def references(scale: Scale) -> dict[str, float]:
     """Return what a law is counted in: the typical motion, and the load."""
     load = scale.static * scale.force / scale.deformation

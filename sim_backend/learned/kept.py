@@ -69,10 +69,12 @@ def kept_law(
     quantities = tuple(_within(q, free[q.name]) for q in base.parameters if q.name in free)
     fixed = {k: float(v) for k, v in values.items()}  # without `FORM`: it is a mechanism by its own name
     strength = base.strength
-    if strength is None or strength not in free:
+    if strength is not None and strength not in free:
         raise KeyError(f"{strength!r} is not among the numbers that are free")
 
     def trials(scale: Scale) -> list[dict[str, float]]:
+        if strength is None:
+            return [fixed]
         small = SMALL * scale.force / _grown(fixed, scale) if strength == FORCE else min(SMALL, 0.1 * fixed[strength])
         return [{**fixed, strength: small if fixed[strength] >= 0 else -abs(small)}]
 
@@ -84,7 +86,7 @@ def kept_law(
         "parameters": quantities,
         "trials": trials,
         "statement": lambda own, where: f"In the {where} acts the learned law {name}: {form.text(own)}.",
-        "one_signed": free[strength][0] >= 0,
+        "one_signed": strength is None or free[strength][0] >= 0,
     }
     if isinstance(base, ForceLaw) and acts_in is not None:
         changes["fits"] = (acts_in,)

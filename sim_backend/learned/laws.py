@@ -45,14 +45,14 @@ def exponential(force, d, v, t, p, before, after):  # type: ignore[no-untyped-de
 
 @law
 def power_of_approach(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
-    """w (P ((1 + k d / (n P))^n - 1) - k d) under a load P with the stiffness k; beyond separation nothing is pressed.
+    """P (1 + k d / (n P))^n in the place of P + k d under a load P with the stiffness k; nothing beyond separation.
 
-    With w = 1 a force that grows with the approach to the power n: Hertz' contact with n = 3/2 (Johnson, Contact
-    Mechanics, chapter 5). p[4:7] = w times a reference load, n, that load.
+    Hertz' contact with n = 3/2 (Johnson, Contact Mechanics, chapter 5). p[4] = n.
     """
-    u = 1.0 + p[1] * d / (p[FIRST] * p[0])
-    pressed = p[0] * (u ** p[FIRST] - 1.0) if u > 0.0 else -p[0]
-    return force + p[STRENGTH] / p[SECOND] * (pressed - p[1] * d)
+    n = p[REST]
+    u = 1.0 + p[1] * d / (n * p[0])
+    pressed = p[0] * (u**n - 1.0) if u > 0.0 else -p[0]
+    return force + pressed - p[1] * d
 
 
 @law

@@ -137,7 +137,7 @@ class ImpactJudge(Judge[RingDownFit]):
             return Order(by_mechanism(state, hinted), policy, hinted=hinted)
         self.on_progress("fitting force laws to the first milliseconds")
         scores = by_mechanism(state, every_law=not self.looked_at)
-        seen = {k: v for k, v in scores.items() if k[0] in self.looked_at or not self.looked_at}
+        seen = {k: v for k, v in scores.items() if v[0].term.mechanism.id in self.looked_at or not self.looked_at}
         return Order(scores, policy, first_look(current, seen))
 
     def _linear(self, state: State[RingDownFit]) -> RingDownFit:

@@ -132,9 +132,8 @@ def test_a_listed_mechanism_is_no_learned_law() -> None:
 
 
 @pytest.mark.slow
-def test_a_strong_contact_of_another_power_is_learned_with_it_and_the_stiffness_is_right() -> None:
-    power = 2.5
-
+@pytest.mark.parametrize("power", [1.7, 2.5])
+def test_a_strong_contact_of_another_power_is_learned_with_it_and_the_stiffness_is_right(power: float) -> None:
     def force(d: float, v: float, load: float) -> float:
         stiffness = two_mass(load).kc
         pressed = max(1 + stiffness * d / (power * load), 0.0) ** power
@@ -152,3 +151,9 @@ def test_a_strong_contact_of_another_power_is_learned_with_it_and_the_stiffness_
     assert found.selection.left.p_value > 0.01
     true = [two_mass(load).kc for load in LOADS_N]
     assert found.selection.best.constants.load[:, 0] == pytest.approx(true, rel=0.01)
+    table, middle = named.law.table, LOADS_N[1]  # the reference is between the loads
+    assert table is not None
+    expected = [force(d, 0.0, middle) for d in table.axes["deflection_m"]]
+    # of one session: twice the half width of a 95 % band is as good as never exceeded
+    assert np.all(np.abs(table.force_n - expected) <= table.high - table.low + 1e-12)
+    assert (table.high - table.low).max() < 0.02 * np.abs(expected).max()

@@ -62,6 +62,20 @@ def test_a_kept_law_is_a_mechanism_that_conforms(tmp_path: Path) -> None:
     assert [c for c in conformance(file) if not c.holds] == []
 
 
+def test_a_kept_power_of_the_approach_needs_no_strength(tmp_path: Path) -> None:
+    content = answer("power_of_approach", deflection_exponent=2.5)
+    content["mechanisms"][0]["law"]["formulas"][0]["parameters"] = {
+        "deflection_exponent": {"value": 2.502, "low": 2.497, "high": 2.507, "unit": "1"}
+    }
+    code, said = learn(tmp_path, content)
+    assert code == 0, said
+    file = tmp_path / "own" / "my_law.py"
+    (mechanism,) = load_file(file)
+    (exponent,) = mechanism.parameters
+    assert (exponent.low, exponent.high) == pytest.approx((2.4945, 2.5095))
+    assert [c for c in conformance(file) if not c.holds] == []
+
+
 def test_what_turns_out_to_be_listed_is_not_written(tmp_path: Path) -> None:
     cubed = answer("odd_power", "tube springs", deflection_exponent=3.0)
     code, said = learn(tmp_path, cubed)

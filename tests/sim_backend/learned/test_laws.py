@@ -58,19 +58,16 @@ def test_an_exponential_begins_as_a_square() -> None:
     assert steep == pytest.approx(2 * 0.02 * (np.exp(x) - 1 - x) / 1.5**2)
 
 
-@pytest.mark.parametrize("w", [1.0, 0.6])
-def test_a_power_of_the_approach_is_hertz_contact_with_three_halves_and_parts_where_the_load_is_gone(w: float) -> None:
+def test_a_power_of_the_approach_is_hertz_contact_with_three_halves_and_parts_where_the_load_is_gone() -> None:
     law = form_named("power_of_approach").loaded
     assert isinstance(law, ForceLaw)
-    values = {"force_n": w * P, "deflection_exponent": 1.5, "reference_deflection_m": D, "reference_rate_m_per_s": V,
-              "reference_load_n": P}  # fmt: skip
     load, stiffness = 0.3, 7e6
     d = np.linspace(-1.5, 1.5, 41) * 1.5 * load / stiffness
-    packed = law.packed(values, AtRest(load, stiffness, 0.0), 1e-5)
+    packed = law.packed({"deflection_exponent": 1.5}, AtRest(load, stiffness, 0.0), 1e-5)
     found = along(law.law, packed[None], d, np.zeros(41), 0.0, 1e-5, np.zeros(MEMORY))[0]
     approach = 1.5 * load / stiffness  # of a sphere under the load: F = load (1 + d / approach)^(3/2)
     whole = load * np.maximum(1 + d / approach, 0.0) ** 1.5 - load
-    assert found == pytest.approx(w * (whole - stiffness * d), abs=1e-12)
+    assert found == pytest.approx(whole - stiffness * d, abs=1e-12)
 
 
 def test_nothing_acts_within_a_play() -> None:
@@ -130,8 +127,8 @@ def test_a_small_law_has_an_effect_in_proportion_to_its_strength() -> None:
         for bench in benches():
             for place in mechanism.places(bench.rig)[:1]:
                 for values in mechanism.trials(bench.scale):
-                    if isinstance(mechanism, AddedBody):  # as light as the listed one, whose test is its own
-                        continue
+                    if isinstance(mechanism, AddedBody) or mechanism.strength is None:
+                        continue  # as light as the listed one, whose test is its own; as strong as it is
                     whole = effect(mechanism, values, bench, place)
                     half = effect(mechanism, scaled(mechanism, values, 0.5), bench, place)
                     size = float(np.abs(whole).max())

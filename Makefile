@@ -152,16 +152,17 @@ $(VENV)/.tested: $(VENV)/bin/python pyproject.toml
 	$(BIN)/python -m mesotap.compiled
 	touch $(VENV)/.installed $@
 
-# wheel and sdist, built and tried in an environment that holds nothing else
+# wheel and sdist, each built, installed in an environment that holds nothing else, and used away from this folder
 package: $(VENV)/.tested
 	rm -rf dist build .venv-package
 	$(BIN)/python -m build --quiet
-	$(PYTHON) -m venv .venv-package
-	.venv-package/bin/python -m pip install --quiet --disable-pip-version-check dist/*.whl
-	set -e; bin=$(CURDIR)/.venv-package/bin; cd $$(mktemp -d); \
+	set -e; bin=$(CURDIR)/.venv-package/bin; for file in $(CURDIR)/dist/*.whl $(CURDIR)/dist/*.tar.gz; do \
+	echo "$$file"; rm -rf .venv-package; $(PYTHON) -m venv .venv-package; \
+	$$bin/python -m pip install --quiet --disable-pip-version-check $$file; \
+	(cd $$(mktemp -d); \
 	$$bin/mesotap --version; $$bin/mesotap config init; $$bin/mesotap config check; \
 	$$bin/mesotap simulate tap.h5 --seed 1; $$bin/mesotap analyze tap.h5; \
-	$$bin/python -c "import mesotap; print(mesotap.read_session('tap.h5').impacts[0].acceleration.shape)"
+	$$bin/python -c "import mesotap; print(mesotap.read_session('tap.h5').impacts[0].acceleration.shape)"); done
 
 # the documentation as a site in site/, from the pages in docs/ and the docstrings; links and examples are checked
 docs: $(VENV)/.documented

@@ -55,7 +55,7 @@ def export(
 
 
 def accepted_impacts(session: Session) -> Recording:
-    """Return the accepted impacts of a session as one recording, whose channels are named by impact.
+    """Return the accepted impacts of a session as one recording, whose channels are named by impact: A, B, any force.
 
     Raises
     ------
@@ -70,9 +70,18 @@ def accepted_impacts(session: Session) -> Recording:
         raise RecordingError(
             f"{session.source}: its impacts are unlike in length or rate, so that no one file holds them"
         )
-    names = tuple(f"{impact.name} {side}" for impact in impacts for side in "AB")
-    data = np.concatenate([impact.acceleration for impact in impacts])
-    return Recording(data, impacts[0].sample_rate_hz, names, "m/s2", session.source)
+    named = [
+        channel
+        for impact in impacts
+        for channel in (
+            (f"{impact.name} A", "m/s2", impact.acceleration[0]),
+            (f"{impact.name} B", "m/s2", impact.acceleration[1]),
+            (f"{impact.name} force", "N", impact.force),
+        )
+    ]
+    names, units, data = zip(*(channel for channel in named if channel[2] is not None), strict=True)
+    unit = "" if "N" in units else "m/s2"
+    return Recording(np.array(data, np.float64), impacts[0].sample_rate_hz, names, unit, session.source, units)
 
 
 def _modes(recording: Recording) -> list[Shape]:

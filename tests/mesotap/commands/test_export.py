@@ -40,6 +40,19 @@ def test_the_accepted_impacts_of_a_session(tmp_path, session_file):
     assert np.array_equal(import_recording(tmp_path / "s.mat").data, accepted)
 
 
+def test_the_force_of_a_hammer_goes_along(tmp_path, session_file):
+    _, session = session_file
+    force = np.linspace(0.0, 2.0, 5000)
+    impacts = [i if k else replace(i, force=force) for k, i in enumerate(i for i in session.impacts if i.accepted)]
+    write_session(tmp_path / "hammer.h5", replace(session, impacts=tuple(impacts)))
+    assert "33 channels" in exported(tmp_path / "hammer.h5", tmp_path / "hammer.uff")
+    third = pyuff.UFF(str(tmp_path / "hammer.uff")).read_sets(3)
+    assert np.array_equal(third["data"], force)
+    assert (third["id1"], third["ordinate_spec_data_type"]) == (f"{impacts[0].name} force", 13)
+    again = import_recording(tmp_path / "hammer.uff")
+    assert again.units[:4] == ("m/s2", "m/s2", "N", "m/s2")
+
+
 def test_modes_of_a_recording_go_along(tmp_path):
     t = np.arange(4000) / 4000
     rng = np.random.default_rng(2)

@@ -330,7 +330,7 @@ def test_the_emulated_slurm_runs_and_cancels_a_job(tmp_path: Path):
     assert list(slurm.running()) == [number]
     pid = slurm.running()[number]
     subprocess.run([str(slurm.commands / "scancel"), number], check=True)
-    until = time.monotonic() + 20
+    until = time.monotonic() + 120
     while _runs(pid) and time.monotonic() < until:
         time.sleep(0.02)
     assert not slurm.running()

@@ -17,6 +17,9 @@ NOTE_PRESSES = """() => {
 
 def opened(chromium: Any, console: ConsoleProcess, link: str = "", **context: Any) -> Any:
     """Open the console in a browser of its own; what goes wrong in the page is in ``page.faults``."""
+    from playwright.sync_api import expect
+
+    expect.set_options(timeout=PATIENCE_MS)  # not 5 s: a machine that is busy draws late
     page = chromium.new_context(**context).new_page()
     page.set_default_timeout(PATIENCE_MS)
     page.faults = []
@@ -43,7 +46,7 @@ def shows(page: Any, selector: str, words: str) -> None:
     """Wait until an element shows words, a regular expression."""
     from playwright.sync_api import expect
 
-    expect(page.locator(selector).first).to_contain_text(re.compile(words), timeout=PATIENCE_MS)
+    expect(page.locator(selector).first).to_contain_text(re.compile(words))
 
 
 def clicked_at(page: Any, click: Callable[[], Any]) -> float:

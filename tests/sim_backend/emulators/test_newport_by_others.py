@@ -23,7 +23,7 @@ from sim_backend.stage import SimulatedStage
 
 SPEED_UM_PER_S = 20000.0
 SAVING_S = 0.2
-PATIENCE_S = 10.0  # for a move to end on a busy machine
+PATIENCE_S = 120.0  # for a move to end on a busy machine
 
 pytestmark = [pytest.mark.filterwarnings("ignore::DeprecationWarning"), pytest.mark.filterwarnings("ignore:.*xdrlib")]
 

@@ -169,6 +169,8 @@ class SessionScreen(SessionLines, GaugeWatch):
         return f"tap {max(analysed)}:  f2 {f2:.1f} Hz  zeta2 {100 * zeta2:.3g} %  k_c {1e-6 * k_c:.4g} MN/m"
 
     def _to_press(self) -> Text:
+        if self._words == SETTLING:
+            return Text("Ctrl-C leaves out the report, which 'mesotap resume' writes", style="dim")
         keys = "p pause   q end, with the surfaces apart" if self._keys else "Ctrl-C ends it, with the surfaces apart"
         return Text(keys, style="dim")
 

@@ -157,6 +157,7 @@ class Analysis:
 
     def settle(self, longest_s):
         self.settled = True
+        self.shown = lines(self.found.__self__)
         self.found(TAP.number, MODES)
 
     def end(self):
@@ -168,6 +169,8 @@ def test_what_the_latest_tap_came_to_stays_on_the_terminal(screen, monkeypatch, 
     with SessionFolder.create(tmp_path / "s", {"config": ""}) as folder, screen.watching(folder, Config()) as seen:
         seen.impact(TAP, 1, 8)
     assert f"tap {TAP.number}:  f2 1406.7 Hz  zeta2 2.76 %  k_c 3.929 MN/m" in screen._console.export_text()
+    assert screen._analysis.shown[0] == "the surfaces are apart; working out the latest tap  "
+    assert screen._analysis.shown[-1] == "Ctrl-C leaves out the report, which 'mesotap resume' writes"
 
 
 def test_who_ends_a_session_waits_for_no_analysis(screen, monkeypatch, tmp_path):

@@ -49,7 +49,7 @@ LEANT_UM = 8.0
 HAMMER = ("--scope", "--set", "rig.wiring.hammer={input: 3}")
 RUNG_OUT_MS = 3000.0
 """After which the trace begins anew at the next tap."""
-SCOPE_TAPS, SCOPE_HEIGHT = 5, 1840  # down to the end of what the hammer shows
+SCOPE_TAPS, SCOPE_HEIGHT = 5, 1950  # down to the end of what the hammer shows
 
 
 class Album:

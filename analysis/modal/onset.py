@@ -12,6 +12,8 @@ from analysis.modal.noise import NoiseModel
 Real = NDArray[np.float64]
 
 LOUD = 7.0  # standard deviations of the noise, whitened, that none of its samples reaches
+LOUD_SHARE = 0.05  # of the loudest sample, whitened: noise that swells ahead of a tap is not its beginning, and a tap
+# passes this share within a tenth of its pulse (benchmarks/choosing_hits.py)
 WRONG_S = 0.4e-3  # between trigger and first loud sample, from which the trigger is not believed
 
 
@@ -52,7 +54,9 @@ def onset_of(
     notes: list[str] = []
     first = pretrigger
     if noise.variance > 0:
-        loud = np.flatnonzero(np.abs(noise.whiten(y - y.mean())) > LOUD * np.sqrt(noise.variance)) + noise.order
+        size = np.abs(noise.whiten(y - y.mean()))
+        level = max(LOUD * float(np.sqrt(noise.variance)), LOUD_SHARE * float(size.max(initial=0.0)))
+        loud = np.flatnonzero(size > level) + noise.order
         if loud.size and abs(loud[0] - pretrigger) > WRONG_S * sample_rate_hz:
             first = int(loud[0])
             apart = 1e3 * (first - pretrigger) / sample_rate_hz

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.modal.noise import NoiseModel
-from analysis.modal.onset import onset_of
+from analysis.modal.onset import Onset, onset_of
 from analysis.modal.tester import identify_impacts
 from daq.records import RigDescription
 
@@ -84,3 +84,17 @@ def test_a_right_trigger_is_believed():
     tap = np.append(np.zeros(250), np.cos(0.3 * np.arange(1000)))
     assert onset_of(tap, 248, NONE, RATE, NoiseModel(np.ones(1), 1e-6)).usable == 248
     assert onset_of(tap, 100, NONE, RATE, NoiseModel(np.ones(1), float("nan"))).usable == 100
+
+
+def test_a_burst_of_noise_ahead_of_a_tap_is_not_its_beginning():
+    rng = np.random.default_rng(3)
+    t = np.arange(1250) / RATE
+    tap = np.append(np.zeros(250), 3 * np.exp(-60 * t) * np.cos(2 * np.pi * 1500 * t)) + 1e-3 * rng.standard_normal(
+        1500
+    )
+    tap[100:400] += 0.02 * rng.standard_normal(300)  # twenty times the noise, a hundredth of the tap
+    noise = NoiseModel(np.ones(1), 1e-6)
+    assert onset_of(tap, 250, NONE, RATE, noise) == Onset(250)
+    late = onset_of(tap, 330, NONE, RATE, noise)  # where the trigger is wrong, it is seen all the same
+    assert late.usable == 250
+    assert late.notes == ("the tap begins -3.2 ms from where its trigger is said to be",)

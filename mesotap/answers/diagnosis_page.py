@@ -103,7 +103,7 @@ def write_page(
     Parameters
     ----------
     content
-        The answer as programs read it.
+        The answer as programs read it, with remarks on what is unusual in the files.
     sessions
         What was diagnosed, if it was recorded by this program: specimen, operator and date stand at the head.
     pdf_figures
@@ -120,6 +120,7 @@ def write_page(
         evidence=evidence,
         files=" + ".join(Path(r.file).name for r in answer.recordings),
         sessions=sessions,
+        remarks=content.get("remarks", ()),
         simulated=any(is_simulated(session) for session in sessions),
         verdict=verdict_sentence(answer),
         recorded=what_was_recorded(answer),

@@ -22,6 +22,12 @@ def test_files_are_named_without_their_folders(tmp_path: Path) -> None:
     assert "/deep" not in text
 
 
+def test_what_is_unusual_in_the_files_stands_at_the_head(tmp_path: Path) -> None:
+    said = "s.h5: /impacts/00001/acceleration holds a NaN; this record is left out"
+    text = write_page(tmp_path, ANSWER, NOTHING, {"remarks": [said]}, pdf_figures=False).read_text()
+    assert text.index(said) < text.index("Verdict</h2>")
+
+
 @pytest.mark.parametrize(
     ("verdict", "says"),
     [

@@ -86,7 +86,7 @@ def law_of(account: Account[Any], fitted: Any, number: int, parameters: Mapping[
     as_good = [r for r in others if (r.gained - against) / 2 >= NOTHING_LOST and not r.pinned]
     offered = sorted(as_good, key=lambda r: -r.gained)
     best = offered[0] if offered else own
-    formulas = tuple(_formula(r, (r.gained - against) / 2) for r in offered)
+    formulas = _different([_formula(r, (r.gained - against) / 2) for r in offered])
     valid = _valid(account, fitted, own)
     return Law(
         kind=_kind(best, selection.problem.arrangement.tapped, selection.problem.arrangement.elements),
@@ -97,6 +97,11 @@ def law_of(account: Account[Any], fitted: Any, number: int, parameters: Mapping[
         valid=valid,
         table=_table(best if offered else free or own, best, valid),
     )
+
+
+def _different(formulas: Sequence[Formula]) -> tuple[Formula, ...]:
+    """Return the first of those that read alike."""
+    return tuple(f for i, f in enumerate(formulas) if f.text not in [other.text for other in formulas[:i]])
 
 
 def _formula(read: _Read, evidence: float) -> Formula:

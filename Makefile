@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 DEMO := demo
 SEED := 1
 
-.PHONY: demo readme test test-all check lint types layers kills recovery gauges bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness package docs clean
+.PHONY: demo readme test test-ci test-all check lint types layers kills recovery gauges bench streaming fuzz fuzz-hypothesis faults faults-table hostile proof witness package docs clean
 .PHONY: console-stop console-kills console-axe console-soak console-pictures
 
 demo: $(VENV)/.installed
@@ -16,12 +16,16 @@ demo: $(VENV)/.installed
 	@echo "The session's report:          $(CURDIR)/$(DEMO)/session/report.html"
 	@echo "The published tables, anew:    $(CURDIR)/$(DEMO)/published/report.html"
 
-# without the tests marked slow; neighbours stay with one worker as long as both have work, so that what a module or a
+# without the tests marked slow or long; neighbours stay with one worker as long as both have work, so that what a module or a
 # session sets up is set up once
 PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal
 
 test: $(VENV)/.tested
-	$(PYTEST) -m "not slow" tests
+	$(PYTEST) -m "not slow and not long" tests
+
+# what continuous integration runs: without the tests marked long
+test-ci: $(VENV)/.tested
+	$(PYTEST) -m "not long" tests
 
 test-all: $(VENV)/.tested
 	$(PYTEST) tests
@@ -31,7 +35,7 @@ readme: $(VENV)/.tested
 	MESOTAP_README=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -s -n 0 tests/mesotap/test_readme.py
 
 # everything that continuous integration holds against a change
-check: lint types layers test-all
+check: lint types layers test-ci
 
 lint: $(VENV)/.tested
 	$(BIN)/ruff check .

@@ -9,8 +9,12 @@ import pytest
 TESTS = Path(__file__).parent
 
 
-def test_every_folder_has_tests_that_are_not_slow(request: pytest.FixtureRequest) -> None:
+def test_every_folder_has_tests_that_are_quick(request: pytest.FixtureRequest) -> None:
     if [Path(given).resolve() for given in request.config.args] != [TESTS] or request.config.option.keyword:
         pytest.skip("only a part of the tests was asked for")
-    quick = {item.path.parent for item in request.session.items if item.get_closest_marker("slow") is None}
+    quick = {
+        item.path.parent
+        for item in request.session.items
+        if not {"slow", "long"} & {m.name for m in item.iter_markers()}
+    }
     assert {file.parent for file in TESTS.rglob("test_*.py")} == quick

@@ -95,7 +95,7 @@ def test_a_run_leaves_all_it_should(session):
     assert json.loads((session.parent / "run.json").read_text()) == json.loads((session / "results.json").read_text())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_is_diagnosed_where_its_configuration_says_so(tmp_path):
     mesotap("run", "--simulate", "-o", tmp_path / "s", *QUICK, "--set", "mesotap.diagnose=true", cwd=tmp_path)
     answer = json.loads((tmp_path / "s" / "diagnosis.json").read_text())

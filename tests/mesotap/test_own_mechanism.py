@@ -66,7 +66,7 @@ def test_without_its_folder_it_is_no_mechanism(folder: Path) -> None:
     assert f"unknown mechanism '{ID}'" in said
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_it_is_named_in_a_session_and_adopted(folder: Path, session: Path) -> None:
     mesotap("diagnose", session, *SHORT, "--json", "answer.json", cwd=folder)
     (named,) = json.loads((folder / "answer.json").read_text())["mechanisms"]
@@ -77,7 +77,7 @@ def test_it_is_named_in_a_session_and_adopted(folder: Path, session: Path) -> No
     assert adopted.adopted().mechanism.id == ID
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_it_is_named_in_a_described_rig(folder: Path) -> None:
     omega, rate, samples = 2 * np.pi * 12, 200.0, 2400
     u = noise_input(samples, rate, 2, 25, seed=3)
@@ -97,7 +97,7 @@ def test_it_is_named_in_a_described_rig(folder: Path) -> None:
     assert named["parameters"][PARAMETER]["value"] == pytest.approx(0.1, rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_proof_knows_it(folder: Path, session: Path, tmp_path: Path) -> None:
     diagnose_all({"own": [session]}, {}, tmp_path, Processes(1), lambda done, total: None, [str(folder / "mine")])
     assert [m["id"] for m in answer_of(tmp_path, "own")["mechanisms"]] == [ID]

@@ -252,7 +252,7 @@ def test_damping_of_one_dashpot():
 # The published gaps.
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_eight_points_tell_several_explanations_of_the_flats_alike(flat):
     best = flat.weighed[0]
     assert {"series_compliance", "fractal", "crowned_flats"} <= {best.candidate.id, *best.indistinguishable_from}

@@ -66,7 +66,7 @@ def test_a_band_without_lines_is_refused() -> None:
         fit_two_mass(measured.spectra, measured.response.frequency_hz, [Seen(0, LOWER)], START, (100.0, 200.0))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     """200 loads of six hits: the random part by leaving one hit out, and the sensitivity drawn for each load."""
     rng = np.random.default_rng(11)

@@ -26,7 +26,7 @@ def found() -> tuple[Answer, Selection]:
         return answer_of(ImpactAccount(selection)), selection
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_best_two_are_given_their_error_on_what_was_held_out() -> None:
     answer, selection = found()
     assert answer.verdict == "unexplained"

@@ -49,7 +49,7 @@ def test_nothing_is_found_where_nothing_is_hidden() -> None:
     assert answer_of("case-027").verdict == "consistent"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.data
 @needs_data
 def test_hunt_crossley_damping_is_named_with_an_interval_that_holds_the_truth() -> None:
@@ -60,7 +60,7 @@ def test_hunt_crossley_damping_is_named_with_an_interval_that_holds_the_truth() 
     assert growth.low < true < growth.high
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.data
 @needs_data
 def test_held_out_impacts_get_better_with_what_is_named() -> None:

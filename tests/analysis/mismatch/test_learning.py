@@ -38,7 +38,7 @@ def answer_of(name: str) -> Answer:
     return diagnosed([session_of(records[name], ratios=RATIOS)], FEW, learn=True).answer
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_force_of_the_squared_deflection_is_learned_with_its_exponents_and_coefficient() -> None:
     answer = answer_of("quadratic")
     assert answer.verdict == "new_physics"
@@ -63,7 +63,7 @@ def test_a_force_of_the_squared_deflection_is_learned_with_its_exponents_and_coe
     assert force.high - force.value < 0.02 * force.value
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_curve_of_a_learned_law_holds_the_true_one_in_its_band() -> None:
     law = answer_of("quadratic").mechanisms[0].law
     assert law is not None
@@ -79,7 +79,7 @@ def test_the_curve_of_a_learned_law_holds_the_true_one_in_its_band() -> None:
     assert high == pytest.approx(d[-1])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_held_out_impacts_get_better_with_a_learned_law_and_nothing_is_left() -> None:
     answer = answer_of("quadratic")
     assert answer.fit.heldout_rms_after is not None
@@ -89,7 +89,7 @@ def test_held_out_impacts_get_better_with_a_learned_law_and_nothing_is_left() ->
     assert all(not u.id.startswith("learned") for u in answer.upper_limits)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_force_of_the_root_of_the_rate_is_learned_where_it_acts() -> None:
     answer = answer_of("root")
     assert answer.verdict == "new_physics"
@@ -104,7 +104,7 @@ def test_a_force_of_the_root_of_the_rate_is_learned_where_it_acts() -> None:
     assert m.low < 0.5 < m.high
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_listed_mechanism_is_named_and_no_law_is_learned_in_its_place() -> None:
     answer = answer_of("hertz")
     assert [m.id for m in answer.mechanisms] == ["hertz_stiffness"]
@@ -113,7 +113,7 @@ def test_a_listed_mechanism_is_named_and_no_law_is_learned_in_its_place() -> Non
     assert answer.mechanisms[0].probability > 0.9
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_answer_for_programs_tells_the_law_and_version_one_that_nothing_listed_explains() -> None:
     answer = answer_of("quadratic")
     told = diagnosis_json(answer, 0.0)
@@ -131,7 +131,7 @@ def test_a_listed_mechanism_is_no_learned_law() -> None:
     assert not is_learned(at_work("hertz_stiffness"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("power", [1.7, 2.5])
 def test_a_strong_contact_of_another_power_is_learned_with_it_and_the_stiffness_is_right(power: float) -> None:
     def force(d: float, v: float, load: float) -> float:

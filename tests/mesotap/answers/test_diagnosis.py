@@ -123,7 +123,7 @@ def test_the_runner_up_is_told_of(answer: dict) -> None:
     assert first["why"].startswith("Fitted, it has an evidence of at least ")  # true of a fit that was given up, too
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_runner_up_is_fitted_in_full_even_where_its_score_promises_little(tmp_path: Path) -> None:
     def stiffening(rig, load_n, pulse) -> np.ndarray:
         return twin_record(rig, load_n, [adopted("hertz_stiffness", {})], pulse, ONSET_S, SAMPLES, RATE_HZ, ANALOG)[0]

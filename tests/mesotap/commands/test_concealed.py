@@ -22,7 +22,7 @@ Real = NDArray[np.float64]
 Extra = Callable[[float, float], tuple[float, float]]
 """Displacement of the table (m) and force of the neck (N) to the extra forces of foot and neck (N)."""
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 SAMPLES, RATE_HZ, NOISE = 2400, 400.0, 3e-3
 TIMES = np.arange(SAMPLES) / RATE_HZ
 TABLE_KG, HEAD_KG = 1.0, 0.5

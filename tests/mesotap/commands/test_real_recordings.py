@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from mesotap.cli import app
 
-pytestmark = [pytest.mark.data, pytest.mark.slow]
+pytestmark = [pytest.mark.data, pytest.mark.long]
 OSCILLATOR = """
 bodies: {a: 1}
 springs: [{between: [a, ground], damping: unknown}]

@@ -229,6 +229,7 @@ def test_an_answer_to_what_was_not_asked_yet_answers_nothing():
         assert operator._done(number)
 
 
+@pytest.mark.long
 def test_the_session_goes_on_to_its_end(begun, tmp_path):
     """Last of all: what was paused goes on, and crafted names neither run nor leave the folder."""
     link = begun.driver.post("link")[1]["path"]

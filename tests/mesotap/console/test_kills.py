@@ -68,7 +68,7 @@ def seen_apart(folder: Path, devices: Devices, killed: float) -> str:
     return f"apart {max((at for at, mn in loads if mn > 0.0), default=killed) - killed:.2f} s after the kill"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("state", "turn"), TRIED)
 def test_killed_and_resumed(tmp_path, state, turn):
     wait_s = random.Random(f"{state} {turn}").uniform(0, LONGEST_WAIT_S.get(state, USUAL_WAIT_S))

@@ -22,7 +22,7 @@ def held(tmp_path):
 
 
 @needs_chromium
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_lost_page_gets_control_back_and_then_loses_it(chromium, held):
     console, wire = held
     page = opened(chromium, console, console.link.replace("127.0.0.1", ADDRESS))

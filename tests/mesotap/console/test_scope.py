@@ -29,7 +29,7 @@ def begun(page):
     shows(page, "#next", READY)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @needs_chromium
 def test_the_page_from_its_beginning_to_stop(chromium, tmp_path):
     from playwright.sync_api import expect

@@ -45,7 +45,7 @@ def test_a_whole_session_from_the_page(chromium, tmp_path, rig):
         assert session.specimen == "<img src=x onerror=alert(1)>"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_page_says_what_is_worked_out_and_stop_leaves_the_diagnosis_out(chromium, tmp_path):
     from playwright.sync_api import expect
 
@@ -132,7 +132,7 @@ def test_the_space_bar_on_a_checkbox_is_stop_and_leaves_it_as_it_is(chromium, tm
         assert page.faults == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_surplus_of_taps_and_the_hammer_are_shown_on_the_smallest_screen_too(chromium, tmp_path):
     from playwright.sync_api import expect
 

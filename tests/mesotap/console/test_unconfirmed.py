@@ -30,7 +30,7 @@ def test_a_console_that_says_nothing_is_one_that_has_gone(monkeypatch):
 
 
 @needs_chromium
-@pytest.mark.slow
+@pytest.mark.long
 def test_stop_into_a_console_that_hangs_is_told_and_the_session_ends_by_itself(chromium, tmp_path):
     with console_in(tmp_path, "--speed", "1", "--set", "mesotap.impacts_per_load=50") as console:
         page = opened(chromium, console)
@@ -50,7 +50,7 @@ def test_stop_into_a_console_that_hangs_is_told_and_the_session_ends_by_itself(c
 
 
 @needs_chromium
-@pytest.mark.slow
+@pytest.mark.long
 def test_stop_while_a_session_is_started_is_received_and_ends_it(chromium, tmp_path):
     with console_in(tmp_path, "--speed", "1") as console:
         page = opened(chromium, console)

@@ -79,7 +79,7 @@ def session(tmp_path: Path, **streams) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, cwd=ROOT, **streams)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_session_whose_reader_has_gone_comes_to_its_end(tmp_path):
     running = session(tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     running.stdout.close()
@@ -90,7 +90,7 @@ def test_a_session_whose_reader_has_gone_comes_to_its_end(tmp_path):
     assert (tmp_path / "s" / "session.h5").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_full_output_device_is_a_sentence_and_costs_nothing(tmp_path):
     with Path("/dev/full").open("wb") as full:
         running = session(tmp_path, stdout=full, stderr=subprocess.PIPE)

@@ -36,7 +36,7 @@ def small_plan(seed: int = 3, exponent: float | None = None) -> Plan:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_ring_down_is_that_of_the_matrix_exponential() -> None:
     plan = small_plan()
     machine = machine_of(plan)

@@ -28,7 +28,7 @@ def recovered(folder: Path, effect: str, d: float, seed: int) -> tuple[dict[str,
     return true_parameters(truth, effect), found.mechanisms[0].parameters
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("effect", "d", "seed"), [("double_hit", 300.0, 2), ("frame_compliance", 100.0, 1)])
 def test_what_the_tap_ties_is_found_without_bias(tmp_path: Path, effect: str, d: float, seed: int) -> None:
     truth, found = recovered(tmp_path, effect, d, seed)
@@ -37,7 +37,7 @@ def test_what_the_tap_ties_is_found_without_bias(tmp_path: Path, effect: str, d:
         assert found[name].value == pytest.approx(true, rel=0.05), name
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_strong_frame_is_found_though_the_linear_rig_goes_far_to_stand_in_for_it(tmp_path: Path) -> None:
     scenario = Scenario(47, "single", ("frame_compliance",), (300.0,))
     truth = make(11, scenario, tmp_path)
@@ -57,7 +57,7 @@ def test_a_part_of_unknown_mass_gets_an_interval_that_says_so(tmp_path: Path) ->
     assert found["attached_mass_kg"].high > 10 * found["attached_mass_kg"].low
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_interval_of_a_mass_beside_a_force_law_is_its_profile(tmp_path: Path) -> None:
     scenario = Scenario(0, "two", ("quadratic_damping", "attached_mass"), (60.0, 30.0))
     truth = make(2, scenario, tmp_path)
@@ -82,7 +82,7 @@ def test_the_fit_of_an_added_body_knows_its_errors_even_where_it_only_competed(t
     assert np.all(np.diag(found.term_covariances[0]) > 0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("effect", "d", "seed"), [("tube_spring_cubic", 300.0, 1), ("contact_creep", 300.0, 2)])
 def test_intervals_of_strong_laws_hold_the_truth(tmp_path: Path, effect: str, d: float, seed: int) -> None:
     truth, found = recovered(tmp_path, effect, d, seed)
@@ -90,7 +90,7 @@ def test_intervals_of_strong_laws_hold_the_truth(tmp_path: Path, effect: str, d:
         assert found[name].low < true < found[name].high, name
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_delayed_channel_is_not_taken_for_a_mass_that_turns(tmp_path: Path) -> None:
     scenario = Scenario(118, "excluded", ("channel_skew",), (30.0,))
     make(1, scenario, tmp_path)
@@ -98,7 +98,7 @@ def test_a_delayed_channel_is_not_taken_for_a_mass_that_turns(tmp_path: Path) ->
     assert found.verdict == "unexplained"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("effect", "imitation"), [("cubed_rate_damping", "quadratic_damping"), ("tube_spring_damping", "frame_compliance")]
 )
@@ -112,7 +112,7 @@ def test_an_imitation_that_a_simple_force_without_a_name_beats_is_not_stated_wit
     assert all(m.probability < 0.8 for m in found.mechanisms)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_has_a_name_is_not_beaten_by_the_same_force_without_one(tmp_path: Path) -> None:
     scenario = Scenario(7, "single", ("quadratic_damping",), (60.0,))
     make(3, scenario, tmp_path)

@@ -189,7 +189,7 @@ def test_unknown_kind_gets_a_sentence(tmp_path: Path) -> None:
         prove(1, 2, "double", tmp_path, 1, Processes(1), (), Console(quiet=True))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_proof_of_effects_outside_the_list_scores_what_is_said_of_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -210,7 +210,7 @@ def test_proof_of_effects_outside_the_list_scores_what_is_said_of_them(
 SEED = 70  # of two small sessions: nothing, and tube springs that dissipate
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_small_proof_is_right(tmp_path: Path) -> None:
     """Two sessions through everything: one in which nothing is hidden, one with an effect that nobody can miss."""
     prove(SEED, 2, None, tmp_path, 2, Processes(2), (), Console(quiet=True))

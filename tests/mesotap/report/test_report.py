@@ -662,7 +662,7 @@ def test_unknown_uncertainty_is_no_number(small: tuple[Session, SessionResults],
     assert "f2_hz: the data give no finite 95 % interval" in written["notes"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_same_input_gives_the_same_bytes(small: tuple[Session, SessionResults], tmp_path: Path) -> None:
     for name in ("one", "two"):
         write_report(tmp_path / name, *small, THEORY)

@@ -25,7 +25,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "report.html"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("media", "width"), [("screen", SCREEN_PX), ("print", SHEET_PX)])
 def test_no_table_is_wider_than_its_page(written: Path, chromium: Any, media: Any, width: int) -> None:
     page = chromium.new_page(viewport={"width": width, "height": 900})

@@ -42,7 +42,7 @@ def test_a_controller_that_was_just_switched_on_is_not_moved_without_leave(tmp_p
         sold(tmp_path, "smc100", "trb6cc", referenced=False)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_controller_that_was_just_switched_on_finds_its_home_with_leave(tmp_path):
     _, impacts = sold(tmp_path, "smc100", "trb6cc", referenced=False, home=True)
     assert impacts

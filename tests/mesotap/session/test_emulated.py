@@ -156,7 +156,7 @@ QUICK = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
 def test_a_killed_session_on_ptys_ends_as_the_simulated_one(tmp_path):
     """SIGKILL within real wires: the file at the end is that of an unbroken session on the simulated rig."""

@@ -38,7 +38,7 @@ def test_its_k_c_is_found_again(tmp_path):
         )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_its_unfinished_session_is_listed_and_resumed(tmp_path):
     folder = Path(shutil.copytree(KEPT / "unfinished", tmp_path / "s"))
     index = ("--index", tmp_path / "i.sqlite")

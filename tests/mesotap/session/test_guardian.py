@@ -44,7 +44,7 @@ IN_EVERY_STATE = [
 USUAL = 5  # of them, in the suite
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_whatever_ends_a_session_in_whatever_state(tmp_path):
     def one(i: int) -> bool:
         state, number, wait_s = IN_EVERY_STATE[i]

@@ -82,7 +82,7 @@ def two_decays(seed: int) -> tuple[SimulatedRecordings, SimulatedFit]:
     return problem, fit(problem, fine=True)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_recordings_are_weighed_by_their_noise() -> None:
     misses = []
     for seed in range(12):
@@ -106,7 +106,7 @@ def test_recordings_of_different_noise_raise_no_alarm() -> None:
     assert sum(value < 0.1 for value in p) <= 5  # six of twelve: five times in ten thousand
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_noise_of_a_measured_input_is_no_missing_physics_and_widens_intervals() -> None:
     rig = parse_rig(SPRING + INPUT + sensor("acceleration"))
     u = noise_input(SAMPLES, RATE, 2, 25, seed=3)

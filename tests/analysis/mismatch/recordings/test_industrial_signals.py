@@ -94,7 +94,7 @@ def test_clipping_that_happens_once_in_a_sweep_about_an_offset_is_named() -> Non
     assert [m.id for m in found.answer.mechanisms] == ["clipping"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_friction_that_stops_a_decay_is_followed_to_where_it_sticks() -> None:
     rate, samples, sub, mass, stiffness, damping, friction = 200.0, 4000, 50, 1.0, 3000.0, 1.0, 2e-3
     x, v, h = 1e-3, 0.0, 1 / 200.0 / 50

@@ -67,7 +67,7 @@ def test_a_linear_rig_with_correlated_noise_is_consistent(u: Real) -> None:
     assert found.fitted.constants["stiffness of spring"].value == pytest.approx(OMEGA**2, rel=5e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_cubic_spring_seen_by_its_velocity_under_a_measured_force_is_named_alone(u: Real) -> None:
     found = answer_of(parse_rig(SPRING + INPUT + sensor("velocity")), [duffing(u)], KNOWN)
     assert found.verdict == "missing_physics"
@@ -88,7 +88,7 @@ def test_without_the_true_mechanism_nothing_is_named(u: Real) -> None:
     assert found.location is not None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_dry_friction_of_a_slide_without_a_spring_is_named(u: Real) -> None:
     y = motion(lambda s, x, v: 30 * s - 3 * v - 8 * np.tanh(v / 2e-3), [0.0, 0.0], SAMPLES, RATE, u)
     rig = parse_rig(
@@ -130,7 +130,7 @@ def test_a_pendulum_with_drag_is_named_by_its_sine_and_its_drag_and_time_is_not_
     assert (float(ratio[1]) < 1) == (ratio[2] is not None)  # who has the smaller error is told why it lost
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_stiffness_that_settles_with_time_is_named_as_such() -> None:
     omega = 2 * np.pi * 30
     t = np.arange(3000) / 300.0
@@ -158,7 +158,7 @@ def test_a_rig_described_far_from_the_one_recorded_is_not_consistent(stiffness: 
     assert found.mechanisms == ()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_gain_of_many_decades_overflows_nothing() -> None:
     t = np.arange(3000) / 1000
     decay = np.exp(-1.5 * t) * np.sin(2 * np.pi * 20 * t)
@@ -167,7 +167,7 @@ def test_a_gain_of_many_decades_overflows_nothing() -> None:
     assert np.isfinite(found.fit.heldout_rms_before)  # a warning of numpy's is an error in tests
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_wrong_constants_under_a_measured_force_are_not_consistent(u: Real) -> None:
     y = motion(lambda s, x, v: 100 * s - OMEGA**2 * x - 0.04 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, u)
     rig = parse_rig(
@@ -177,7 +177,7 @@ def test_wrong_constants_under_a_measured_force_are_not_consistent(u: Real) -> N
     assert (found.verdict, found.far_off) == ("unexplained", True)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("pole", [0.0, 0.9, 0.99])
 def test_strong_noise_does_not_make_a_sound_rig_far_off(u: Real, pole: float) -> None:
     y = motion(lambda s, x, v: 100 * s - OMEGA**2 * x - 0.04 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, u)[0]
@@ -188,7 +188,7 @@ def test_strong_noise_does_not_make_a_sound_rig_far_off(u: Real, pole: float) ->
     assert not found.far_off
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_part_that_resonates_between_the_modes_of_two_bodies_is_named() -> None:
     known = [m for m in variants(catalogue()) if m.id in (*SHORT, "attached_mass", "frame_compliance", "channel_skew")]
     mass = np.array([1.0, 0.6, 0.02])  # the part rides on the first, at 16 Hz between 11 and 23 Hz
@@ -214,7 +214,7 @@ sensors: [{channel: a, of: one, shows: velocity}, {channel: b, of: two, shows: v
     assert part["mount_frequency_hz"].value == pytest.approx(16.0, rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("share", "seed"), [(0.02, 2), (0.0, 3)])
 def test_a_second_impact_on_one_of_two_bodies_is_named_with_its_size(share: float, seed: int) -> None:
     known = [m for m in variants(catalogue()) if m.id in (*SHORT, "attached_mass", "double_hit")]
@@ -247,7 +247,7 @@ sensors: [{channel: a, of: one, shows: velocity}, {channel: b, of: two, shows: v
         assert limits["double_hit"] < 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("when", [0.2721, 0.345])  # s; the second in a held-out stretch
 def test_a_second_impact_after_silence_has_its_size(when: float) -> None:
     known = [m for m in variants(catalogue()) if m.id in ("tube_spring_cubic", "double_hit")]

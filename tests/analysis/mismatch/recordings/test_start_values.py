@@ -135,7 +135,7 @@ def test_the_mean_frequency_of_a_sine_is_its_own():
     assert _centre([ready]) == pytest.approx(2 * np.pi * 25, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_wrong_constant_is_what_should_be_unknown():
     u = noise_input(COUNT, RATE, 2, 60, seed=9)
     shown = two(np.array([0.0, 2.5]), [0.0] * 4, u)

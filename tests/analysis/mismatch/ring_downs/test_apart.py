@@ -81,7 +81,7 @@ def test_a_knock_at_the_table_during_one_record_is_said(linear: Session) -> None
     assert "that no other does" in found.set_aside[0].statement
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_beneath_a_strong_law_an_odd_tap_is_set_aside_and_nothing_is_left() -> None:
     session = session_of(with_law("hertz_stiffness"), ratios=(0.9, 0.3, 0.5, 0.7))
     odd = {5: OFF_CENTRE * ringing(4000.0, 0.3)}

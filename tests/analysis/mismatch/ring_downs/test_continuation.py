@@ -66,7 +66,7 @@ def test_surfaces_that_part_are_fitted_without_any_recording() -> None:
     assert found.constants.load[:, 0] == pytest.approx(true, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("law", "other"),
     [("rough_surface_stiffness", "hertz_stiffness"), ("hertz_stiffness", "rough_surface_stiffness")],

@@ -241,7 +241,7 @@ def test_what_takes_up_most_of_too_much_that_is_left_is_worth_naming(left: float
     assert scripted()._least_gain(state) == pytest.approx(least)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("law", "noise", "ratios"),
     [("contact_loss", 5e-3, (0.6, 0.9, 1.6, 1.7)), ("hertz_stiffness", 5e-4, (0.5, 0.7, 0.95))],

@@ -18,7 +18,7 @@ from tests.analysis.terms import listed
 FRICTION_N = 2e-3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_scatter_beneath_a_strong_effect_is_not_left_over() -> None:
     rng = np.random.default_rng(3)
 

@@ -51,7 +51,7 @@ def test_a_linear_rig_follows_the_matrix_exponential() -> None:
         assert moved[:2, n, 0] == pytest.approx(expected, rel=1e-9, abs=1e-15)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("code", "constants", "rest"),
     [
@@ -155,7 +155,7 @@ def test_what_is_written_is_read_by_a_diagnosis(tmp_path: Path) -> None:
             assert recording.rate_hz == pytest.approx(truth["rate_hz"], rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("factor", [1.0005, 1.3])
 def test_a_refit_takes_up_what_its_constants_can_do(factor: float) -> None:
     tried = 0

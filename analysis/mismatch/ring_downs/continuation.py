@@ -76,10 +76,13 @@ def declared_masses(begin: RingDownFit) -> RingDownFit:
 def each_alone(problem: RingDowns, terms: Sequence[Term], begin: RingDownFit) -> list[Complex]:
     """Return the amplitudes of each segment with constants and laws held: (p,) complex.
 
-    Far from these a fit to several periods is lost; so it is tried from fewer, too.
+    Far from these a fit to several periods is lost; so what all segments together leave lost is tried from fewer, each
+    by itself.
     """
     held = replace(begin, terms=tuple(terms))
-    return [_alone(problem.only([i]), held) for i in range(len(problem.experiment.segments))]
+    together = fit(problem, start=Start(held=held), stop=_ON_THE_WAY)
+    lost = [float(np.mean(r**2)) > problem.policy.strong for r in together.residuals]
+    return [_alone(problem.only([i]), held) if lost[i] else a for i, a in enumerate(together.amplitudes)]
 
 
 def _alone(problem: RingDowns, held: RingDownFit) -> Complex:

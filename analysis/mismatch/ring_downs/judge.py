@@ -103,7 +103,7 @@ class ImpactJudge(Judge[RingDownFit]):
             fitted = {mechanism for mechanism, _ in tried} | {score.term.mechanism.id}
             enough = len(fitted) > (policy.finalists if explained or contest else policy.most_finalists)
             runner_up = state.first and not contest and _is_runner_up(current, score, found)
-            wanted = key in order.hinted or runner_up or key in order.look.worth_fitting()
+            wanted = key in order.hinted or runner_up or (key in order.look.worth_fitting() and not behind)
             idle = enough or behind or not order.promising(score, best) or self.exhausted()
             if tried and not wanted and idle:
                 found.append(Candidate(score, None, screened_evidence(score)))

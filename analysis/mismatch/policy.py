@@ -145,7 +145,7 @@ class SelectionPolicy:
     )
     predictable: float = _chosen(10.0, "error over its innovation rms, likewise", "1", RECORDED, 50)
     # compute budget
-    budget: float = _chosen(700.0, "work of a selection", "substeps a sample", PRACTICE, 58)
+    budget: float = _chosen(700.0, "work of looking for one mechanism", "substeps a sample", PRACTICE, 58)
     usual_samples: int = _chosen(120_000, "samples whose budget a smaller session is given", "samples", PRACTICE, 58)
     # a competing fit ends early
     little: float = _chosen(5.0, "gain of a step below which a competing fit ends", "chi-squared", PRACTICE, 54)

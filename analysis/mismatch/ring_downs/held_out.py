@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -19,17 +20,14 @@ HELD_OUT_EVERY = 4  # every fourth impact is held out
 def split(problem: RingDowns) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return segments for fitting and held-out ones: every fourth, but never all of a load nor the strongest of all."""
     segments = problem.experiment.segments
-    fitted = [0] * len(problem.experiment.loads_n)
+    others = Counter(segment.group for segment in segments)
     strongest = _strongest(problem)
-    training: list[int] = []
     held: list[int] = []
     for i, segment in enumerate(segments):
-        if i % HELD_OUT_EVERY == HELD_OUT_EVERY - 1 and fitted[segment.group] and i != strongest:
+        if i % HELD_OUT_EVERY == HELD_OUT_EVERY - 1 and others[segment.group] > 1 and i != strongest:
+            others[segment.group] -= 1
             held.append(i)
-        else:
-            training.append(i)
-            fitted[segment.group] += 1
-    return tuple(training), tuple(held)
+    return tuple(i for i in range(len(segments)) if i not in held), tuple(held)
 
 
 def held_out_fit(kept: RingDowns, fitted: RingDownFit) -> RingDownFit:

@@ -205,26 +205,26 @@ class ImpactJudge(Judge[RingDownFit]):
         return (best if enough else None), {}
 
     def _least_gain(self, state: State[RingDownFit]) -> float:
-        """Return the evidence that a further mechanism must have.
+        """Return the evidence that a further mechanism must have: as below, or most of what is left (see `after`)."""
+        policy = self.problem.policy
+        return max(policy.least_gain, min(self._plain(state), policy.most_of_the_rest * state.screening.unexplained))
 
-        A share of what is explained already, as laws are never exactly right; but where so much is left that this would
-        be no explanation, what takes up most of it is enough.
-        """
+    def _plain(self, state: State[RingDownFit]) -> float:
+        """Return the gain from which on something may be left beside a further one: laws are never exactly right."""
         policy, left = self.problem.policy, state.screening.unexplained
         explained = state.steps[0].before.objective - state.current.objective
-        share = policy.least_share * explained
-        if left > policy.may_be_left(len(state.current.terms)) * (explained + left):
-            share = min(share, policy.most_of_the_rest * left)
-        return max(policy.least_gain, share)
+        too_much = left > policy.may_be_left(len(state.current.terms)) * (explained + left)
+        return min(policy.least_share * explained, policy.most_of_the_rest * left if too_much else math.inf)
 
     def _better_held_out(self, before: RingDownFit, added: Candidate[RingDownFit]) -> bool:
         """Whether held-out impacts are predicted better."""
         if added.fit is None or not self.held_out:
             return False
-        return self.held_out_fit(added.fit).chi_squared < self.held_out_fit(before).chi_squared
+        as_fine = replace(added.fit, substeps=max(added.fit.substeps, before.substeps))  # its steps are no reason
+        return self.held_out_fit(as_fine).chi_squared < self.held_out_fit(before).chi_squared
 
     def after(self, state: State[RingDownFit], accepted: Candidate[RingDownFit]) -> tuple[State[RingDownFit], bool]:
-        """Go on with the accepted fit and look at what it leaves."""
+        """Go on with the accepted fit and look at what it leaves; a further one that is small must leave nothing."""
         policy, before = self.problem.policy, state.current
         if accepted.fit is None:
             return state, False
@@ -238,9 +238,13 @@ class ImpactJudge(Judge[RingDownFit]):
             again = looked_for_again(current)
             if again is not current:
                 current, screening = again, self.screen(again)
+        if len(state.steps) > 1 and screening.p_value < policy.level and gained < self._plain(state):
+            refused = replace(state.steps[-1], accepted=None)
+            return State(before, state.screening, (*state.steps[:-1], refused)), False
         # one more is looked for unless nothing is left, or too much even if every further one gained as much
         room = (policy.most_terms - len(current.terms)) * gained
         more = screening.p_value <= policy.level and screening.unexplained <= room
+        self.training.budget.spent = 0.0  # each mechanism has a budget of its own
         return State(current, screening, state.steps), more
 
     def outcome(self, baseline: State[RingDownFit], state: State[RingDownFit]) -> Selection[RingDownFit]:

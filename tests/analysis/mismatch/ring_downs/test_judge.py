@@ -113,6 +113,11 @@ def test_every_fourth_impact_is_held_out_but_never_all_of_a_load_nor_the_stronge
     assert max(range(12), key=lambda i: float(np.abs(segments[i].raw).max())) in training
 
 
+def test_of_three_impacts_a_load_one_is_held_out() -> None:
+    problem = problem_of(session_of(with_law(), ratios=(0.3, 0.4, 0.5))).only(range(6))
+    assert split(problem) == ((0, 1, 2, 4, 5), (3,))
+
+
 @pytest.mark.parametrize(
     ("gain", "fitted"),
     [(0.0, ["base_strain", "channel_gain", "channel_skew"]), (0.05, ["channel_gain", "channel_skew"])],

@@ -12,8 +12,9 @@ from sim_backend.pulses import Pulse
 from sim_backend.recorder import analog_filter
 from sim_backend.twin import twin_record
 from sim_backend.two_mass import TwoMass
-from tests.analysis.ring_downs import FILTER, ONSET_S, RATE_HZ, SAMPLES, diagnosed, session_of
+from tests.analysis.ring_downs import FILTER, ONSET_S, RATE_HZ, SAMPLES, diagnosed, session_of, two_mass
 from tests.analysis.terms import listed
+from tests.analysis.unlisted import in_contact
 
 FRICTION_N = 2e-3
 
@@ -32,3 +33,22 @@ def test_scatter_beneath_a_strong_effect_is_not_left_over() -> None:
     force = found.mechanisms[0].parameters["friction_force_n"]
     assert force.low < FRICTION_N < force.high
     assert force.high - force.low < 0.01 * FRICTION_N
+
+
+@pytest.mark.long
+def test_a_second_law_beside_a_strong_one_is_named_however_much_work_the_first_was() -> None:
+    growth = 1.0
+
+    def force(d: float, v: float, load: float) -> float:
+        rig = two_mass(load)
+        pressed = max(1 + rig.kc * d / (1.5 * load), 0.0) ** 1.5
+        return load * (pressed - 1) - rig.kc * d + rig.cc * growth * rig.kc * d / load * v
+
+    session = session_of(in_contact(force), noise=0.002, ratios=(0.3, 0.6, 0.9))
+    laws = ("hertz_stiffness", "hunt_crossley_damping", "rough_surface_stiffness", "squeeze_film", "tube_mode")
+    found = diagnosed([session], [listed(name) for name in laws])
+    named = {m.id: m.parameters for m in found.answer.mechanisms}
+    assert set(named) == {"hertz_stiffness", "hunt_crossley_damping"}
+    (interval,) = named["hunt_crossley_damping"].values()
+    assert interval.low < growth < interval.high
+    assert found.selection.left.p_value > 0.01

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -45,12 +45,15 @@ class AdoptedModel:
         Contact at each load, ascending; empty where the file has none.
     rig
         m1, m2 (kg), k1, k2 (N/m) as fitted, by name; empty where the file has none.
+    off
+        Declared uncertainties by which the fit moved some of them far.
     """
 
     source: str
     mechanisms: dict[str, dict[str, float]]
     loads: tuple[AdoptedLoad, ...]
     rig: dict[str, float]
+    off: dict[str, float] = field(default_factory=dict)
 
 
 def read_diagnosis(path: Path) -> AdoptedModel:
@@ -79,6 +82,7 @@ def read_diagnosis(path: Path) -> AdoptedModel:
         augmented = content.get(FITTED[content["version"]]) or {"loads": [], "rig": {}}
         loads = [_load(entry) for entry in augmented["loads"]]
         rig = {name: finite_number(known["value"]) for name, known in augmented["rig"].items()}
+        off = {str(name): finite_number(by) for name, by in augmented.get("off_declared", {}).items()}
     except RecordingError:
         raise
     except (LookupError, TypeError, AttributeError, ValueError, OverflowError) as error:
@@ -93,7 +97,7 @@ def read_diagnosis(path: Path) -> AdoptedModel:
             f"{path}: names no mechanism that acts in a ring-down (verdict {content.get('verdict')!r}), so there is "
             "nothing to adopt"
         )
-    return AdoptedModel(str(path), found, tuple(sorted(loads, key=lambda p: p.load_mn)), rig)
+    return AdoptedModel(str(path), found, tuple(sorted(loads, key=lambda p: p.load_mn)), rig, off)
 
 
 def diagnosis_in(path: Path) -> dict[str, Any]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -36,12 +36,33 @@ class CorrectedLoad:
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """A session corrected; ``source`` is the diagnosis, ``chi_squared_gain`` what its mechanisms take away."""
+    """A session corrected.
+
+    Attributes
+    ----------
+    source
+        The diagnosis.
+    chi_squared_gain
+        What its mechanisms take away.
+    off
+        Declared uncertainties by which its fit moved some constants far.
+    """
 
     source: str
     mechanisms: tuple[str, ...]
     chi_squared_gain: float
     loads: tuple[CorrectedLoad, ...]
+    off: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def doubt(self) -> str:
+        """What to think of the corrected values where the diagnosis moved declared constants far; else nothing."""
+        moved = " and ".join(f"{name} by {by:.0f}" for name, by in self.off.items())
+        said = (
+            f"The diagnosis moved {moved} declared uncertainties: the corrected k_c and c_c may be wrong by far more "
+            "than their intervals."
+        )
+        return said if moved else ""
 
     @property
     def name(self) -> str:
@@ -70,7 +91,7 @@ def correct(session: Session, model: AdoptedModel, folders: Sequence[str] = ()) 
     of_group = {s.group: sets[s.order] for s in before.segments}
     pairs = zip(contact_at_rest(before), contact_at_rest(after), strict=True)
     rows = tuple(CorrectedLoad(of_group[g], plain, corrected) for g, (plain, corrected) in enumerate(pairs))
-    return Correction(model.source, tuple(model.mechanisms), before.objective - after.objective, rows)
+    return Correction(model.source, tuple(model.mechanisms), before.objective - after.objective, rows, model.off)
 
 
 def with_correction(answer: dict[str, Any], correction: Correction) -> dict[str, Any]:
@@ -85,7 +106,8 @@ def with_correction(answer: dict[str, Any], correction: Correction) -> dict[str,
         "mechanisms": list(correction.mechanisms),
         "chi_squared_gain": correction.chi_squared_gain,
     }
-    return answer | {"loads": loads, "model": model}
+    notes = [*answer.get("notes", []), *([correction.doubt] if correction.doubt else [])]
+    return answer | {"loads": loads, "model": model, "notes": notes}
 
 
 def _written(row: CorrectedLoad) -> dict[str, Any]:
@@ -114,3 +136,5 @@ def show_correction(correction: Correction, console: Console) -> None:
             with_uncertainty(row.corrected.damping_ratio, 100),
         )
     console.print(shown)
+    if correction.doubt:
+        console.print(f"- {correction.doubt}", highlight=False, soft_wrap=True)

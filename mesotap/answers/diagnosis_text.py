@@ -96,9 +96,10 @@ def _constants_in_doubt(answer: Answer) -> list[str]:
     names = " and ".join(", ".join(f"{k} by {off[k]:.0f}" for k in most).rsplit(", ", 1))
     others = f" (and {len(off) - len(most)} more)" if len(off) > len(most) else ""
     stiffness = "k_c and c_c" if answer.rig == TESTER else "the other constants"
+    loads = " or the loads" if answer.loads_n else ""
     return [
-        f"It moves {names} declared uncertainties{others}: either they were declared wrongly, or they make up for a "
-        f"law that is not quite right, and {stiffness} may then be wrong by far more than their intervals."
+        f"It moves {names} declared uncertainties{others}: either they{loads} were declared wrongly, or they make up "
+        f"for a law that is not quite right, and {stiffness} may then be wrong by far more than their intervals."
     ]
 
 

@@ -19,7 +19,7 @@ PULSE_BAND_HZ = (400.0, 6000.0)  # where a tap's force stands clear of drift and
 FAR_BEYOND = 2.0  # of that band, from which on nothing of it is left
 PULSE_EDGE = 0.05  # of the tap's peak: below this the pulse is over
 MARGIN_S = 0.1e-3  # left after it: the pulse's foot
-RUN_UP = (4, 16)  # samples more, least and most, until the low-pass has forgotten forces that are not computed
+LEAST_RUN_UP, MOST_RUN_UP_S = 4, 0.64e-3  # samples, and time, until the low-pass has forgotten forces of the pulse
 FAST_HZ = 400.0  # poles of the recorder's filter beyond which forget within a few samples
 SHORTER = 3  # samples by which a pulse may end before the session's median: one that ends sooner was misjudged
 LONGEST_PULSE_S = 1.2e-3
@@ -194,8 +194,8 @@ def run_up_of(analog: StateSpace, sample_rate_hz: float, peak: float) -> int:
     """
     fast = [p for p in np.linalg.eigvals(analog.a) if abs(p) > 2 * np.pi * FAST_HZ]
     forgotten = min((-p.real / sample_rate_hz for p in fast), default=math.inf)  # in a sample, a logarithm
-    least, most = RUN_UP
-    return min(max(math.ceil(math.log(max(peak, 1.0)) / forgotten), least), most)
+    enough = min(math.log(max(peak, 1.0)) / forgotten, MOST_RUN_UP_S * sample_rate_hz)
+    return max(math.ceil(enough), LEAST_RUN_UP)
 
 
 def joined(parts: Sequence[Experiment]) -> Experiment:

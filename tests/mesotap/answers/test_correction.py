@@ -16,7 +16,7 @@ from analysis.settings import AnalysisSettings
 from calibration.settings import CalibrationSettings
 from daq.records import Session
 from mesotap.answers.adoption import AdoptedModel
-from mesotap.answers.correction import Correction, correct, with_correction
+from mesotap.answers.correction import Correction, correct, show_correction, with_correction
 from mesotap.commands import session as commands
 from mesotap.configuration.config import Config, ConfigError
 from mesotap.operator.people import at_terminal
@@ -54,6 +54,16 @@ def test_programs_find_the_corrected_values_beside_the_plain_ones(correction: Co
     at_rest = answer["loads"][0]["corrected"]["at_zero_amplitude"]["contact_stiffness_n_per_m"]
     assert at_rest["low"] < two_mass(0.4).kc < at_rest["high"]
     assert answer["loads"][1]["corrected"] is None
+
+
+def test_what_a_diagnosis_moved_far_is_told_with_the_corrected_values(correction: Correction) -> None:
+    doubted = replace(correction, off={"m2": 15.2, "m1": 3.4})
+    said = io.StringIO()
+    show_correction(doubted, Console(file=said, width=200))
+    (note,) = with_correction({"loads": [], "notes": []}, doubted)["notes"]
+    assert "moved m2 by 15 and m1 by 3 declared uncertainties" in note
+    assert note in said.getvalue()
+    assert with_correction({"loads": [], "notes": []}, correction)["notes"] == []
 
 
 def test_a_model_that_cannot_be_is_refused(made: Session) -> None:

@@ -121,3 +121,9 @@ def test_a_segment_begins_when_the_filter_has_forgotten_the_pulse(peak: float, s
 
 def test_without_a_filter_segments_begin_as_early_as_any() -> None:
     assert run_up_of(analog_filter(Filter(family="none")), 25000.0, 1e6) == 4
+
+
+def test_however_fast_the_recorder_is_a_slow_filter_has_the_same_time_to_forget() -> None:
+    slow = analog_filter(Filter(family="butterworth", lowpass_hz=5000.0, lowpass_order=6))
+    taken = {rate: run_up_of(slow, rate, 1e12) / rate for rate in (25000.0, 50000.0, 100000.0)}
+    assert list(taken.values()) == pytest.approx([0.64e-3] * 3)

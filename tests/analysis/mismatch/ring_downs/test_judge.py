@@ -239,11 +239,25 @@ def test_what_is_named_is_fitted_to_its_end() -> None:
     assert state.current.objective < begun.objective + CONVERGED  # computed in other substeps
 
 
-@pytest.mark.parametrize(("left", "least"), [(100.0, 300.0), (280.0, 224.0), (2000.0, 300.0), (201.0, 300.0)])
-def test_what_takes_up_most_of_too_much_that_is_left_is_worth_naming(left: float, least: float) -> None:
+@pytest.mark.parametrize(("left", "least"), [(10.0, 16.0), (100.0, 80.0), (280.0, 224.0), (2000.0, 300.0)])
+def test_what_takes_up_most_of_what_is_left_is_worth_fitting_to_the_end(left: float, least: float) -> None:
     before, current = with_objective(11_000.0), with_objective(1000.0, "channel_gain")
     state = State(current, screening(left), (accepted("channel_gain", before, current, 1e4),))
     assert scripted()._least_gain(state) == pytest.approx(least)
+
+
+@pytest.mark.parametrize(("p_value", "named"), [(1e-4, False), (0.5, True)])
+def test_a_small_further_mechanism_counts_if_nothing_is_left_beside_it(p_value: float, named: bool) -> None:
+    fitted = fit(small(), [at_work("channel_gain", {"gain_error_of_b": 1e-4})], linear())
+    plain, first = (replace(linear(), chi_squared=fitted.objective + more, penalty=0.0) for more in (1e5, 100.0))
+    left = screening(unexplained=110.0, p_value=1e-6)
+    steps = (accepted("channel_skew", plain, first, 9e4), accepted("channel_gain", first, fitted, 95.0, left))
+    assert steps[1].accepted is not None
+    judge = scripted(screening(unexplained=10.0, p_value=p_value))
+    moved, more = judge.after(State(first, left, steps), steps[1].accepted)
+    assert (moved.current is not first) == named
+    assert (moved.steps[-1].accepted is not None) == named
+    assert not more
 
 
 @pytest.mark.long

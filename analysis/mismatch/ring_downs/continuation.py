@@ -76,13 +76,10 @@ def declared_masses(begin: RingDownFit) -> RingDownFit:
 def each_alone(problem: RingDowns, terms: Sequence[Term], begin: RingDownFit) -> list[Complex]:
     """Return the amplitudes of each segment with constants and laws held: (p,) complex.
 
-    Far from these a fit to several periods is lost; so what all segments together leave lost is tried from fewer, each
-    by itself.
+    Far from these a fit to several periods is lost; so it is tried from fewer, too.
     """
     held = replace(begin, terms=tuple(terms))
-    together = fit(problem, start=Start(held=held), stop=_ON_THE_WAY)
-    lost = [float(np.mean(r**2)) > problem.policy.strong for r in together.residuals]
-    return [_alone(problem.only([i]), held) if lost[i] else a for i, a in enumerate(together.amplitudes)]
+    return [_alone(problem.only([i]), held) for i in range(len(problem.experiment.segments))]
 
 
 def _alone(problem: RingDowns, held: RingDownFit) -> Complex:

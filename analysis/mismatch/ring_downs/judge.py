@@ -46,7 +46,6 @@ from analysis.mismatch.selection import (
 )
 from sim_backend.mechanisms.kinds import AddedBody, Mechanism
 
-LEARNED_STATIC = "learned_static"  # laws whose cycles a fit skips where they are strong
 MOST_TRIED = 4  # mechanisms that are fitted until two of them are admissible
 RIVALS = 2  # mechanisms that a first step fits in full at least: the best and the runner-up
 
@@ -66,8 +65,8 @@ class ImpactJudge(Judge[RingDownFit]):
         Fits with constants of the training's groups: what they name is fitted in any case, from there as well.
     must_reach
         Objective that a first mechanism must reach; finite where it contests another, and a rough fit will do.
-    looked_at
-        Ids of the force laws that a first look is taken at where an effect is strong; empty: of all.
+    learns
+        Whether laws are learned: a first look is taken at those without a strength alone, which are the whole force.
     """
 
     problem: RingDowns
@@ -77,7 +76,7 @@ class ImpactJudge(Judge[RingDownFit]):
     on_progress: OnProgress = silent
     hints: tuple[RingDownFit, ...] = ()
     must_reach: float = math.inf
-    looked_at: tuple[str, ...] = ()
+    learns: bool = False
 
     @classmethod
     def of(cls, problem: RingDowns, known: Sequence[Mechanism], on_progress: OnProgress = silent) -> ImpactJudge:
@@ -136,14 +135,14 @@ class ImpactJudge(Judge[RingDownFit]):
         if not state.first or hinted or current.reduced_chi_squared < policy.strong:
             return Order(by_mechanism(state, hinted), policy, hinted=hinted)
         self.on_progress("fitting force laws to the first milliseconds")
-        scores = by_mechanism(state, every_law=not self.looked_at)
-        seen = {k: v for k, v in scores.items() if v[0].term.mechanism.id in self.looked_at or not self.looked_at}
+        scores = by_mechanism(state, every_law=not self.learns)
+        seen = {k: v for k, v in scores.items() if not self.learns or v[0].term.mechanism.strength is None}
         return Order(scores, policy, first_look(current, seen))
 
     def _linear(self, state: State[RingDownFit]) -> RingDownFit:
         """Return the fit that laws begin with; where not all of a strong effect are looked at, with declared masses."""
         current = state.current
-        if not (state.first and self.looked_at) or current.reduced_chi_squared < self.problem.policy.strong:
+        if not (state.first and self.learns) or current.reduced_chi_squared < self.problem.policy.strong:
             return current
         masses = Start(kept=tuple(current.arrangement.masses))
         return fit(current.problem, begin=declared_masses(current), start=masses)
@@ -300,7 +299,7 @@ class ImpactJudge(Judge[RingDownFit]):
         """Return a judge of the same impacts that knows other mechanisms and has other thresholds."""
         reach = math.inf if to_beat is None else to_beat.objective + policy.parameter_cost
         problem = replace(self.problem, policy=policy)
-        return replace(self, known=known, hints=(), must_reach=reach, looked_at=(LEARNED_STATIC,), problem=problem)
+        return replace(self, known=known, hints=(), must_reach=reach, learns=True, problem=problem)
 
     def another_first(self, candidates: Sequence[Candidate[RingDownFit]]) -> bool:
         """Whether the second candidate is nearly as good as the first."""

@@ -281,8 +281,13 @@ def _forces(term: Term, rest: AtRest, d: Real, v: Real) -> Real:
 
 
 def _by_constants(read: _Read, group: int, d: Real, v: Real, middle: Real) -> Real:
-    """Return (n,) the standard deviation of a law's force by that of the rig's constants at a load."""
+    """Return (n,) the standard deviation of a law's force by that of the rig's constants at a load.
+
+    Zero without a load: only what is pressed together has a law of which its stiffness is a part.
+    """
     fitted = read.fitted
+    if not _rest(fitted, read.term, group).preload:
+        return np.zeros(d.size)
     rig, each = fitted.constants.names()
     places = [*range(len(rig)), *(len(rig) + group * len(each) + i for i in range(len(each)))]
     values = fitted.constants.at(group)

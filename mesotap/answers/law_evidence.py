@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from sim_backend.mechanisms.kinds import ForceLaw
 
 LISTED = 2  # laws of the catalogue drawn beside a learned one
 UNITS = {"deflection": "m", "rate": "m/s", "load_mn": "mN"}
+SYMBOLS = {"deflection": "d", "rate": "v", "load": "P"}  # in formulas
 
 
 def evidence_of_laws(found: Diagnosis) -> tuple[tuple[Picture, ...], tuple[Table, ...]]:
@@ -63,6 +65,16 @@ def _nearest(found: Diagnosis, law: Law, number: int) -> list[figures.Overlay]:
     return drawn
 
 
+def exponent_told(law: Law, name: str) -> str:
+    """Return the exponent of a variable with its interval; what else holds of a formula that has none."""
+    value = law.exponents[name]
+    if value is not None:
+        return prose(_interval(value))
+    formula = law.formulas[0].text if law.formulas else ""
+    symbol = rf"\b{SYMBOLS[name]}\b"
+    return "it is no power of it alone" if re.search(symbol, formula) else "it does not depend on it"
+
+
 def _known(m: Named, law: Law) -> Table:
     kept = {True: "gives back what it takes", False: "dissipates", None: "not told by these recordings"}
     rows = [
@@ -71,9 +83,7 @@ def _known(m: Named, law: Law) -> Table:
         ("Symmetry", {"odd": "odd", "even": "even", "none": "neither odd nor even"}[law.symmetry]),
         ("Energy", kept[law.conservative]),
     ]
-    for name, value in law.exponents.items():
-        said = "it does not depend on it" if value is None else prose(_interval(value))
-        rows.append((f"Exponent of the {name}", said))
+    rows += [(f"Exponent of the {name}", exponent_told(law, name)) for name in law.exponents]
     for name, (low, high) in law.valid.items():
         what = name.removesuffix("_mn")
         rows.append((f"Covered: {what}", prose(f"{low:.4g} to {high:.4g} {UNITS.get(name, '')}".strip())))

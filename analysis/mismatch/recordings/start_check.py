@@ -174,12 +174,10 @@ def left_free(problem: SimulatedRecordings) -> str:
             freed = functools.reduce(with_unknown, gains, problem.rig)
             found[gains] = max(_missed(problem_of(freed, problem.recordings)))
     # a gain is what is most often wrong, that of an input first: what mends as much stands in for it
-    usual = [[c.gain for c in channels] for channels in (problem.rig.drives, problem.rig.seen)]
+    rank = {c.gain: 1 for c in problem.rig.seen} | {c.gain: 0 for c in problem.rig.drives}
     limit = max(AS_GOOD * min(found.values(), default=1.0), ALMOST)
     good = [(names, missed) for names, missed in found.items() if missed <= limit]
-    names, missed = min(
-        good, key=lambda one: (*(one[0][0] not in one_of for one_of in usual), one[1]), default=((), 1.0)
-    )
+    names, missed = min(good, key=lambda one: (rank.get(one[0][0], 2), one[1]), default=((), 1.0))
     if missed > HELPS:
         return (
             "No constant left free alone mends that: check the units of masses, stiffnesses and channels, which "

@@ -206,9 +206,11 @@ class ImpactJudge(Judge[RingDownFit]):
     def _least_gain(self, state: State[RingDownFit]) -> float:
         """Return the evidence that a further mechanism must have: as below, or most of what is left (see `after`)."""
         policy = self.problem.policy
-        return max(policy.least_gain, min(self._plain(state), policy.most_of_the_rest * state.screening.unexplained))
+        return max(
+            policy.least_gain, min(self._clear_gain(state), policy.most_of_the_rest * state.screening.unexplained)
+        )
 
-    def _plain(self, state: State[RingDownFit]) -> float:
+    def _clear_gain(self, state: State[RingDownFit]) -> float:
         """Return the gain from which on something may be left beside a further one: laws are never exactly right."""
         policy, left = self.problem.policy, state.screening.unexplained
         explained = state.steps[0].before.objective - state.current.objective
@@ -237,7 +239,7 @@ class ImpactJudge(Judge[RingDownFit]):
             again = looked_for_again(current)
             if again is not current:
                 current, screening = again, self.screen(again)
-        if len(state.steps) > 1 and screening.p_value < policy.level and gained < self._plain(state):
+        if len(state.steps) > 1 and screening.p_value < policy.level and gained < self._clear_gain(state):
             refused = replace(state.steps[-1], accepted=None)
             return State(before, state.screening, (*state.steps[:-1], refused)), False
         # one more is looked for unless nothing is left, or too much even if every further one gained as much

@@ -11,7 +11,7 @@ import numpy as np
 
 from analysis.mismatch.chi_squared import evidence
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.ring_downs.continuation import continued, lengthened
+from analysis.mismatch.ring_downs.continuation import FIRST_S, beginnings, continued, each_alone, lengthened
 from analysis.mismatch.ring_downs.coordinates import admissible
 from analysis.mismatch.ring_downs.fit import (
     COMPETING_ITERATIONS,
@@ -154,12 +154,16 @@ def competing(
 ) -> RingDownFit:
     """Fit a model so well that it can be compared with others.
 
-    Beside force laws it starts from the amplitudes that these left, unless a body changes the modes.
+    Beside force laws it starts from the amplitudes that these left; where a body changes the modes, from those that it
+    leaves to each segment alone, as the linear rig's are far off.
     """
-    amplitudes: tuple[Complex, ...] = ()
+    amplitudes: Sequence[Complex] = ()
     if begin is not None and begin.nonlinear and len(terms) > len(begin.terms):
         bodies = [sum(isinstance(t.mechanism, AddedBody) for t in some) for some in (terms, begin.terms)]
-        amplitudes = begin.amplitudes if bodies[0] == bodies[1] else ()
+        if bodies[0] == bodies[1]:
+            amplitudes = begin.amplitudes
+        elif begin.only_laws:
+            amplitudes = each_alone(beginnings(problem, FIRST_S), terms, begin)
     start = Start(delays=delays, amplitudes=amplitudes)
     return fit(problem, terms, begin, start, Stop(COMPETING_ITERATIONS, competing=True, to_beat=to_beat))
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import Constants
+from analysis.mismatch.ring_downs.added_response import AddedResponse
 from analysis.mismatch.ring_downs.fit import AT_THE_MINIMUM, Start, Stop, fit
 from analysis.mismatch.ring_downs.linear import linear_rig
 from analysis.mismatch.ring_downs.modes import Sensitivity
@@ -76,9 +77,14 @@ def declared_masses(begin: RingDownFit) -> RingDownFit:
 def each_alone(problem: RingDowns, terms: Sequence[Term], begin: RingDownFit) -> list[Complex]:
     """Return the amplitudes of each segment with constants and laws held: (p,) complex.
 
-    Far from these a fit to several periods is lost; so it is tried from fewer, too.
+    Far from these a fit to several periods is lost; so it is tried from fewer, too. The terms may have bodies that the
+    fit to begin with has not.
     """
-    held = replace(begin, terms=tuple(terms))
+    added = AddedResponse(problem, terms, begin.substeps)
+    known = dict(zip(begin.constants.names()[0], begin.constants.rig, strict=True))
+    rig = np.array([known.get(p.name, p.value) for p in added.rig_parameters])
+    constants = Constants(added.arrangement, rig, begin.constants.load)
+    held = replace(begin, terms=added.terms, arrangement=added.arrangement, constants=constants)
     return [_alone(problem.only([i]), held) for i in range(len(problem.experiment.segments))]
 
 

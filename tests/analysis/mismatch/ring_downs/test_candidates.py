@@ -42,17 +42,17 @@ def test_the_growth_of_the_stiffness_speaks_against_a_force_law(exponent: float)
 
 
 @pytest.mark.parametrize(
-    ("begun", "wanted", "taken_over"),
+    ("begun", "wanted", "begins_at"),
     [
-        (("contact_loss",), ("contact_loss", "double_hit"), True),
-        (("contact_loss",), ("contact_loss", "frame_compliance"), False),
-        (("contact_loss",), ("frame_compliance", "contact_loss"), False),
-        (("frame_compliance",), ("frame_compliance", "contact_loss"), False),
-        ((), ("contact_loss",), False),
+        (("contact_loss",), ("contact_loss", "double_hit"), "those left"),
+        (("contact_loss",), ("contact_loss", "frame_compliance"), "those of each segment alone"),
+        (("contact_loss",), ("frame_compliance", "contact_loss"), "those of each segment alone"),
+        (("frame_compliance",), ("frame_compliance", "contact_loss"), "the linear rig's"),
+        ((), ("contact_loss",), "the linear rig's"),
     ],
 )
-def test_a_fit_beside_laws_begins_at_the_amplitudes_they_left(
-    monkeypatch: pytest.MonkeyPatch, begun: tuple[str, ...], wanted: tuple[str, ...], taken_over: bool
+def test_amplitudes_that_a_fit_beside_laws_begins_at(
+    monkeypatch: pytest.MonkeyPatch, begun: tuple[str, ...], wanted: tuple[str, ...], begins_at: str
 ) -> None:
     asked: list[Start] = []
 
@@ -61,10 +61,15 @@ def test_a_fit_beside_laws_begins_at_the_amplitudes_they_left(
         return begin
 
     monkeypatch.setattr(candidates, "fit", recorded)  # where a fit began cannot be seen from its end
-    begin = replace(linear(), terms=tuple(at_work(n) for n in begun))
-    competing(begin.problem, tuple(at_work(n) for n in wanted), begin)
+    frame = {"frame_mass_kg": 1e-2, "frame_stiffness_n_per_m": 1e8, "frame_damping_n_s_per_m": 1.0}
+    begin = replace(linear(), terms=tuple(at_work(n, frame) for n in begun))
+    competing(begin.problem, tuple(at_work(n, frame) for n in wanted), begin)
     (start,) = asked
-    assert tuple(start.amplitudes) == (begin.amplitudes if taken_over else ())
+    if begins_at == "those of each segment alone":
+        modes = {len(one) for one in begin.amplitudes}
+        assert {len(one) for one in start.amplitudes} == {n + 1 for n in modes}
+    else:
+        assert tuple(start.amplitudes) == (begin.amplitudes if begins_at == "those left" else ())
 
 
 @pytest.mark.slow

@@ -52,3 +52,23 @@ def test_a_second_law_beside_a_strong_one_is_named_however_much_work_the_first_w
     (interval,) = named["hunt_crossley_damping"].values()
     assert interval.low < growth < interval.high
     assert found.selection.left.p_value > 0.01
+
+
+@pytest.mark.long
+def test_a_small_part_beside_a_strong_law_is_named() -> None:
+    mass, omega, damping_ratio = 5e-4, 2 * np.pi * 3000.0, 0.02
+    values = (mass, mass * omega**2, 2 * damping_ratio * mass * omega)
+    names = ("attached_mass_kg", "mount_stiffness_n_per_m", "mount_damping_n_s_per_m")
+    part = replace(adopted("attached_mass", dict(zip(names, values, strict=True))), place=(1,))  # on the lower mass
+    found = [adopted("hertz_stiffness", {}), part]
+
+    def record(rig: TwoMass, load_n: float, pulse: Pulse) -> np.ndarray:
+        return twin_record(rig, load_n, found, pulse, ONSET_S, SAMPLES, RATE_HZ, analog_filter(FILTER))[0]
+
+    session = session_of(record, noise=0.002, ratios=(0.3, 0.6, 0.9))
+    laws = ("hertz_stiffness", "attached_mass", "rough_surface_stiffness", "squeeze_film", "tube_mode")
+    answer = diagnosed([session], [listed(name) for name in laws]).answer
+    assert {m.id for m in answer.mechanisms} == {"hertz_stiffness", "attached_mass"}
+    intervals = next(m.parameters for m in answer.mechanisms if m.id == "attached_mass")
+    for name, true in zip(names, values, strict=True):
+        assert intervals[name].low < true < intervals[name].high, name

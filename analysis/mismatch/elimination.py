@@ -1,4 +1,4 @@
-"""Unknowns taken out of normal equations."""
+"""Linear equations of the fits: solved by least squares, unknowns taken out."""
 
 from __future__ import annotations
 
@@ -8,6 +8,23 @@ from scipy.linalg import solve_triangular
 from sim_backend.arrays import Real
 
 SAFE = 1e-9  # squared pivot over a row's own size, above which a matrix is solved as it is
+
+
+def solved(a: Real, b: Real, rcond: float) -> Real:
+    """Return the least-squares solution of ``a @ x = b``, the smallest one where there are several.
+
+    Where a trial of a force law runs away there is none, and it consists of NaN; LAPACK would print that as well.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        A number of the matrix is not finite.
+    """
+    if not np.isfinite(a).all():
+        raise np.linalg.LinAlgError("a matrix with numbers that are not finite")
+    if not np.isfinite(b).all():
+        return np.full((a.shape[1], *b.shape[1:]), np.nan)
+    return np.asarray(np.linalg.lstsq(a, b, rcond=rcond)[0], np.float64)
 
 
 def eliminated(gram: Real, count: int, precision: Real) -> Real:
@@ -23,5 +40,5 @@ def eliminated(gram: Real, count: int, precision: Real) -> Real:
             return np.asarray(gram[count:, count:] - half.T @ half, np.float64)
     except np.linalg.LinAlgError:
         pass
-    out: Real = gram[count:, count:] - b.T @ np.linalg.lstsq(a, b, rcond=1e-12)[0]
+    out: Real = gram[count:, count:] - b.T @ solved(a, b, rcond=1e-12)
     return out

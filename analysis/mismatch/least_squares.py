@@ -14,6 +14,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.mismatch.elimination import solved
 from sim_backend.arrays import Real
 
 TIES = 1e-6  # rise of the objective that still counts as none
@@ -317,7 +318,7 @@ def _gradient(model: Fitted[Point], slopes: Linearisation, at: Evaluation[Point]
 def _own_steps(slopes: Linearisation, targets: Sequence[Real], step: Real) -> list[Real]:
     """Return the step of each segment's own coefficients that belongs to a step of the common parameters."""
     return [
-        np.asarray(np.linalg.lstsq(t.r, target - t.cross @ step[t.where], rcond=1e-12)[0], np.float64)
+        solved(t.r, target - t.cross @ step[t.where], rcond=1e-12)
         for t, target in zip(slopes.tangents, targets, strict=True)
     ]
 
@@ -334,7 +335,7 @@ def bounded_step(
         scale = np.sqrt(np.maximum(np.diag(normal)[at], 1e-300))
         scaled = normal[np.ix_(at, at)] / np.outer(scale, scale) + damping * np.eye(at.size)
         left = gradient[at] - normal[np.ix_(at, ended)] @ step[ended]
-        step[at] = np.linalg.lstsq(scaled, left / scale, rcond=1e-13)[0] / scale
+        step[at] = solved(scaled, left / scale, rcond=1e-13) / scale
         beyond = at[(step[at] < lowest[at]) | (step[at] > highest[at])]
         if beyond.size == 0:
             break
@@ -346,4 +347,5 @@ def bounded_step(
 def covariance(normal: Real) -> Real:
     """Return the inverse (k, k) of a normal matrix, whatever the scales of its parameters."""
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    return np.asarray(np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale), np.float64)
+    scales = np.outer(scale, scale)
+    return solved(normal / scales, np.eye(scale.size), rcond=1e-12) / scales

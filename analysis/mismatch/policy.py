@@ -20,6 +20,7 @@ FRICTION = "simulated sessions as configured by default, with dry friction of 0.
 AS_SHIPPED = "null sessions of the simulator as shipped, with taps that go wrong"
 
 NAMED = "practice sessions 1 to 6, and sessions with unlisted effects that were named otherwise"
+STRONG = "an independently simulated session with cubic springs as stiff at the peak as at rest"
 UNLISTED = "sessions with unlisted effects made while the families were built"
 
 
@@ -87,6 +88,9 @@ class SelectionPolicy:
     # what may be left over
     left_over: tuple[float, ...] = _chosen(
         (0.02, 0.005, 0.0), "share of all that was missed that one, two, three mechanisms may leave", "1", SEALED, 40
+    )
+    left_over_held_out: float = _chosen(
+        0.1, "share of what the linear rig misses on held-out impacts that may be missed there still", "1", STRONG, 137
     )
     left_over_blocks: float = _chosen(
         0.05, "share of what the linear rig missed that a free force may still take away", "1", RECORDED, 50

@@ -25,13 +25,14 @@ from analysis.mismatch.ring_downs.fit import (
 )
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
 from analysis.mismatch.score_test import Score, screen
-from analysis.mismatch.selection import Candidate, started
+from analysis.mismatch.selection import Candidate, SelectionStep, started
 from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism, Tones
 
 ABRUPT_STEPS, MOST_ABRUPT_STEPS = (3.0, 1.5, 1.15), 8  # factors by which a jump's rounding is changed, how often each
 FINER, MOST_SUBSTEPS = 2, 16  # factor by which a sample's substeps are refined, and how many there are at most
 STEPPED = 1.0  # change of chi-squared with finer steps from which on these are needed
 
+Steps = tuple[SelectionStep[RingDownFit], ...]
 Begin = tuple[Term, RingDownFit | None]
 """Values of a term, and the fit whose rig it starts from; None for the rig as declared."""
 
@@ -235,6 +236,23 @@ def looked_for_again(current: RingDownFit) -> RingDownFit:
             if found.objective < fitted.objective - fitted.problem.policy.least_gain and rings(found):
                 fitted = min(converged(found), fitted, key=lambda f: f.objective)
     return fitted
+
+
+def without_idle_ones(fitted: RingDownFit, steps: Steps) -> tuple[RingDownFit, Steps]:
+    """Leave out earlier mechanisms that gain little beside the later ones: alone they only stood in for these."""
+    kept, policy = list(steps), fitted.problem.policy
+    for place in reversed([i for i, s in enumerate(steps) if s.accepted is not None][:-1]):
+        candidate = kept[place].accepted
+        if candidate is None:
+            continue
+        at = sum(s.accepted is not None for s in kept[:place])
+        others = fitted.terms[:at] + fitted.terms[at + 1 :]
+        with suppress(ValueError, np.linalg.LinAlgError):
+            without = converged(competing(fitted.problem, others, fitted))
+            gain = without.objective - fitted.objective
+            if evidence(gain, candidate.own, len(candidate.mechanism.parameters)) < policy.least_gain:
+                fitted, kept[place] = without, replace(kept[place], accepted=None)
+    return fitted, tuple(kept)
 
 
 def with_stiffness(candidate: Candidate[RingDownFit]) -> float:

@@ -33,6 +33,7 @@ LEAST_SAMPLES = 300
 FIRST_S = 6e-3  # after the pulse; longest for which the fits of simulated rough contacts tapped hard do not skip cycles
 LONGER = 2.0  # factor from one part of the segments that is fitted to the next
 SHORTER = (1.0, 1 / 2, 1 / 3)  # of `FIRST_S`: parts from which amplitudes are found where those of longer ones are lost
+LOST = 100.0  # reduced chi-squared of the next longer part; where forces are fine enough, laws nearly right reach 10
 _ON_THE_WAY = Stop(FEW_ITERATIONS, gain=ON_THE_WAY, known=False)
 
 
@@ -116,16 +117,42 @@ def lengthened(
     begin
         A fit with the constants to start from, of any segments.
     stop
-        When the fit to the whole ends; where it competes, extra forces are computed in coarser steps all along.
+        When the fit to the whole ends; where it competes, extra forces are computed in coarser steps as long as these
+        will do: motion that bends the rig's springs as much as it deflects them leaves them behind after some periods.
     """
-    on_the_way = replace(_ON_THE_WAY, competing=stop.competing)
     whole = max(r.y.shape[1] for r in problem.experiment.segments) / problem.experiment.sample_rate_hz
     amplitudes = each_alone(beginnings(problem, FIRST_S), terms, begin)
     seconds, current, start = FIRST_S, begin, Start(kept=tuple(problem.arrangement.masses), amplitudes=amplitudes)
+    coarse = stop.competing
     while LONGER * seconds < whole:
-        current = fit(beginnings(problem, seconds), terms, current, start, on_the_way)
-        terms, start, seconds = current.terms, replace(start, amplitudes=current.amplitudes), LONGER * seconds
-    return fit(problem, terms, current, replace(start, kept=()), stop)
+        part, on_the_way = beginnings(problem, seconds), replace(_ON_THE_WAY, competing=coarse)
+        found = fit(part, terms, current, start, on_the_way)
+        if coarse and _lost(found, current):
+            coarse, found = False, fit(part, terms, current, start, replace(on_the_way, competing=False))
+        current, terms, seconds = found, found.terms, LONGER * seconds
+        start = replace(start, amplitudes=current.amplitudes)
+    start = replace(start, kept=())
+    found = fit(problem, terms, current, start, replace(stop, competing=coarse))
+    if coarse and _lost(found, current):
+        found = fit(problem, terms, current, start, replace(stop, competing=False))
+    return found
+
+
+def lengthened_held(problem: RingDowns, held: RingDownFit) -> RingDownFit:
+    """Return the fit of what belongs to each impact alone, the rest as in another fit, from the beginning on."""
+    whole = max(r.y.shape[1] for r in problem.experiment.segments) / problem.experiment.sample_rate_hz
+    amplitudes: Sequence[Complex] = each_alone(beginnings(problem, FIRST_S), held.terms, held)
+    seconds = LONGER * FIRST_S
+    while seconds < whole:
+        start = Start(held=held, amplitudes=amplitudes)
+        amplitudes = fit(beginnings(problem, seconds), start=start, stop=_ON_THE_WAY).amplitudes
+        seconds *= LONGER
+    return fit(problem, start=Start(held=held, amplitudes=amplitudes))
+
+
+def _lost(longer: RingDownFit, shorter: RingDownFit) -> bool:
+    """Whether a fit to a longer part of the segments lost what explained the shorter."""
+    return shorter.reduced_chi_squared < shorter.problem.policy.strong and longer.reduced_chi_squared > LOST
 
 
 def continued(

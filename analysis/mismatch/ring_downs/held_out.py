@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
-from analysis.mismatch.ring_downs.continuation import continued
+from analysis.mismatch.ring_downs.continuation import continued, lengthened_held
 from analysis.mismatch.ring_downs.fit import Start, Stop, fit
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
 from analysis.mismatch.score_test import screen
@@ -35,10 +36,16 @@ def held_out_fit(kept: RingDowns, fitted: RingDownFit) -> RingDownFit:
     policy, good = kept.policy, fitted.reduced_chi_squared
     again = any(isinstance(t.mechanism, SecondImpact) for t in fitted.terms)
     found = fit(kept, start=Start(held=fitted, delays=second_impact_delays(kept, fitted) if again else ()))
-    if found.only_laws and good < policy.strong and found.reduced_chi_squared > policy.strong:
-        other = continued(kept, fitted.terms, fitted, held=fitted)
-        found = other if other is not None and other.chi_squared < found.chi_squared else found
+    for begun in (lengthened_held, _continued):
+        if found.only_laws and good < policy.strong and found.reduced_chi_squared > policy.strong:
+            with suppress(np.linalg.LinAlgError):  # it may run away on the way
+                other = begun(kept, fitted)
+                found = other if other is not None and other.chi_squared < found.chi_squared else found
     return found
+
+
+def _continued(kept: RingDowns, fitted: RingDownFit) -> RingDownFit | None:
+    return continued(kept, fitted.terms, fitted, held=fitted)
 
 
 def held_out_afterwards(fitted: RingDownFit) -> RingDownFit | None:

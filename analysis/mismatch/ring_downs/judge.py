@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +14,7 @@ from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.ring_downs.apart import borne_out
 from analysis.mismatch.ring_downs.candidates import (
     Begin,
-    competing,
+    Steps,
     continued_candidate,
     converged,
     elsewhere,
@@ -27,6 +26,7 @@ from analysis.mismatch.ring_downs.candidates import (
     started,
     variants,
     with_stiffness,
+    without_idle_ones,
 )
 from analysis.mismatch.ring_downs.continuation import declared_masses
 from analysis.mismatch.ring_downs.first_look import FirstLook, Key, first_look
@@ -40,7 +40,6 @@ from analysis.mismatch.selection import (
     Judge,
     LeftOver,
     Selection,
-    SelectionStep,
     State,
     name_of,
 )
@@ -50,7 +49,6 @@ MOST_TRIED = 4  # mechanisms that are fitted until two of them are admissible
 RIVALS = 2  # mechanisms that a first step fits in full at least: the best and the runner-up
 
 Candidates = tuple[Candidate[RingDownFit], ...]
-Steps = tuple[SelectionStep[RingDownFit], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,7 +254,7 @@ class ImpactJudge(Judge[RingDownFit]):
         policy, first = self.problem.policy, state.steps[0]
         twice = 2 * policy.may_be_left(1) * first.screening.unexplained
         if state.screening.p_value > policy.level or state.screening.unexplained < twice:
-            lean, steps = _without_idle_ones(state.current, state.steps)
+            lean, steps = without_idle_ones(state.current, state.steps)
             if lean is not state.current:
                 return self._ended(baseline, State(lean, self.screen(lean), steps))
         return self._ended(baseline, kept)
@@ -269,9 +267,21 @@ class ImpactJudge(Judge[RingDownFit]):
         share = left / max(explained + left, 1e-300)
         patched = screening.p_value < policy.level and share > policy.may_be_left(len(best.terms))
         unnamed = self._lead_of_the_unnamed(baseline, state)
-        chosen = best if best.terms and not patched and unnamed < policy.unnamed else None
+        named = best.terms and not patched and unnamed < policy.unnamed
+        chosen = best if named and not self._lost_on_held_out(baseline.current, state) else None
         over = LeftOver(left, screening.p_value, share, unnamed)
         return Selection(self, baseline.current, baseline.screening, state.steps, chosen, best, screening, over)
+
+    def _lost_on_held_out(self, baseline: RingDownFit, state: State[RingDownFit]) -> bool:
+        """Whether what leaves something over is lost on held-out impacts: it only suits those it was fitted to."""
+        policy = self.problem.policy
+        if not state.current.terms or state.screening.p_value > policy.level:
+            return False
+        after, before = self._held_out(state.current), self._held_out(baseline)
+        if after is None or before is None:
+            return False
+        missed = policy.left_over_held_out * (before.reduced_chi_squared - 1)
+        return after.reduced_chi_squared > max(policy.strong, 1 + missed)
 
     def _lead_of_the_unnamed(self, baseline: State[RingDownFit], state: State[RingDownFit]) -> float:
         """Return by how much a single force without a name has more evidence than all that is named together."""
@@ -312,9 +322,13 @@ class ImpactJudge(Judge[RingDownFit]):
         """Return the fit to held-out impacts: only what belongs to each impact is fitted on them."""
         return held_out_fit(self.problem.only(self.held_out), fitted)
 
+    def _held_out(self, fitted: RingDownFit) -> RingDownFit | None:
+        """Return the same where each impact has constants of its own, too; None of a single impact."""
+        return self.held_out_fit(fitted) if self.held_out else held_out_afterwards(fitted)
+
     def held_out_rms(self, fitted: RingDownFit) -> tuple[float, int]:
         """Return the rms of the residual on held-out impacts, m/s2, and how many they are; NaN where none is."""
-        found = self.held_out_fit(fitted) if self.held_out else held_out_afterwards(fitted)
+        found = self._held_out(fitted)
         if found is None:
             return math.nan, 0
         mean = np.average(found.rms() ** 2, weights=[r.size for r in found.residuals])
@@ -330,20 +344,3 @@ def _is_runner_up(current: RingDownFit, score: Score, found: Sequence[Candidate[
     if score.term.mechanism.id in tried or len(found) >= MOST_TRIED:
         return False
     return len({c.id for c in found if c.fit is not None and borne_out(current, c)}) < RIVALS
-
-
-def _without_idle_ones(fitted: RingDownFit, steps: Steps) -> tuple[RingDownFit, Steps]:
-    """Leave out earlier mechanisms that gain little beside the later ones: alone they only stood in for these."""
-    kept, policy = list(steps), fitted.problem.policy
-    for place in reversed([i for i, s in enumerate(steps) if s.accepted is not None][:-1]):
-        candidate = kept[place].accepted
-        if candidate is None:
-            continue
-        at = sum(s.accepted is not None for s in kept[:place])
-        others = fitted.terms[:at] + fitted.terms[at + 1 :]
-        with suppress(ValueError, np.linalg.LinAlgError):
-            without = converged(competing(fitted.problem, others, fitted))
-            gain = without.objective - fitted.objective
-            if evidence(gain, candidate.own, len(candidate.mechanism.parameters)) < policy.least_gain:
-                fitted, kept[place] = without, replace(kept[place], accepted=None)
-    return fitted, tuple(kept)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.mismatch.elimination import solved
 from analysis.mismatch.least_squares import Evaluation, Linearisation, Tangent
 from analysis.mismatch.problem import Constants
 from analysis.mismatch.ring_downs.added_response import AddedResponse, Run, Variant, smooth
@@ -146,7 +147,7 @@ class RingDownModel:
         coefficients = []
         for y, segment in zip(linear, point.segments, strict=True):
             q, r = self.added.nuisance.basis(point.modes[segment.group], segment)
-            coefficients.append(np.asarray(np.linalg.lstsq(r, q.T @ y.ravel(), rcond=1e-12)[0], np.float64))
+            coefficients.append(solved(r, q.T @ y.ravel(), rcond=1e-12))
         return replace(point, coefficients=tuple(coefficients)).timed()
 
     def _runs(self, point: Point, amplitudes: Sequence[Complex], added: AddedResponse) -> list[Run]:

@@ -37,7 +37,8 @@ def begun(page, tries: int = 3):
     if not ended.count():
         return
     told = ended.text_content()
-    assert STALLED in told and tries > 1, told
+    assert STALLED in told, told
+    assert tries > 1
     begun(page, tries - 1)
 
 

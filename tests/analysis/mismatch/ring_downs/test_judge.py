@@ -11,9 +11,10 @@ import pytest
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import ComputeBudget
 from analysis.mismatch.ring_downs import judge as judging
+from analysis.mismatch.ring_downs.candidates import without_idle_ones
 from analysis.mismatch.ring_downs.fit import CONVERGED, SUBSTEPS, RingDownFit, Stop, fit
 from analysis.mismatch.ring_downs.held_out import split
-from analysis.mismatch.ring_downs.judge import ImpactJudge, _without_idle_ones
+from analysis.mismatch.ring_downs.judge import ImpactJudge
 from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate, Selection, State, select
 from daq.records import Session
@@ -195,7 +196,7 @@ def test_mechanisms_that_only_stood_in_for_later_ones_are_left_out() -> None:
         accepted(name, before, after, before.objective - after.objective)
         for name, before, after in zip(names, fits, fits[1:], strict=False)
     ]
-    lean, kept = _without_idle_ones(fits[-1], tuple(steps))
+    lean, kept = without_idle_ones(fits[-1], tuple(steps))
     assert [t.mechanism.id for t in lean.terms] == ["channel_gain", "channel_skew"]
     assert [s.accepted.id for s in kept if s.accepted is not None] == ["channel_gain", "channel_skew"]
     assert lean.objective == pytest.approx(fits[-1].objective, abs=small().policy.least_gain)
@@ -219,6 +220,19 @@ def test_held_out_impacts_must_be_predicted_better(gain: float, better: bool) ->
     before, after = with_objective(100.0), with_objective(100.0 - gain, "channel_gain")
     added = Candidate(scored("channel_gain", 50.0), after, 50.0)
     assert scripted(held_out=(3,))._better_held_out(before, added) == better
+
+
+@pytest.mark.parametrize(
+    ("missed", "left", "p_value", "named"),
+    [(1e4, 500.0, 1e-6, True), (1e4, 2000.0, 1e-6, False), (1e4, 2000.0, 0.5, True), (10.0, 2.9, 1e-6, True)],
+)
+def test_what_is_lost_on_held_out_impacts_is_not_named(missed: float, left: float, p_value: float, named: bool) -> None:
+    numbers = sum(r.size for r in linear().residuals)
+    before, best = with_objective(missed * numbers), with_objective(left * numbers, "channel_gain")
+    seen = screening(unexplained=10.0, p_value=p_value)
+    state = State(best, seen, (accepted("channel_gain", before, best, before.objective - best.objective),))
+    found = scripted(seen, held_out=(3,)).outcome(State(before, screening()), state)
+    assert (found.chosen is best) == named
 
 
 @pytest.mark.slow

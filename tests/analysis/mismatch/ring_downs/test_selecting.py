@@ -72,3 +72,21 @@ def test_a_small_part_beside_a_strong_law_is_named() -> None:
     intervals = next(m.parameters for m in answer.mechanisms if m.id == "attached_mass")
     for name, true in zip(names, values, strict=True):
         assert intervals[name].low < true < intervals[name].high, name
+
+
+@pytest.mark.long
+def test_springs_that_bend_as_much_as_they_are_stiff_are_named() -> None:
+    cubic = 1e17  # N/m3, at the peaks 0.1 to 1.5 of the stiffness at rest
+    found = [adopted("tube_spring_cubic", {"cubic_stiffness_n_per_m3": cubic})]
+
+    def record(rig: TwoMass, load_n: float, pulse: Pulse) -> np.ndarray:
+        return twin_record(rig, load_n, found, pulse, ONSET_S, SAMPLES, RATE_HZ, analog_filter(FILTER))[0]
+
+    session = session_of(record, noise=0.002, ratios=(0.3, 0.6, 0.9))
+    laws = ("tube_spring_cubic", "hertz_stiffness", "end_stop", "squeeze_film", "attached_mass")
+    diagnosis = diagnosed([session], [listed(name) for name in laws])
+    (named,) = diagnosis.answer.mechanisms
+    (interval,) = named.parameters.values()
+    assert named.id == "tube_spring_cubic"
+    assert interval.low < cubic < interval.high
+    assert diagnosis.selection.left.p_value > 0.01

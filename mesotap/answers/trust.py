@@ -21,6 +21,9 @@ from mesotap.answers.recording_files import sha256_of
 from mesotap.answers.rounding import significant
 
 DIAGNOSIS, DIAGNOSIS_PAGE = "diagnosis.json", "diagnosis.html"
+HOW_TO_DIAGNOSE = "#model"
+"""Paragraph of the report that tells how the model is tested."""
+
 LARGEST_DIAGNOSIS = 10_000_000
 """Bytes; a session of 64 impacts at 8 loads is answered in 30,000."""
 
@@ -66,7 +69,7 @@ class Trust:
     then: str = ""
 
 
-def trusted(session: Session, results: SessionResults, folder: Path) -> tuple[Trust, ...]:
+def trusted(session: Session, results: SessionResults, folder: Path, sha256: str | None = None) -> tuple[Trust, ...]:
     """Judge a session.
 
     Parameters
@@ -75,8 +78,11 @@ def trusted(session: Session, results: SessionResults, folder: Path) -> tuple[Tr
         The session and what its analysis answered.
     folder
         Where a diagnosis of it may be.
+    sha256
+        Of the session's file, wherever it lies; None: it is looked for in ``folder``.
     """
-    return (*_gauge(results), _taps(session, results), _agreement(results.loads), _physics(session, folder))
+    physics = _physics(session, folder, sha256)
+    return (*_gauge(results), _taps(session, results), _agreement(results.loads), physics)
 
 
 def what_next(lines: Sequence[Trust]) -> str:
@@ -195,15 +201,15 @@ def _agreement(loads: Sequence[LoadResult]) -> Trust:
     )
 
 
-def _physics(session: Session, folder: Path) -> Trust:
+def _physics(session: Session, folder: Path, sha256: str | None) -> Trust:
     """Say what a diagnosis that lies beside the report found of Eq. 9."""
-    what, answer = "Eq. 9 as a model", _diagnosis(session, folder)
+    what, answer = "Eq. 9 as a model", _diagnosis(session, folder, sha256)
     file = session.source or "session.h5"
     if answer is None:
         command = f"mesotap diagnose {quote(file)} --report FOLDER"
         run = f"Have the model tested ('{command}', the folder of this page), then write it again ('mesotap report')."
-        return Trust(what, Light.OPEN, "Not tested: no diagnosis was run.", "", run)
-    page = DIAGNOSIS_PAGE if (folder / DIAGNOSIS_PAGE).is_file() else ""
+        return Trust(what, Light.OPEN, "Not tested: no diagnosis was run.", HOW_TO_DIAGNOSE, run)
+    page = DIAGNOSIS_PAGE if (folder / DIAGNOSIS_PAGE).is_file() else DIAGNOSIS
     if answer["verdict"] == "consistent":
         return Trust(what, Light.GOOD, "A diagnosis found nothing that it leaves out.", page)
     named = " and ".join(str(m["statement"]).rstrip(".") for m in answer["mechanisms"])
@@ -215,14 +221,14 @@ def _physics(session: Session, folder: Path) -> Trust:
     return Trust(what, Light.DOUBT, f"It leaves something out (probability {chance}): {named}.", page, again)
 
 
-def _diagnosis(session: Session, folder: Path) -> dict[str, Any] | None:
-    """Return the diagnosis in a folder, if it is one of this very recording."""
+def _diagnosis(session: Session, folder: Path, sha256: str | None) -> dict[str, Any] | None:
+    """Return the diagnosis in a folder, if it is one of this very recording: by the hash, wherever the file lies."""
     file, recording = folder / DIAGNOSIS, folder / Path(session.source).name
-    if not session.source or not file.is_file() or not recording.is_file():
+    if not file.is_file() or (sha256 is None and not (session.source and recording.is_file())):
         return None
     try:
         answer = json.loads(read_regular(file, LARGEST_DIAGNOSIS, "a diagnosis"))
-        its_own = [r["sha256"] for r in answer["recordings"]] == [sha256_of(recording)]
+        its_own = [r["sha256"] for r in answer["recordings"]] == [sha256 or sha256_of(recording)]
         sound = answer["version"] == 2 and all(m["statement"] and m["probability"] for m in answer["mechanisms"])
         return answer if its_own and sound and isinstance(answer["verdict"], str) else None
     except (RecordingError, ValueError, LookupError, TypeError):

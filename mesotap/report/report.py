@@ -166,7 +166,7 @@ def write_report(
     drift = results.calibration is not None and results.calibration.drifted
     footnotes = _footnotes(results.loads)
     budgeted = shown_load(results)
-    trust = trusted(session, results, folder)
+    trust = trusted(session, results, folder, (origin or {}).get("sha256"))
     html = page.render(
         session=session,
         results=results,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -85,11 +86,38 @@ def test_a_load_without_a_contact_mode_and_one_with_notes():
 )
 def test_what_a_diagnosis_beside_the_report_found(tmp_path, verdict, mechanisms, light, words):
     diagnosed(tmp_path, verdict, mechanisms)
-    assert line("Eq. 9 as a model", folder=tmp_path).evidence == ""  # its page is not there
+    assert line("Eq. 9 as a model", folder=tmp_path).evidence == "diagnosis.json"  # its page is not there
     (tmp_path / "diagnosis.html").write_text("its page")
     found = line("Eq. 9 as a model", folder=tmp_path)
     assert (found.light, found.evidence) == (light, "diagnosis.html")
     assert words in found.words
+
+
+def test_a_diagnosis_in_the_folder_of_the_page_is_found_wherever_the_session_lies(tmp_path):
+    diagnosed(tmp_path, "consistent", [])
+    recording = tmp_path / "session.h5"
+    hashed = sha256_of(recording)
+    recording.unlink()
+    (found,) = [one for one in trusted(SESSION, PLAIN, tmp_path, hashed) if one.what == "Eq. 9 as a model"]
+    assert found.light is Light.GOOD
+    (other,) = [one for one in trusted(SESSION, PLAIN, tmp_path, "0" * 64) if one.what == "Eq. 9 as a model"]
+    assert other.light is Light.OPEN
+
+
+def test_a_page_of_its_own_folder_says_what_the_diagnosis_there_found_and_links_each_light(tmp_path):
+    open_page = report(tmp_path, SESSION, RESULTS)
+    diagnosed(tmp_path, "consistent", [])
+    hashed = sha256_of(tmp_path / "session.h5")
+    (tmp_path / "session.h5").unlink()
+    page = report(tmp_path, SESSION, RESULTS, origin={"sha256": hashed})
+    assert "A diagnosis found nothing that it leaves out." in page
+    for one in (open_page, page):
+        lights = re.search('<ul class="trust">(.*?)</ul>', one, re.DOTALL)
+        assert lights is not None
+        links = re.findall('<a href="([^"]+)">', lights[1])
+        assert len(links) == lights[1].count("<li ")
+        for link in links:
+            assert f'id="{link[1:]}"' in one if link.startswith("#") else (tmp_path / link).is_file()
 
 
 @pytest.mark.parametrize(

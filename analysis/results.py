@@ -86,6 +86,8 @@ class SessionResults:
     notes: tuple[str, ...] = ()
     hammer: tuple[CrossCheck, ...] = ()
     """Of an instrumented hammer: frequency responses and k_c from them, a load each; empty without one."""
+    remarks: tuple[str, ...] = ()
+    """Values that are probably written in another unit, with what is usual; the numbers follow them as they stand."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -371,7 +371,7 @@ def simulate(
 @app.command()
 def published(report: Report = None, json: JsonPath = None) -> None:
     """Analyse the paper's Tables 3 and 5 again, and list where its text contradicts itself."""
-    from mesotap.commands.files import published as answer
+    from mesotap.commands.published import published as answer
 
     answer(report, json, _console(json, report))
 

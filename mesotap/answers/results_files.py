@@ -38,7 +38,7 @@ def results_json(results: SessionResults) -> dict[str, Any]:
         "impacts": [_impact(impact, drift) for impact in results.impacts],
         "calibration": None if results.calibration is None else _calibration(results.calibration),
         "springs_n_per_m": [_estimate(spring) for spring in results.springs_n_per_m],
-        "notes": list(results.notes),
+        "notes": [*results.remarks, *results.notes],
         **({"hammer": [cross_check_json(check) for check in results.hammer]} if results.hammer else {}),
     }
 

@@ -82,7 +82,7 @@ def trusted(session: Session, results: SessionResults, folder: Path, sha256: str
         Of the session's file, wherever it lies; None: it is looked for in ``folder``.
     """
     physics = _physics(session, folder, sha256)
-    return (*_gauge(results), _taps(session, results), _agreement(results.loads), physics)
+    return (*_values(results), *_gauge(results), _taps(session, results), _agreement(results.loads), physics)
 
 
 def what_next(lines: Sequence[Trust]) -> str:
@@ -90,6 +90,16 @@ def what_next(lines: Sequence[Trust]) -> str:
     order = (Light.BAD, Light.DOUBT, Light.OPEN)
     wanted = [line.then for light in order for line in lines if line.light is light and line.then]
     return wanted[0] if wanted else "Nothing speaks against these numbers: results.csv has them for the next step."
+
+
+def _values(results: SessionResults) -> list[Trust]:
+    """Say which values are far from usual; nothing where all of them are usual."""
+    if not results.remarks:
+        return []
+    first, more = results.remarks[0], len(results.remarks) - 1
+    others = f"; {more} more such beneath" if more else ""
+    again = "Correct what is declared in another unit and analyse again: every number here follows from it."
+    return [Trust("Values and units", Light.DOUBT, f"{first[:1].upper()}{first[1:]}{others}.", "#notes", again)]
 
 
 def _gauge(results: SessionResults) -> list[Trust]:

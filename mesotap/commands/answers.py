@@ -56,7 +56,7 @@ def show_session(results: SessionResults, console: Console) -> None:
             with_uncertainty(load.contact_damping_n_s_per_m),
         )
     console.print(shown)
-    for note in results.notes:
+    for note in (*results.remarks, *results.notes):
         console.print(f"- {escape(note)}", highlight=False)
     for load in results.loads:
         for note in load.notes:

@@ -94,34 +94,46 @@ def _analyze_one(
     force: ForceOptions,
 ) -> dict[str, Any]:
     opened = opened_file(file, rate)
-    unusual = session_remarks(opened) if isinstance(opened, Session) else recording_remarks(opened)
-    if isinstance(opened, Session) and not opened.rig.is_tester:  # of a tester the results' notes say it
-        unusual = [*refused_records(opened), *unusual]
-    show_remarks(unusual, console)
     if isinstance(opened, Session) and opened.rig.is_tester:
         if other is not None:
             raise RecordingError(f"{file}: is a session of the tester; --mac compares the modes of other recordings")
         if force.driving_point is not None:
             raise RecordingError(f"{file}: is a session of the tester, which has no accelerometer on the mass struck")
         config = config_for(opened, config_path, changes, console)
-        correction = None if model is None else _corrected(opened, model, config.analysis.mechanisms, console)
-        if report is not None:
-            results = _session_report(file, opened, config, report, console, correction)
-        else:
-            results = analysed(opened, config, console)
-        show_session(results, console)
-        answer = {**results_json(results), "provenance": provenance(opened, config, session_file(file))}
-        if correction is None:
-            return answer
-        from mesotap.answers.correction import show_correction, with_correction
-
-        show_correction(correction, console)
-        return with_correction(answer, correction)
+        return _analyze_session(file, opened, config, report, console, model)
+    if isinstance(opened, Session):
+        unusual = [*refused_records(opened), *session_remarks(opened)]
+    else:
+        unusual = recording_remarks(opened)
+    show_remarks(unusual, console)
     if model is not None:
         raise RecordingError(f"{file}: is not a session of the tester, so no diagnosis of one corrects it")
     recording = _as_recording(opened) if isinstance(opened, Session) else opened
     show_left_out(recording, console)
     return _analyze_recording(recording, load_config(config_path, changes), report, console, other, force, unusual)
+
+
+def _analyze_session(
+    file: Path, session: Session, config: Config, report: Path | None, console: Console, model: Path | None
+) -> dict[str, Any]:
+    """Loads of a session of the tester, corrected by a diagnosis if there is one."""
+    try:
+        correction = None if model is None else _corrected(session, model, config.analysis.mechanisms, console)
+        if report is not None:
+            results = _session_report(file, session, config, report, console, correction)
+        else:
+            results = analysed(session, config, console)
+    except (AnalysisError, FitFailure):  # which what is unusual may explain
+        show_remarks(session_remarks(session), console)
+        raise
+    show_session(results, console)
+    answer = {**results_json(results), "provenance": provenance(session, config, session_file(file))}
+    if correction is None:
+        return answer
+    from mesotap.answers.correction import show_correction, with_correction
+
+    show_correction(correction, console)
+    return with_correction(answer, correction)
 
 
 def _analyze_recording(
@@ -253,6 +265,7 @@ def write_session_report(
     default = source if source.is_dir() else source.parent / f"{source.stem}-report"
     config = config_for(opened, config_path, changes, console)
     results = _session_report(source, opened, config, output or default, console)
+    show_remarks(results.remarks, console)
     origin = provenance(opened, config, session_file(source))
     write_json(json_path, {**results_json(results), "provenance": origin})
 
@@ -283,37 +296,6 @@ def _session_report(
         )
     console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
     return results
-
-
-def published(report: Path | None, json_path: Path | None, console: Console) -> None:
-    """Print the published tables through Eq. 11, and the paper's conflicts."""
-    from analysis.published import reanalyse
-
-    answer = reanalyse()
-    for table in answer.tables:
-        shown = Table(
-            title=f"Table {table.number}: k1 = k2 = {table.k1_n_per_m * 1e-6:.4f} MN/m from "
-            f"{table.system_resonance_hz:g} Hz; k_c grows as load^{table.log_slope:.2f}"
-        )
-        of_laws = [f"over {law.equation}" for law in table.theories]
-        for heading in ("load, mN", "f2, Hz", "k_c, MN/m", "with tubes, MN/m", *of_laws):
-            shown.add_column(heading, justify="right")
-        for i, load in enumerate(table.load_mn):
-            ratios = [f"{law.measured_over_theory[i]:.2f}" for law in table.theories]
-            stiffnesses = (table.contact_stiffness_n_per_m, table.with_tubes.contact_stiffness_n_per_m)
-            both = [f"{k[i] * 1e-6:.3f}" for k in stiffnesses]
-            shown.add_row(f"{load:.1f}", f"{table.f2_hz[i]:.0f}", *both, *ratios)
-        console.print(shown)
-        console.print(f"- {table.about_plasticity}", highlight=False)
-        console.print(f"- {table.about_tubes}", highlight=False)
-    console.print("Conflicts in the paper's text:")
-    for conflict in answer.conflicts:
-        console.print(f"- {escape(conflict)}", highlight=False)
-    if report is not None:
-        from mesotap.report.report import published_report
-
-        console.print(f"report {escape(published_report(report, answer))}", highlight=False, soft_wrap=True)
-    write_json(json_path, answer.as_json())
 
 
 def _show_mac(

@@ -48,8 +48,8 @@ def begin_rig(
         if other.names != recordings[0].names:
             raise RecordingError(f"{other.source}: has other channels than {recordings[0].source}")
     show_left_out(recordings[0], console)
-    for one in recordings:
-        show_remarks(recording_remarks(one, rate=False), console)
+    unusual = [remark for one in recordings for remark in recording_remarks(one, rate=False)]
+    show_remarks(unusual, console)
     missing = [name for name in inputs if name not in recordings[0].names]
     if missing:
         raise RecordingError(f"{files[0]}: has no channel {missing[0]}; it holds {', '.join(recordings[0].names[:20])}")
@@ -69,7 +69,8 @@ def begin_rig(
         highlight=False,
         soft_wrap=True,
     )
-    write_json(json_path, {"written": str(output), "seen": list(seen(look))})
+    content = {"written": str(output), "seen": list(seen(look))}
+    write_json(json_path, content | ({"remarks": unusual} if unusual else {}))
 
 
 def check_rig(file: Path, recordings: Sequence[Path], json: Path | None, console: Console) -> None:
@@ -78,8 +79,8 @@ def check_rig(file: Path, recordings: Sequence[Path], json: Path | None, console
     with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
         left_open = undetermined(rig)
         read = [believed(import_recording(file, rate_hz=rig.rate_hz)) for file in recordings]
-        for one in read:
-            show_remarks([*recording_remarks(one, rate=False), *rig_remarks(rig, one)], console)
+        unusual = [said for one in read for said in (*recording_remarks(one, rate=False), *rig_remarks(rig, one))]
+        show_remarks(unusual, console)
         started = _started(rig, read) if read else None
     lines = [f"{file}: valid; {_counted(rig)}", *(u.statement for u in left_open)]
     if not left_open:
@@ -87,7 +88,7 @@ def check_rig(file: Path, recordings: Sequence[Path], json: Path | None, console
     lines += _of_start(started) if started is not None else []
     for line in lines:
         console.print(escape(line), highlight=False, soft_wrap=True)
-    write_json(json, _content(left_open, started))
+    write_json(json, _content(left_open, started) | ({"remarks": unusual} if unusual else {}))
 
 
 def _started(rig: DescribedRig, recordings: Sequence[Recording]) -> StartCheck:

@@ -19,6 +19,9 @@ from mesotap.configuration.usual import MASS, STIFFNESS, Usual
 from sim_backend.arrangement import LOAD
 
 SLOWEST: Final = 1000.0  # Hz, of a sampling rate below which no contact resonance of the tester is seen
+BEYOND_FULL_SCALE: Final = 3.0
+"""Times the full scale of /rig, the smaller of two channels, that no record reaches: accelerometers of a pair differ by
+less, and a unit that is mistaken for another by more (g by 9.8, mm/s2 by 1000)."""
 NAMED: Final = 5  # channels with the same remark that are listed
 
 ACCELERATION: Final = Usual(1e-4, 1e6, "m/s2", (("g", 9.80665), ("mm/s2", 1e-3), ("um/s2", 1e-6), ("nm/s2", 1e-9)))
@@ -31,6 +34,9 @@ OF_UNIT: Final = {
 }
 """Usual largest magnitudes of a channel: from the noise of good sensors to what testing machines reach."""
 OF_THE_RIG: Final = {"m1_kg": MASS, "m2_kg": MASS, "k1_n_per_m": STIFFNESS, "k2_n_per_m": STIFFNESS}
+LEAST_OF_SCALE: Final = 1e-3  # of its full scale, that a tap reaches which is seen at all
+SAID_OF_SESSIONS: Final = ("rig.masses.m", "rig.springs.k", "rig.wiring.sample_rate_hz", "mesotap.load_plan_mn")
+"""Keys of a configuration whose values a session file has too."""
 ANY_UNIT: Final = Usual(1e-12, 1e12, "of its unit")
 PREFIXES: Final = {"k": 1e3, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}
 
@@ -51,7 +57,24 @@ def recording_remarks(recording: Recording, rate: bool = True) -> list[str]:
 
 
 def session_remarks(session: Session) -> list[str]:
-    """Return in sentences what is unusual about the accelerations, the loads and the declared rig of a session."""
+    """Return in sentences, with the session's name, what is unusual about its accelerations, loads and declared rig."""
+    return [f"{session.source}: {one}" for one in unusual_in(session)]
+
+
+def analysis_remarks(session: Session, configured: Sequence[str]) -> tuple[str, ...]:
+    """Return what is unusual about a session that is analysed, and about the configuration that it is analysed with.
+
+    Parameters
+    ----------
+    configured
+        What is unusual about the configuration; what the session says by itself is not said twice.
+    """
+    others = [one for one in configured if not one.removeprefix("the largest of ").startswith(SAID_OF_SESSIONS)]
+    return (*unusual_in(session), *others)
+
+
+def unusual_in(session: Session) -> list[str]:
+    """Return `session_remarks` without the session's name."""
     taps = [i.acceleration for i in session.impacts]
     said = channel_remarks(("A", "B"), ("m/s2", "m/s2"), taps) if taps else []
     rates = {i.sample_rate_hz for i in session.impacts} if session.rig.is_tester else set()
@@ -61,8 +84,27 @@ def session_remarks(session: Session) -> list[str]:
         said += [OF_THE_RIG[key].remark(f"{key} of /rig", value) for key, value in declared.items()]
         loads = [abs(i.target_load_mn) for i in session.impacts if math.isfinite(i.target_load_mn)]
         said.append(LOADS.remark("the largest target_load_mn", max(loads, default=0.0)))
-        said = [one for one in said if one]
-    return [f"{session.source}: {one}" for one in said]
+        said.append(_beyond_full_scale(session))
+    return [one for one in said if one]
+
+
+def _beyond_full_scale(session: Session) -> str:
+    """Say that accelerations are larger than the recorder can hold, as declared; empty where they are not."""
+    full_scale, largest = session.rig.full_scale_m_s2, 0.0
+    for impact in session.impacts:
+        largest = max(largest, float(np.abs(impact.acceleration).max()))
+    if not largest > BEYOND_FULL_SCALE * full_scale:
+        return ""
+    meant = [
+        f"{unit} ({largest * of:g} m/s2)"
+        for unit, of in ACCELERATION.others
+        if largest * of <= full_scale and largest * of >= LEAST_OF_SCALE * full_scale
+    ]
+    other = f"they may be {' or '.join(meant)}, or " if meant else ""
+    return (
+        f"accelerations reach {largest:g} m/s2, {largest / full_scale:.3g} times the full scale of "
+        f"{full_scale:g} m/s2 that /rig declares: {other}full_scale_m_s2 or a sensitivity is wrong"
+    )
 
 
 def refused_records(session: Session) -> list[str]:

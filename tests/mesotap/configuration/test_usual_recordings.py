@@ -20,9 +20,12 @@ from typer.testing import CliRunner
 from daq.bounds import ACCELERATION, FORCE
 from daq.exchange import Recording
 from daq.session_file import write_session
+from mesotap import simulate
+from mesotap.answers.analysing import analysed_as_configured
 from mesotap.answers.recording_modes import modes_of
 from mesotap.cli import app
 from mesotap.configuration import usual_recordings
+from mesotap.configuration.config import Config, parse_config
 from mesotap.configuration.rig_files import parse_rig
 from mesotap.configuration.usual_recordings import (
     channel_remarks,
@@ -128,7 +131,9 @@ def test_a_described_rig_s_recording_is_told_of_too(tmp_path: Path) -> None:
         "bodies: {m: 1}\nsprings: [{between: [m, ground], stiffness: 1.0e+9}]\n"
         "sensors: [{channel: a, of: m, shows: acceleration, unit: m/s2}]\n"
     )
-    said = " ".join(run("rig", "check", rig, file).output.split())
+    answer = tmp_path / "check.json"
+    said = " ".join(run("rig", "check", rig, file, "--json", answer).output.split())
+    assert all(one in said for one in json.loads(answer.read_text())["remarks"])
     assert "channel a reaches 9" in said
     assert "usual is 0.0001 to 1e+06 m/s2: they may be raw counts, scaled twice, or numbers read with the wrong" in said
     assert "channel b is zero throughout" in said
@@ -211,6 +216,44 @@ def test_a_session_of_grams_or_newtons_is_told_what_they_may_be(change: dict[str
     impacts = sound.impacts if change else tuple(replace(i, target_load_mn=0.3) for i in sound.impacts)
     (told,) = session_remarks(replace(sound, rig=replace(sound.rig, **change), impacts=impacts))
     assert said in told
+
+
+def test_accelerations_far_beyond_the_full_scale_are_told_and_a_clipped_tap_is_not() -> None:
+    sound = simulate(load_mn=300.0)
+
+    def told(factor: float) -> list[str]:
+        tap = sound.impacts[0]
+        return session_remarks(replace(sound, impacts=(replace(tap, acceleration=factor * tap.acceleration),)))
+
+    full_scale, largest = sound.rig.full_scale_m_s2, float(np.abs(sound.impacts[0].acceleration).max())
+    assert told(1.0) == told(full_scale / largest) == told(2 * full_scale / largest) == []
+    (said,) = told(1000.0)
+    assert "times the full scale of 49.0332 m/s2 that /rig declares: they may be mm/s2" in said
+    assert told(1e7) != []
+    unknown = replace(sound, rig=replace(sound.rig, full_scale_m_s2=float("nan")))
+    assert session_remarks(unknown) == []
+
+
+def test_what_is_unusual_about_a_session_and_its_configuration_is_among_its_results() -> None:
+    sound = simulate(load_mn=300.0)
+    assert analysed_as_configured(sound, Config()).remarks == ()
+    newtons = replace(sound, impacts=tuple(replace(i, target_load_mn=0.3) for i in sound.impacts))
+    changes = ["mesotap.load_plan_mn=[0.3]", "rig.filter.lowpass_hz=10.0", "rig.filter.highpass_hz=1.0"]
+    remarks = analysed_as_configured(newtons, parse_config("", "test", changes)).remarks
+    assert [one.split(" is ")[0] for one in remarks] == ["the largest target_load_mn", "rig.filter.lowpass_hz"]
+
+
+def test_what_is_unusual_is_in_the_json_of_analyze_and_report_and_on_the_page(tmp_path: Path) -> None:
+    sound = simulate(load_mn=300.0)
+    impacts = tuple(replace(i, target_load_mn=0.3) for i in sound.impacts)
+    write_session(tmp_path / "s.h5", replace(sound, impacts=impacts))
+    done = run("analyze", tmp_path / "s.h5", "--json", tmp_path / "a.json", "--report", tmp_path / "page")
+    assert done.output.count("the largest target_load_mn") == 1
+    for answer in (tmp_path / "a.json", tmp_path / "page" / "results.json"):
+        assert any("if 0.3 N is meant, write 300" in note for note in json.loads(answer.read_text())["notes"])
+    page = (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
+    assert '<li class="doubt"><b><a href="#notes">Values and units</a>: in doubt.</b> The largest target_load' in page
+    assert '<ul class="notes" id="notes"><li>the largest target_load' in page
 
 
 def test_an_analysis_of_a_wav_tells_a_silent_channel(tmp_path: Path) -> None:

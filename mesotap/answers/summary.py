@@ -29,8 +29,9 @@ def summary(results: SessionResults, theory: Sequence[TheoryCurve], ratios: Sequ
         first, last = measured[0], measured[-1]
         sentences.append(
             f"The contact stiffness goes from {_stiffness(first)} MN/m at {_load_words(first)}"
-            f" to {_stiffness(last)} MN/m at {_load_words(last)}{_exponent_words(measured)}{_damping_words(measured)}."
+            f" to {_stiffness(last)} MN/m at {_load_words(last)}{_exponent_words(measured)}."
         )
+        sentences += _damping_words(measured)
     if comparison := _closest_theory(theory, ratios):
         sentences.append(comparison)
     left_out = sum(i.reject_reason.startswith(LEFT_OUT) for i in results.impacts if not i.accepted)
@@ -82,11 +83,11 @@ def _exponent_words(measured: Sequence[LoadResult]) -> str:
     return f", about as the load to the power {slope:.2f}"
 
 
-def _damping_words(measured: Iterable[LoadResult]) -> str:
+def _damping_words(measured: Iterable[LoadResult]) -> list[str]:
     ratios = [load.zeta2 for load in measured if load.zeta2 is not None]
     if len(ratios) < 2:
-        return ""
-    return f"; the contact mode's damping ratio goes from {_percent(ratios[0])} % to {_percent(ratios[-1])} %"
+        return []
+    return [f"The contact mode's damping ratio goes from {_percent(ratios[0])} % to {_percent(ratios[-1])} %."]
 
 
 def _percent(estimate: Estimate) -> str:

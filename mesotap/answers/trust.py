@@ -35,6 +35,10 @@ LEAST_IMPACTS = 3
 """Accepted taps at a load, with fewer of which their scatter is hardly known."""
 
 
+LINE = 47
+"""Characters of a line, from its name to its few words: what 390 px hold at 13 px."""
+
+
 class Light(Enum):
     """How far something can be trusted."""
 
@@ -54,6 +58,8 @@ class Trust:
         What is judged.
     light
         How far it can be trusted.
+    brief
+        Why, in a few words with which it stays on one line of a telephone (see `LINE`).
     words
         Why, in a sentence.
     evidence
@@ -64,6 +70,7 @@ class Trust:
 
     what: str
     light: Light
+    brief: str
     words: str
     evidence: str
     then: str = ""
@@ -99,24 +106,24 @@ def _values(results: SessionResults) -> list[Trust]:
     first, more = results.remarks[0], len(results.remarks) - 1
     others = f"; {more} more such beneath" if more else ""
     again = "Correct what is declared in another unit and analyse again: every number here follows from it."
-    return [Trust("Values and units", Light.DOUBT, f"{first[:1].upper()}{first[1:]}{others}.", "#notes", again)]
+    brief = f"{more + 1} to be looked at"
+    return [Trust("Values and units", Light.DOUBT, brief, f"{first[:1].upper()}{first[1:]}{others}.", "#notes", again)]
 
 
 def _gauge(results: SessionResults) -> list[Trust]:
     gauge, where = results.calibration, "#calibration"
     if gauge is None:
         words = "There is none: loads are those of the file, or targets."
-        return [
-            Trust(
-                "Calibration", Light.BAD, words, where, "Calibrate the strain gauge ('mesotap calibrate'), then repeat."
-            )
-        ]
+        again = "Calibrate the strain gauge ('mesotap calibrate'), then repeat."
+        return [Trust("Calibration", Light.BAD, "none", words, where, again)]
+    off = f"{significant(gauge.nonlinearity_percent, 2)} % off its line"
     straight = f"Departs from its line by {significant(gauge.nonlinearity_percent, 2)} % at most."
     bent = "curved" in gauge.statement
     lines = [
         Trust(
             "Calibration",
             Light.DOUBT if bent else Light.GOOD,
+            "curved" if bent else off,
             f"{straight} It is curved; the loads follow the curve." if bent else straight,
             where,
             "Look at the gauge and its weights: a strain gauge is straight in this range." if bent else "",
@@ -125,15 +132,15 @@ def _gauge(results: SessionResults) -> list[Trust]:
     if gauge.drifted:
         again = "Let the gauge come to rest, calibrate, and repeat the loads."
         words = "It drifted: every load is interpolated, with a wider interval."
-        lines.append(Trust("Drift of the gauge", Light.DOUBT, words, where, again))
+        lines.append(Trust("Drift of the gauge", Light.DOUBT, "it drifted", words, where, again))
     elif gauge.drift_p_value is None:
         untested = "There is one calibration alone, so that it could not be tested."
-        lines.append(
-            Trust("Drift of the gauge", Light.OPEN, untested, where, "Calibrate after the test too ('mesotap resume').")
-        )
+        again = "Calibrate after the test too ('mesotap resume')."
+        lines.append(Trust("Drift of the gauge", Light.OPEN, "one calibration", untested, where, again))
     else:
         p = significant(gauge.drift_p_value, 2)
-        lines.append(Trust("Drift of the gauge", Light.GOOD, f"No drift between the calibrations (p = {p}).", where))
+        words = f"No drift between the calibrations (p = {p})."
+        lines.append(Trust("Drift of the gauge", Light.GOOD, f"none (p = {p})", words, where))
     return lines
 
 
@@ -144,23 +151,27 @@ def _taps(session: Session, results: SessionResults) -> Trust:
     by_hand = sum(bool(i.accepted and i.extra.get("overruled")) for i in session.impacts)
     few = [load for load in results.loads if load.impacts_used < LEAST_IMPACTS]
     words, where = f"{rejected} of {made} rejected", "#taps"
+    brief = words
     if left_out:
         words += f", {left_out} left out by the choice of hits"
     if session.refused:
         words += ", and not every record of the file could be read"
     if not made or len(few) == len(results.loads):
         again = f"Tap more often at each load: eight accepted taps are usual.{why}"
-        return Trust(
-            "Taps", Light.DOUBT if made else Light.BAD, f"{words}; no load has {LEAST_IMPACTS} good ones.", where, again
-        )
+        light, words = Light.DOUBT if made else Light.BAD, f"{words}; no load has {LEAST_IMPACTS} good ones."
+        brief = f"fewer than {LEAST_IMPACTS} good at any load" if made else "none"
+        return Trust("Taps", light, brief, words, where, again)
     if few:
         loads = ", ".join(f"{load.target_load_mn:.4g}" for load in few)
         again = f"Tap more often at {loads} mN.{why}"
-        return Trust("Taps", Light.DOUBT, f"{words}; fewer than {LEAST_IMPACTS} good ones at {loads} mN.", where, again)
+        brief = f"fewer than {LEAST_IMPACTS} good at {len(few)} load{'s' * (len(few) != 1)}"
+        words = f"{words}; fewer than {LEAST_IMPACTS} good ones at {loads} mN."
+        return Trust("Taps", Light.DOUBT, brief, words, where, again)
     if by_hand:
         return Trust(
             "Taps",
             Light.DOUBT,
+            f"{by_hand} accepted by hand",
             f"{words}; {by_hand} accepted by hand.",
             where,
             "Read the reasons of the taps accepted by hand.",
@@ -169,11 +180,12 @@ def _taps(session: Session, results: SessionResults) -> Trust:
         return Trust(
             "Taps",
             Light.DOUBT,
+            brief,
             f"{words}: more than usual.",
             where,
             why.strip() or "See why so many taps were rejected; a steadier tap scatters less.",
         )
-    return Trust("Taps", Light.GOOD, f"{words}.", where)
+    return Trust("Taps", Light.GOOD, brief, f"{words}.", where)
 
 
 def _why_rejected(results: SessionResults) -> str:
@@ -193,19 +205,16 @@ def _agreement(loads: Sequence[LoadResult]) -> Trust:
     if without:
         where = ", ".join(f"{load.target_load_mn:.4g}" for load in without)
         again = "Read the notes beneath Table 1: they say why there is no contact mode."
-        return Trust("Each load", Light.BAD, f"No contact mode at {where} mN.", "#results", again)
+        brief = f"no contact mode at {len(without)}"
+        return Trust("Each load", Light.BAD, brief, f"No contact mode at {where} mN.", "#results", again)
     if noted:
-        words = f"Notes at {len(noted)} of {len(loads)} loads."
-        return Trust(
-            "Each load",
-            Light.DOUBT,
-            words,
-            "#results",
-            "Read the notes beneath Table 1 before the numbers are used.",
-        )
+        words = f"notes at {len(noted)} of {len(loads)} loads"
+        again = "Read the notes beneath Table 1 before the numbers are used."
+        return Trust("Each load", Light.DOUBT, words, f"{words.capitalize()}.", "#results", again)
     return Trust(
         "Each load",
         Light.GOOD,
+        "nothing noted against it",
         "A contact mode was found at all of them, and nothing was noted against it.",
         "#results",
     )
@@ -218,17 +227,19 @@ def _physics(session: Session, folder: Path, sha256: str | None) -> Trust:
     if answer is None:
         command = f"mesotap diagnose {quote(file)} --report FOLDER"
         run = f"Have the model tested ('{command}', the folder of this page), then write it again ('mesotap report')."
-        return Trust(what, Light.OPEN, "Not tested: no diagnosis was run.", HOW_TO_DIAGNOSE, run)
+        return Trust(what, Light.OPEN, "no diagnosis", "Not tested: no diagnosis was run.", HOW_TO_DIAGNOSE, run)
     page = DIAGNOSIS_PAGE if (folder / DIAGNOSIS_PAGE).is_file() else DIAGNOSIS
     if answer["verdict"] == "consistent":
-        return Trust(what, Light.GOOD, "A diagnosis found nothing that it leaves out.", page)
+        return Trust(what, Light.GOOD, "nothing is left out", "A diagnosis found nothing that it leaves out.", page)
     named = " and ".join(str(m["statement"]).rstrip(".") for m in answer["mechanisms"])
     if answer["verdict"] == "unexplained" or not named:
         again = "Read the diagnosis: it says where the mismatch is and what would tell more."
-        return Trust(what, Light.DOUBT, "It leaves something out that no known mechanism explains.", page, again)
+        words = "It leaves something out that no known mechanism explains."
+        return Trust(what, Light.DOUBT, "not explained", words, page, again)
     chance = significant(float(answer["mechanisms"][0]["probability"]), 2)
     again = f"Correct the numbers for it: 'mesotap analyze {quote(file)} --model {DIAGNOSIS} --report corrected'."
-    return Trust(what, Light.DOUBT, f"It leaves something out (probability {chance}): {named}.", page, again)
+    words = f"It leaves something out (probability {chance}): {named}."
+    return Trust(what, Light.DOUBT, f"incomplete ({chance})", words, page, again)
 
 
 def _diagnosis(session: Session, folder: Path, sha256: str | None) -> dict[str, Any] | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -63,8 +62,8 @@ __all__ = [
     "written",
 ]
 
-FIGURE_FOLDER = "figures"
-TRUST = re.compile("<!-- trust -->.*?<!-- end of trust -->", re.DOTALL)
+FIGURE_FOLDER, OVERVIEW = "figures", "overview"
+OF_TRUST = ("trust", "reasons")  # templates of what is said of trust, on the first screen and beneath it
 SIMULATED = "(simulated rig)"  # in the software that a session file names
 
 
@@ -148,6 +147,8 @@ def write_report(
         written(folder / "explanations.json", json_text(explained.as_json()))
     if pdf_figures:
         for name, figure in drawn.items():
+            if name == OVERVIEW:  # of "stiffness", which says more
+                continue
             figures.save(figure, figure_folder(folder) / f"{name}.pdf")
     answer = results_json(results)
     if origin is not None:
@@ -178,6 +179,7 @@ def write_report(
         trust=trust,
         next=what_next(trust),
         plates={n: Plate(Markup(figures.inline_svg(drawn[n], n, _label(n, drift)))) for n in drawn},
+        seen=figures.seen_intervals(results),
         typical=_typical_impact(session),
         spectra=figures.shown_spectra(results),
         amplitudes=figures.shown_amplitudes(results),
@@ -209,8 +211,13 @@ def write_report(
 def refresh_trust(folder: Path, session: Session, results: SessionResults) -> None:
     """Say in a report that is written already what a diagnosis beside it has found since."""
     page, trust = folder / "report.html", trusted(session, results, folder)
-    lines = environment().get_template("trust.html").render(trust=trust, next=what_next(trust))
-    written(page, TRUST.sub(lambda _: lines.rstrip("\n"), page.read_text(encoding="utf-8"), count=1))
+    html = page.read_text(encoding="utf-8")
+    for name in OF_TRUST:
+        lines = environment().get_template(f"{name}.html").render(trust=trust, next=what_next(trust)).rstrip("\n")
+        before, start, rest = html.partition(f"<!-- {name} -->")
+        _, end, after = rest.partition(f"<!-- end of {name} -->")
+        html = before + lines + after if start and end else html
+    written(page, html)
 
 
 def _yielding(contact: SphereContact | FlatContact | None, ratios: Sequence[Ratio]) -> str:
@@ -337,6 +344,7 @@ LABELS = {
     "explanations": "Stiffness against load with explanations, their errors at loads left out, and their probabilities",
     "record": "Acceleration of both accelerometers against time for one tap",
     "spectra": "Averaged acceleration spectra of several loads",
+    "overview": "Contact stiffness against load, and its interval in percent",
     "stiffness": "Contact stiffness against load with theory",
     "damping": "Damping ratio of the contact mode against load",
     "impacts": "Contact stiffness of each impact in order, as deviation from the combined estimate of its load",
@@ -350,6 +358,7 @@ LABELS = {
 
 WITH_LOADS = {
     "spectra",
+    "overview",
     "stiffness",
     "damping",
     "impacts",
@@ -430,6 +439,7 @@ def _session_figures(session: Session, results: SessionResults, theory: Sequence
     if figures.shown_spectra(results):
         drawn["spectra"] = figures.spectra_figure(results)
     if any(load.contact_stiffness_n_per_m is not None for load in results.loads):
+        drawn[OVERVIEW] = figures.overview_figure(results)
         drawn["stiffness"] = figures.stiffness_figure(results, theory)
     if any(load.zeta2 is not None for load in results.loads):
         drawn["damping"] = figures.damping_figure(results)

@@ -30,6 +30,7 @@ from mesotap.report.figures._files import inline_svg, save
 from mesotap.report.figures._frequency_response import cross_check_figure, response_figure, shown_responses
 from mesotap.report.figures._impacts import impacts_figure
 from mesotap.report.figures._law import Overlay, law_figure
+from mesotap.report.figures._overview import overview_figure, seen_intervals
 from mesotap.report.figures._paper import paper_figure_3, paper_figure_7_8, paper_figure_9
 from mesotap.report.figures._recording import Recording, modes_figure
 from mesotap.report.figures._rig import rig_figure
@@ -57,6 +58,7 @@ __all__ = [
     "law_figure",
     "mode_amplitude_figure",
     "modes_figure",
+    "overview_figure",
     "paper_figure_3",
     "paper_figure_7_8",
     "paper_figure_9",
@@ -66,6 +68,7 @@ __all__ = [
     "response_figure",
     "rig_figure",
     "save",
+    "seen_intervals",
     "short_name",
     "shown_amplitudes",
     "shown_modes",

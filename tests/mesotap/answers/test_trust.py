@@ -11,7 +11,7 @@ import pytest
 
 from analysis.session import DRIFTED
 from mesotap.answers.recording_files import sha256_of
-from mesotap.answers.trust import Light, Trust, trusted, what_next
+from mesotap.answers.trust import LINE, Light, Trust, trusted, what_next
 from mesotap.report.report import refresh_trust
 from tests.mesotap.report.test_report import make_session, report
 
@@ -22,6 +22,8 @@ NAMED = {"statement": "Dry friction in the guide.", "probability": 0.98}
 
 def line(what: str, session=SESSION, results=PLAIN, folder=Path("nowhere")) -> Trust:
     (found,) = [line for line in trusted(session, results, folder) if line.what == what]
+    assert found.brief
+    assert len(f"{what}: {found.light.value}, {found.brief}") <= LINE
     return found
 
 
@@ -146,5 +148,10 @@ def test_a_diagnosis_that_was_made_after_the_report_is_said_in_it(tmp_path):
     after = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Not tested" not in after
     assert "&lt;b&gt;bold&lt;/b&gt; claim" in after
-    start, end = before.index("<!-- trust -->"), before.index("<!-- end of trust -->")
-    assert (after[:start], after[after.index("<!-- end of trust -->") :]) == (before[:start], before[end:])
+    for name in ("trust", "reasons"):
+        parts = [
+            html.partition(f"<!-- {name} -->")[2].partition(f"<!-- end of {name} -->")[0] for html in (before, after)
+        ]
+        assert parts[0] != parts[1]
+        before, after = (html.replace(part, "") for html, part in zip((before, after), parts, strict=True))
+    assert after == before

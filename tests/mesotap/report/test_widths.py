@@ -35,19 +35,31 @@ def test_no_table_is_wider_than_its_page(written: Path, chromium: Any, media: An
     page.close()
 
 
-PLACES = """() => ['.summary p', '.trust li:last-child', '.next', '.summary figure'].map(
+PLACES = """() => ['.summary p', '.trust', '.next', '.first figure'].map(
   s => document.querySelector(s).getBoundingClientRect()).map(r => [r.top, r.bottom])"""
+LIGHTS = "() => [...document.querySelectorAll('.trust li')].map(l => l.getClientRects()[0].height)"
+AXIS = "() => document.querySelector('.first svg').getBoundingClientRect().width"
+LINE_PX = 32
+FACE_PX = 300
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("width", "height", "with_figure"), [(390, 844, False), (1200, 800, True)])
-def test_the_first_screen_says_what_was_found_and_what_to_do(
-    written: Path, chromium: Any, width: int, height: int, with_figure: bool
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1200, 900)])
+@pytest.mark.parametrize("drifted", [False, True])
+def test_the_first_screen_shows_stiffness_lights_and_what_to_do(
+    tmp_path: Path, chromium: Any, width: int, height: int, drifted: bool, dark: bool
 ) -> None:
-    page = chromium.new_page(viewport={"width": width, "height": height})
-    page.goto(written.as_uri())
+    session, results = make_session(loads=8)
+    assert results.calibration is not None
+    results = replace(results, calibration=replace(results.calibration, drifted=drifted))
+    report(tmp_path, session, results, truth=make_truth(results))
+    page = chromium.new_page(viewport={"width": width, "height": height}, color_scheme="dark" if dark else "light")
+    page.goto((tmp_path / "report.html").as_uri())
     found, lights, then, figure = page.evaluate(PLACES)
-    assert found[1] <= lights[0] <= then[0]
-    assert then[1] <= min(height, figure[0])
-    assert not with_figure or figure[0] < height - 100
+    assert found[1] <= min(lights[0], figure[0])
+    assert lights[1] <= then[0]
+    assert max(then[1], figure[1]) <= height
+    assert max(page.evaluate(LIGHTS)) <= LINE_PX
+    assert page.evaluate(AXIS) > FACE_PX
     page.close()

@@ -26,7 +26,7 @@ from mesotap.answers.results_files import modes_json, results_json
 from mesotap.answers.rounding import significant, with_uncertainty
 from mesotap.commands.answers import analysed, show_session, writing_report
 from mesotap.commands.force_channel import ForceOptions, by_force
-from mesotap.commands.outputs import write_json
+from mesotap.commands.outputs import make_ready, write_json
 from mesotap.commands.recordings import opened as opened_file
 from mesotap.commands.recordings import opened_session, session_file, show_left_out, show_remarks
 from mesotap.commands.session import partial
@@ -67,6 +67,7 @@ def analyze(
     if len(files) == 1:
         write_json(json_path, _analyze_one(files[0], rate, config_path, changes, report, console, model, other, force))
         return
+    make_ready(None, report)
     answers: list[dict[str, Any]] = []
     refusals: list[str] = []
     for number, file in enumerate(files):
@@ -146,6 +147,7 @@ def _analyze_recording(
     unusual: Sequence[str],
 ) -> dict[str, Any]:
     """Modes of a recording that is no session, and its frequency responses where a channel of it is a force."""
+    make_ready(None, report)
     found = by_force(recording, force, lambda text: console.print(f"- {escape(text)}", highlight=False, soft_wrap=True))
     motions, told = found.motions, {}
     if force.driving_point is not None:
@@ -281,6 +283,7 @@ def _session_report(
     from analysis.contact.theory import theory
     from mesotap.report.report import write_report
 
+    make_ready(None, folder)
     truths = partial(source)[2] if source.is_dir() else []
     results = analysed(session, config, console)
     with writing_report(console):

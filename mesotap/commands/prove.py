@@ -128,7 +128,7 @@ def prove(
     """Make what is to be tried, have it diagnosed, open the truths and score the answers."""
     if only is not None and only not in subject.kinds:
         raise ProofError(f"--only {only}: expected one of {', '.join(subject.kinds)}")
-    make_ready(json_path, None)
+    make_ready(json_path, output)
     with progress(console, "sealing") as shown:
         hashes = sealed.seal(output, seed, sessions, only, jobs, shown, subject.maker)
     console.print(hashes, highlight=False, soft_wrap=True, end="")
@@ -160,7 +160,7 @@ def prove_practice(
     json_path: Path | None = None,
 ) -> None:
     """Have the sessions of another program diagnosed and score the answers by the truths beside them."""
-    make_ready(json_path, None)
+    make_ready(json_path, output)
     files, truths = sealed.practice_sessions(folder)
     chosen = list(sealed.chosen(sorted(files), sessions))
     answers = output / sealed.ANSWERS

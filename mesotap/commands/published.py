@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from mesotap.commands.outputs import write_json
+from mesotap.commands.outputs import make_ready, write_json
 from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 
@@ -15,6 +15,7 @@ def published(report: Path | None, json_path: Path | None, console: Console) -> 
     """Print the published tables through Eq. 11, and the paper's conflicts."""
     from analysis.published import reanalyse
 
+    make_ready(None, report)
     answer = reanalyse()
     for table in answer.tables:
         shown = Table(

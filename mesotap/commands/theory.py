@@ -22,7 +22,7 @@ from daq.session_file import read_session
 from mesotap.answers.explanations import chance, known
 from mesotap.answers.rounding import with_uncertainty
 from mesotap.commands.answers import analysed
-from mesotap.commands.outputs import write_json
+from mesotap.commands.outputs import make_ready, write_json
 from mesotap.configuration.config import load_config
 from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
@@ -34,6 +34,7 @@ SPHERE_DAMPING = (0.17, 100.0, -0.75)  # 17 % at 100 mN to 3 % at 1 N (Sec. 4.1)
 
 def published_gap(which: str, json: Path | None, report: Path | None, console: Console) -> None:
     """Say what may fill the gap between theory and the published stiffnesses of ``flat`` or ``sphere``."""
+    make_ready(None, report)
     gap = diagnose_published(which)
     show_weighed(gap.weighed, f"Table {gap.table}: explanations of the contact stiffness", console)
     lists = Table(title="Does a spring in series take part?")
@@ -157,6 +158,7 @@ def paper_figures(output: Path, seed: int, json: Path | None, console: Console) 
     from mesotap.report import figures
     from mesotap.report.theory_pages import paper_page
 
+    make_ready(None, output)
     flat, sphere = reanalyse().tables
     console.print("simulating a session on flats and one on a sphere", highlight=False)
     session, on_flats = _simulated_session(_settings(flat), seed, console)

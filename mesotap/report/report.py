@@ -40,6 +40,7 @@ from mesotap.answers.results_files import (
     results_json,
 )
 from mesotap.answers.rounding import UNKNOWN, significant, with_uncertainty
+from mesotap.answers.shapes import shown_shape
 from mesotap.answers.summary import summary
 from mesotap.answers.trust import trusted, what_next
 from mesotap.report import figures
@@ -408,6 +409,7 @@ def environment() -> Environment:
     )
     templates.filters["pm"] = lambda estimate, scale=1.0: _typographic(with_uncertainty(estimate, scale))
     templates.filters["digits"] = lambda value, count=3: _typographic(significant(value, count))
+    templates.filters["shape"] = shown_shape
     templates.filters["signed"] = _signed
     templates.filters["known"] = lambda fitted: parameter(known(fitted))
     templates.filters["chance"] = chance

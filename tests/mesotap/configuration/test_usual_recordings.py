@@ -252,7 +252,8 @@ def test_what_is_unusual_is_in_the_json_of_analyze_and_report_and_on_the_page(tm
     for answer in (tmp_path / "a.json", tmp_path / "page" / "results.json"):
         assert any("if 0.3 N is meant, write 300" in note for note in json.loads(answer.read_text())["notes"])
     page = (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
-    assert '<li class="doubt"><b><a href="#notes">Values and units</a>: in doubt.</b> The largest target_load' in page
+    assert '<li class="doubt"><b><a href="#notes">Values and units</a>: in doubt</b>, 1 to be looked at</li>' in page
+    assert "<li><b>Values and units: in doubt.</b> The largest target_load" in page
     assert '<ul class="notes" id="notes"><li>the largest target_load' in page
 
 

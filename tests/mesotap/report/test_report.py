@@ -831,6 +831,12 @@ def test_page_of_a_recording(tmp_path: Path) -> None:
     assert not re.search(r"https?:|\bnan\b", path.read_text(encoding="utf-8"))
 
 
+def test_shapes_have_signs_or_phases(tmp_path: Path) -> None:
+    text = Page(recording_report(tmp_path, beam(), modes()).read_text(encoding="utf-8")).text
+    assert re.search(r"160\.000 ± 0\.020 \S+ ± \S+ – −1\.00 2\.00 ", text)
+    assert "1.00 ∠ 0° – " in text  # of the second channel no amplitude is known
+
+
 def test_modes_with_most_points_are_followed(tmp_path: Path) -> None:
     counts = (3, 1, 6, 0, 5, 4, 2)
     found = tuple(

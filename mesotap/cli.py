@@ -325,13 +325,24 @@ def analyze(
             show_default=False,
         ),
     ] = None,
+    clock_ppm: Annotated[
+        float | None,
+        typer.Option(
+            "--clock-ppm",
+            min=0.0,
+            max=10_000.0,
+            help="How far the recorder's clock may be off, plus and minus; 50 unless configured.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Find the modes of every impact and k_c and zeta of every load; of any other ring-down, its modes."""
     from mesotap.commands.files import analyze as answer
     from mesotap.commands.force_channel import ForceOptions
 
     options = ForceOptions(force, window, segment, driving_point)
-    answer(files, method, rate, config, changes or (), report, json, _console(json, report), model, mac, options)
+    shown = _console(json, report)
+    answer(files, method, rate, config, changes or (), report, json, shown, model, mac, options, clock_ppm)
 
 
 @app.command()

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.budgets import with_clock
 from analysis.modal.amplitude import along_the_decay
 from analysis.modal.exponentials import FitFailure
 from analysis.modal.identify import identify_ring_down
@@ -16,12 +17,22 @@ from analysis.modal.stabilisation import indicators
 from analysis.results import Mode, RecordingModes
 from daq.exchange import Recording
 from mesotap.configuration.usual_recordings import ANY_UNIT
+from rig.settings import Wiring
 
 ONE_CHANNEL = "there is one channel: shapes and MPC, which are between channels, say nothing"
 
 
-def modes_of(recording: Recording, method: str) -> RecordingModes:
-    """Modes of a recording that is not a session of the tester."""
+def modes_of(recording: Recording, method: str, wiring: Wiring | None = None) -> RecordingModes:
+    """Modes of a recording that is not a session of the tester.
+
+    Parameters
+    ----------
+    recording, method
+        What is analysed, and how.
+    wiring
+        Accuracy of the recorder's clock, which counts towards every frequency; None: the default.
+    """
+    wiring = wiring or Wiring()
     if not np.ptp(recording.data, axis=1).any():
         raise FitFailure(f"{recording.source}: no channel ever changes its value: there is no ring-down in it")
     scale = _far_scale(recording.data)
@@ -38,7 +49,7 @@ def modes_of(recording: Recording, method: str) -> RecordingModes:
         method=found.method,
         modes=tuple(
             Mode(
-                m.frequency_hz,
+                with_clock(m.frequency_hz, wiring),
                 m.damping_ratio,
                 tuple(2 * scale * float(a) for a in np.abs(m.amplitude)),
                 tuple(
@@ -54,8 +65,18 @@ def modes_of(recording: Recording, method: str) -> RecordingModes:
             *found.notes,
             *one,
             f"the modes leave {100 * found.residual_share:.2g} % of the decay's energy unexplained",
+            *([_of_the_clock(wiring)] if found.modes else []),
         ),
         diagram=found.diagram,
+    )
+
+
+def _of_the_clock(wiring: Wiring) -> str:
+    default = Wiring().clock_accuracy_ppm
+    assumed = ", as is assumed until its data sheet says otherwise" if wiring.clock_accuracy_ppm == default else ""
+    return (
+        f"the intervals of the frequencies contain a clock of the recorder that is right to within "
+        f"{wiring.clock_accuracy_ppm:g} ppm{assumed} (--clock-ppm, rig.wiring.clock_accuracy_ppm)"
     )
 
 

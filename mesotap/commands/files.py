@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ from daq.exchange import Recording
 from daq.records import Session
 from mesotap.answers.assurance import Beside, beside, with_beside
 from mesotap.answers.frequency_response import response_json, show_response
-from mesotap.answers.provenance import provenance
+from mesotap.answers.provenance import provenance, recording_provenance
 from mesotap.answers.recording_modes import modes_of
 from mesotap.answers.results_files import modes_json, results_json
 from mesotap.answers.rounding import significant, with_uncertainty
@@ -43,6 +43,14 @@ METHODS = ("ml", "era")
 NO_FORCE = ForceOptions()
 
 
+@dataclass(frozen=True, slots=True)
+class _About:
+    """What is unusual about a recording, and where it comes from."""
+
+    remarks: tuple[str, ...]
+    origin: dict[str, Any]
+
+
 def analyze(
     files: Sequence[Path],
     method: str | None,
@@ -55,15 +63,18 @@ def analyze(
     model: Path | None = None,
     mac: Path | None = None,
     force: ForceOptions = NO_FORCE,
+    clock_ppm: float | None = None,
 ) -> None:
     """Analyse each file, print its table, and write the answers: one, or a list of them for several files.
 
-    ``mac`` is a recording beside whose modes those of each file are put.
+    ``mac`` is a recording beside whose modes those of each file are put; ``clock_ppm`` how far the recorder's clock
+    may be off.
     """
     if method is not None and method not in METHODS:
         raise ConfigError(f"--method {method}: allowed are {' and '.join(METHODS)}")
     changes = [*changes, *([f"analysis.method={method}"] if method else [])]
-    other = None if mac is None else _other(mac, rate, load_config(config_path, changes).analysis.method)
+    changes += [] if clock_ppm is None else [f"rig.wiring.clock_accuracy_ppm={clock_ppm}"]
+    other = None if mac is None else _other(mac, rate, load_config(config_path, changes))
     if len(files) == 1:
         write_json(json_path, _analyze_one(files[0], rate, config_path, changes, report, console, model, other, force))
         return
@@ -111,7 +122,10 @@ def _analyze_one(
         raise RecordingError(f"{file}: is not a session of the tester, so no diagnosis of one corrects it")
     recording = _as_recording(opened) if isinstance(opened, Session) else opened
     show_left_out(recording, console)
-    return _analyze_recording(recording, load_config(config_path, changes), report, console, other, force, unusual)
+    config = load_config(config_path, changes)
+    created = opened.created if isinstance(opened, Session) else None
+    about = _About(tuple(unusual), recording_provenance(session_file(file), config, created))
+    return _analyze_recording(recording, config, report, console, other, force, about)
 
 
 def _analyze_session(
@@ -144,7 +158,7 @@ def _analyze_recording(
     console: Console,
     other: tuple[Recording, RecordingModes] | None,
     force: ForceOptions,
-    unusual: Sequence[str],
+    about: _About,
 ) -> dict[str, Any]:
     """Modes of a recording that is no session, and its frequency responses where a channel of it is a force."""
     make_ready(None, report)
@@ -157,7 +171,7 @@ def _analyze_recording(
         show_driving_point(both, console)
         told = {"driving_point": driving_point_json(both)}
     try:
-        modes = modes_of(motions, config.analysis.method)
+        modes = modes_of(motions, config.analysis.method, config.rig.wiring)
     except FitFailure as error:
         if found.response is None:
             raise
@@ -169,27 +183,27 @@ def _analyze_recording(
         show_response(responses, console)
     # said already; the answer and the page hold it too
     left_out = [f"left out of the file: {what}" for what in recording.left_out]
-    modes = replace(modes, notes=(*modes.notes, *left_out, *unusual))
+    modes = replace(modes, notes=(*modes.notes, *left_out, *about.remarks))
     compared = None if other is None else _compared(motions, modes, other, console)
     if report is not None:
         from mesotap.report.report import recording_report
 
         with writing_report(console):
-            page = recording_report(report, motions, modes, compared, responses)
+            page = recording_report(report, motions, modes, compared, responses, origin=about.origin)
         console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
     answer = with_beside(modes_json(modes), compared)
-    answer |= told
+    answer |= {**told, "provenance": about.origin}
     return answer if responses is None else {**answer, "frequency_response": response_json(responses)}
 
 
-def _other(file: Path, rate: float | None, method: str) -> tuple[Recording, RecordingModes]:
+def _other(file: Path, rate: float | None, config: Config) -> tuple[Recording, RecordingModes]:
     """Return the recording that others are compared with, and its modes; a force is no channel of them."""
     opened = opened_file(file, rate)
     if isinstance(opened, Session) and opened.rig.is_tester:
         raise RecordingError(f"{file}: is a session of the tester; --mac compares the modes of other recordings")
     recording = _as_recording(opened) if isinstance(opened, Session) else opened
     motions = by_force(recording, NO_FORCE, lambda text: None).motions
-    return motions, modes_of(motions, method)
+    return motions, modes_of(motions, config.analysis.method, config.rig.wiring)
 
 
 def _compared(

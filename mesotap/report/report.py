@@ -235,6 +235,8 @@ def recording_report(
     modes: RecordingModes,
     compared: Beside | None = None,
     responses: FrequencyResponse | None = None,
+    *,
+    origin: Mapping[str, Any] | None = None,
 ) -> Path:
     """Write the page of a recording that is not a session: ``report.html``, ``modes.json`` and ``modes.pdf``.
 
@@ -253,6 +255,8 @@ def recording_report(
         Its modes beside those of another recording.
     responses
         Its frequency responses, where it has a force; ``frequency-response.pdf`` is written too.
+    origin
+        The ``provenance`` of the modes, which ``modes.json`` is to hold.
 
     Returns
     -------
@@ -274,6 +278,8 @@ def recording_report(
         figures.save(drawn, folder / "stabilisation.pdf")
         diagram = Plate(Markup(figures.inline_svg(drawn, "stabilisation", LABELS["stabilisation"])))
     answer, by_force = with_beside(modes_json(modes), compared), None
+    if origin is not None:
+        answer["provenance"] = dict(origin)
     if responses is not None:
         drawn = figures.response_figure(responses)
         figures.save(drawn, folder / "frequency-response.pdf")

@@ -1,0 +1,60 @@
+"""What an answer about a recording that is no session says of its clock and of where it comes from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mesotap import __version__
+from tests.mesotap.configuration.test_usual_recordings import DECAY, Writer, as_csv, as_tdms, as_uff, run
+
+PPM = 1e-6
+
+
+def analysed(file: Path, *options: object) -> dict[str, Any]:
+    answer = file.with_suffix(".json")
+    done = run("analyze", file, "--json", answer, *options)
+    assert done.exit_code == 0, done.output
+    found: dict[str, Any] = json.loads(answer.read_text())
+    return found
+
+
+def half_width(answer: dict[str, Any]) -> float:
+    (mode,) = answer["modes"]
+    frequency = mode["frequency_hz"]
+    return float((frequency["high"] - frequency["low"]) / 2 / frequency["value"])
+
+
+@pytest.mark.parametrize("write", [as_csv, as_tdms, as_uff])
+def test_no_frequency_is_better_than_the_clock(tmp_path: Path, write: Writer) -> None:
+    file = write(tmp_path, np.array([DECAY, 0.5 * DECAY]))
+    assumed, exact = analysed(file), analysed(file, "--clock-ppm", 0)
+    assert half_width(exact) < 20 * PPM
+    # 95 % of what lies evenly within +-50 ppm, and the noise
+    assert half_width(assumed) == pytest.approx(np.hypot(47.5 * PPM, half_width(exact)), rel=0.03)
+    (said,) = [note for note in assumed["notes"] if "clock" in note]
+    assert "to within 50 ppm, as is assumed" in said
+
+
+def test_the_configuration_says_how_good_the_clock_is_too(tmp_path: Path) -> None:
+    file = as_csv(tmp_path, np.array([DECAY, 0.5 * DECAY]))
+    declared = analysed(file, "--set", "rig.wiring.clock_accuracy_ppm=500")
+    assert half_width(declared) == pytest.approx(475 * PPM, rel=0.01)
+    (said,) = [note for note in declared["notes"] if "clock" in note]
+    assert "to within 500 ppm (" in said
+    assert half_width(analysed(file, "--clock-ppm", 500)) == half_width(declared)
+
+
+def test_an_answer_holds_date_hash_versions_and_configuration(tmp_path: Path) -> None:
+    file = as_csv(tmp_path, np.array([DECAY, 0.5 * DECAY]))
+    origin = analysed(file, "--clock-ppm", 7, "--report", tmp_path / "page")["provenance"]
+    assert origin["sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert origin["file_changed"].endswith("Z")
+    assert origin["analysed_with"]["mesotap"] == __version__
+    assert origin["configuration"]["rig"]["wiring"]["clock_accuracy_ppm"] == 7
+    assert json.loads((tmp_path / "page" / "modes.json").read_text())["provenance"] == origin

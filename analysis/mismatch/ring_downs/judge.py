@@ -267,21 +267,9 @@ class ImpactJudge(Judge[RingDownFit]):
         share = left / max(explained + left, 1e-300)
         patched = screening.p_value < policy.level and share > policy.may_be_left(len(best.terms))
         unnamed = self._lead_of_the_unnamed(baseline, state)
-        named = best.terms and not patched and unnamed < policy.unnamed
-        chosen = best if named and not self._lost_on_held_out(baseline.current, state) else None
+        chosen = best if best.terms and not patched and unnamed < policy.unnamed else None
         over = LeftOver(left, screening.p_value, share, unnamed)
         return Selection(self, baseline.current, baseline.screening, state.steps, chosen, best, screening, over)
-
-    def _lost_on_held_out(self, baseline: RingDownFit, state: State[RingDownFit]) -> bool:
-        """Whether what leaves something over is lost on held-out impacts: it only suits those it was fitted to."""
-        policy = self.problem.policy
-        if not state.current.terms or state.screening.p_value > policy.level:
-            return False
-        after, before = self._held_out(state.current), self._held_out(baseline)
-        if after is None or before is None:
-            return False
-        missed = policy.left_over_held_out * (before.reduced_chi_squared - 1)
-        return after.reduced_chi_squared > max(policy.strong, 1 + missed)
 
     def _lead_of_the_unnamed(self, baseline: State[RingDownFit], state: State[RingDownFit]) -> float:
         """Return by how much a single force without a name has more evidence than all that is named together."""
@@ -321,6 +309,17 @@ class ImpactJudge(Judge[RingDownFit]):
     def held_out_fit(self, fitted: RingDownFit) -> RingDownFit:
         """Return the fit to held-out impacts: only what belongs to each impact is fitted on them."""
         return held_out_fit(self.problem.only(self.held_out), fitted)
+
+    def lost_on_held_out(self, selection: Selection[RingDownFit]) -> bool:
+        """Whether what leaves something over is lost on held-out impacts: it only suits those it was fitted to."""
+        policy, best = self.problem.policy, selection.chosen
+        if best is None or selection.left.p_value > policy.level:
+            return False
+        after, before = self._held_out(best), self._held_out(selection.baseline)
+        if after is None or before is None:
+            return False
+        missed = policy.left_over_held_out * (before.reduced_chi_squared - 1)
+        return after.reduced_chi_squared > max(policy.strong, 1 + missed)
 
     def _held_out(self, fitted: RingDownFit) -> RingDownFit | None:
         """Return the same where each impact has constants of its own, too; None of a single impact."""

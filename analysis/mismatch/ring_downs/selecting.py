@@ -78,6 +78,9 @@ def select_for_impacts(problem: RingDowns, known: Sequence[Mechanism], on_progre
         if others.consistent:
             return others.selected(), set_aside(last.current, odd)
     found, ended, aside = _selected(begun)
+    judge = found.judge
+    if isinstance(judge, ImpactJudge) and judge.lost_on_held_out(found):
+        found = replace(found, chosen=None)
     if found.chosen is not None:
         return found, aside
     return _without_odd_ones(problem, known, on_progress, ended.best) or (found, ())

@@ -173,7 +173,7 @@ class BlockAccount(Account[SimulatedFit]):
             if c.fit is not None and c.id != accepted.id and mean_of(c.losses) < policy.alike_losses * own
             and evidence.get(c.id, -math.inf) > policy.temperature * policy.told_apart
         }  # fmt: skip
-        if rival is not None and accepted.id != rival.id and number == 0:
+        if rival is not None and accepted.id != rival.id and number == 0 and self._as_well(accepted, rival):
             found.add(rival.id)
         return tuple(sorted(found))
 
@@ -186,10 +186,12 @@ class BlockAccount(Account[SimulatedFit]):
         if accepted is None or number or not self.judge.problem.one_decay:
             return ""
         if rival is not None and accepted.id != rival.id:
+            name, as_well = rival.id.replace("_", " "), self._as_well(accepted, rival)
+            other = f"that change with time in another way ({name} is far off) may do so, too"
+            tells = f"that change with time ({name}) predict the recording as well" if as_well else other
             return (
-                " In one decay amplitude and time go together: a stiffness and damping that change with time "
-                f"({rival.id.replace('_', ' ')}) predict the recording as well, and only impacts of different strength "
-                "or a steady excitation at several levels can part the two."
+                f" In one decay amplitude and time go together: a stiffness and damping {tells}, and only impacts of "
+                "different strength or a steady excitation at several levels can part the two."
             )
         if self.settled and not with_time(accepted.mechanism):
             return (
@@ -197,6 +199,10 @@ class BlockAccount(Account[SimulatedFit]):
                 "steady levels, so that amplitude is the cause."
             )
         return ""
+
+    def _as_well(self, accepted: Candidate[SimulatedFit], rival: Candidate[SimulatedFit]) -> bool:
+        """Whether a change with time predicts the choosing blocks nearly as well as what is named."""
+        return mean_of(rival.losses) < self.judge.problem.policy.in_time * mean_of(accepted.losses)
 
     def held_out_rms(self, fitted: SimulatedFit) -> float:
         """Return the error on held-out blocks, in the recordings' unit."""

@@ -128,19 +128,27 @@ class BlockJudge(Judge[SimulatedFit]):
         for scores in ranking.scores[: ranking.finalists]:
             self.on_progress(f"fitting {name_of(scores[0].term.mechanism)}")
             best = min((f.objective for _, f in fits), default=math.inf)
-            joined = [(score, self._joined(state.current, score, HOPELESS * best)) for score in scores]
+            to_beat = math.inf if self._told_in_any_case(scores[0].term.mechanism) else HOPELESS * best
+            joined = [(score, self._joined(state.current, score, to_beat)) for score in scores]
             nearest = min(joined, key=lambda pair: pair[1].scatter)
             law = scores[0].term.mechanism
             if isinstance(law, ForceLaw) and law.jumps:  # found from where it was rounded
                 joined += [(score, self._again(nearest[1], score)) for score in scores]
             fits.append(min(joined, key=lambda pair: pair[1].scatter))
         found = self._judged(state, fits)
-        polished = [
-            (c.score, fit(self.problem, c.fit.terms, c.fit, fine=True)) for c in found[: policy.polished] if c.fit
+        in_time = [i for i, c in enumerate(found) if self._told_in_any_case(c.mechanism)]
+        finer = {*range(policy.polished), *in_time[:1]}
+        fits = [
+            (c.score, fit(self.problem, c.fit.terms, c.fit, fine=True) if i in finer else c.fit)
+            for i, c in enumerate(found)
+            if c.fit
         ]
-        rest = [(c.score, c.fit) for c in found[policy.polished :] if c.fit]
         unfitted: Candidates = tuple(Candidate(s[0], None, -math.inf) for s in ranking.scores[ranking.finalists :])
-        return (*self._judged(state, polished + rest), *unfitted)
+        return (*self._judged(state, fits), *unfitted)
+
+    def _told_in_any_case(self, mechanism: Mechanism) -> bool:
+        """Whether a mechanism goes with time where time and amplitude are confounded: its full fit is compared."""
+        return self.problem.one_decay and with_time(mechanism)
 
     def _judged(
         self, state: State[SimulatedFit], fits: Sequence[tuple[Score, SimulatedFit]]

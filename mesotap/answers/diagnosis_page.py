@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from analysis.mismatch.answer import Answer
 from daq.records import Session
 from mesotap.answers.diagnosis_text import (
+    left_over,
     linear_rig,
     next_words,
     no_rival,
@@ -68,6 +69,8 @@ class Evidence:
         What is known of learned laws, and their curves.
     excluded
         Mechanisms that did not take part.
+    meanings
+        What a parameter is in words, by the ids of its mechanism and its own; of others the page shows the id.
     method
         How the recordings were fitted, a sentence or two.
     """
@@ -82,6 +85,7 @@ class Evidence:
     considered: str = ""
     laws: tuple[Table, ...] = ()
     law_pictures: tuple[Picture, ...] = ()
+    meanings: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
     @property
     def pictures(self) -> tuple[Picture, ...]:
@@ -130,6 +134,7 @@ def write_page(
         held_out=_held_out(answer),
         next_words=next_words,
         no_rival=no_rival,
+        left_over=left_over(answer),
         rivals_are=rivals_are(answer),
         rival_probability=rival_probability(answer),
         pdf_figures=pdf_figures,

@@ -6,7 +6,7 @@ from rich.console import Console
 
 from analysis.mismatch.answer import LOAD_CELL, TESTER, Answer, LawKind, Named, NextExperiment
 from analysis.mismatch.remainder import SEEN, p_words, place_words
-from mesotap.answers.rounding import significant
+from mesotap.answers.rounding import counted, significant, unit
 from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 
@@ -47,9 +47,10 @@ def what_was_recorded(answer: Answer) -> str:
     loads = sorted(answer.loads_n.values())
     if not loads:
         return "these recordings"
+    impacts = counted(answer.fit.segments, "impact")
     if len(loads) == 1:
-        return f"{answer.fit.segments} impacts at {1e3 * loads[0]:.0f} mN"
-    return f"{answer.fit.segments} impacts at {len(loads)} loads from {1e3 * loads[0]:.0f} to {1e3 * loads[-1]:.0f} mN"
+        return f"{impacts} at {1e3 * loads[0]:.0f} mN"
+    return f"{impacts} at {len(loads)} loads from {1e3 * loads[0]:.0f} to {1e3 * loads[-1]:.0f} mN"
 
 
 def verdict_sentence(answer: Answer) -> str:
@@ -72,7 +73,10 @@ def _verdict(answer: Answer) -> str:
             "'unknown' for unknown constants."
         )
     if answer.verdict == "consistent":
-        return f"{begin} with its constants refitted explains {recorded}: nothing is left beyond noise ({chance})."
+        cells = "; recordings and load cell" if _with_load_cell(answer) else ""
+        return (
+            f"{begin} with its constants refitted explains {recorded}: nothing is left beyond noise ({chance}{cells})."
+        )
     if answer.verdict == "unexplained" or not answer.mechanisms:
         where = "" if answer.location is None else f"; it lies {place_words(answer.location)}"
         return f"{begin} does not explain {recorded} ({chance}), and no mechanism listed does{where}."
@@ -85,6 +89,19 @@ def _verdict(answer: Answer) -> str:
     sure = min(m.probability for m in answer.mechanisms)
     said = f"{begin} does not explain {recorded} ({chance}); it leaves out {names}, with a probability of {sure:.2f}."
     return " ".join([said, _what_remains(answer), *_constants_in_doubt(answer)])
+
+
+def _with_load_cell(answer: Answer) -> bool:
+    """Whether the p-value of a verdict that nothing is missing tests the drift of the load cell, too."""
+    return answer.verdict == "consistent" and answer.p_value != answer.remainder.p_value
+
+
+def left_over(answer: Answer) -> str:
+    """Say what is left over; where the verdict has another p-value, of what this one is."""
+    if not _with_load_cell(answer) or answer.remainder.where is not None:
+        return answer.remainder.statement
+    chance = p_words(answer.remainder.p_value)
+    return f"Nothing beyond noise is left in the recordings by themselves, without the load cell ({chance})."
 
 
 def _constants_in_doubt(answer: Answer) -> list[str]:
@@ -196,25 +213,25 @@ def _print_mechanism(m: Named, console: Console) -> None:
         console.print(f"    {escape(formula.text)}  (evidence {formula.evidence:+.1f} over a force of any shape)")
     for name, v in m.parameters.items():
         value, low, high = (significant(x, 4) for x in (v.value, v.low, v.high))
-        console.print(f"    {escape(name)} = {value} ({low} to {high}) {escape(v.unit)}")
+        console.print(f"    {escape(name)} = {value} ({low} to {high}) {escape(unit(v.unit))}".rstrip())
 
 
 def _print_held_out(answer: Answer, console: Console) -> None:
-    fit, unit = answer.fit, escape(answer.fit.unit)
+    fit, of = answer.fit, escape(unit(answer.fit.unit))
     after = "" if fit.heldout_rms_after is None else f", with what was left out {fit.heldout_rms_after:.5g}"
     console.print(
-        f"  {fit.heldout_segments} held-out segments: rms {fit.heldout_rms_before:.5g} {unit} by "
+        f"  {fit.heldout_segments} held-out segments: rms {fit.heldout_rms_before:.5g} {of} by "
         f"{linear_rig(answer)}{after}; noise {fit.noise_rms:.5g}"
     )
     for c in fit.channels:
         then = "" if c.heldout_rms_after is None else f", then {c.heldout_rms_after:.4g}"
         console.print(
-            f"    {escape(c.channel)}: {c.heldout_rms_before:.4g}{then} {escape(c.unit)}; noise {c.noise_rms:.4g}; "
-            f"{c.heldout_over_noise:.3g} times noise in what cannot be predicted"
+            f"    {escape(c.channel)}: {c.heldout_rms_before:.4g}{then} {escape(unit(c.unit))}; "
+            f"noise {c.noise_rms:.4g}; {c.heldout_over_noise:.3g} times noise in what cannot be predicted"
         )
     for name, (before, later) in fit.stretches.items():
         then = "" if later is None else f", then {later:.4g}"
-        console.print(f"    {escape(name)}: {before:.4g}{then} {unit}")
+        console.print(f"    {escape(name)}: {before:.4g}{then} {of}")
     if fit.steady_error is not None:
         before, later = fit.steady_error
         then = "" if later is None else f", then {100 * later:.3g} %"
@@ -254,7 +271,7 @@ def _rivals(answer: Answer) -> Table:
     table = Table(title=rivals_are(answer))
     table.add_column("instead")
     table.add_column("probability", justify="right")
-    table.add_column(f"held-out rms, {escape(answer.fit.unit)}", justify="right")
+    table.add_column(f"held-out rms, {escape(unit(answer.fit.unit) or '1')}", justify="right")
     table.add_column("why")
     for r in answer.rivals:
         table.add_row(
@@ -269,6 +286,5 @@ def _limits(answer: Answer) -> Table:
     table.add_column("parameter")
     table.add_column("at most", justify="right")
     for u in answer.upper_limits:
-        unit = "" if u.unit == "1" else f" {escape(u.unit)}"
-        table.add_row(u.id, u.parameter, f"{significant(u.value, 2)}{unit}")
+        table.add_row(u.id, u.parameter, f"{significant(u.value, 2)} {escape(unit(u.unit))}".rstrip())
     return table

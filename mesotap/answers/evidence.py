@@ -33,4 +33,5 @@ def evidence_of(
     else:
         behind = evidence_of_impacts(found.selection, known, results)
     pictures, tables = evidence_of_laws(found)
-    return replace(behind, laws=tables, law_pictures=pictures)
+    meanings = {(m.id, q.name): q.meaning for family in known.values() for m in reversed(family) for q in m.parameters}
+    return replace(behind, laws=tables, law_pictures=pictures, meanings=meanings)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 from calibration.estimate import Estimate
 
@@ -68,6 +69,21 @@ def _plain(value: float, half_width: float) -> str:
     if decimals < 0:
         return f"{round(value, decimals):z.0f} ± {uncertainty:.0f}"
     return f"{value:z.{decimals}f} ± {uncertainty:.{decimals}f}"
+
+
+def unit(text: str) -> str:
+    """Write a unit as pages and terminal do; nothing for a plain number.
+
+    Examples
+    --------
+    >>> unit("m/s2"), unit("N/m3"), unit("m/N s2"), unit("1")
+    ('m/s²', 'N/m³', 'm/(N s²)', '')
+    """
+    if text == "1":
+        return ""
+    raised = re.sub(r"(?<=[A-Za-z])\d", lambda found: found[0].translate(SUPERSCRIPTS), text)
+    over, _, under = raised.partition("/")
+    return f"{over}/({under})" if " " in under else raised
 
 
 def counted(number: int, what: str) -> str:

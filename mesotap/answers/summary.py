@@ -13,7 +13,7 @@ from analysis.results import LoadResult, SessionResults
 from calibration.estimate import Estimate
 from daq.hits import LEFT_OUT
 from mesotap.answers.comparison import Ratio
-from mesotap.answers.rounding import significant, with_uncertainty
+from mesotap.answers.rounding import counted, significant, with_uncertainty
 
 
 def summary(results: SessionResults, theory: Sequence[TheoryCurve], ratios: Sequence[Ratio]) -> list[str]:
@@ -37,7 +37,7 @@ def summary(results: SessionResults, theory: Sequence[TheoryCurve], ratios: Sequ
     left_out = sum(i.reject_reason.startswith(LEFT_OUT) for i in results.impacts if not i.accepted)
     rejected = sum(not impact.accepted for impact in results.impacts) - left_out
     used = sum(load.impacts_used for load in results.loads)
-    taps = f"{len(results.impacts)} taps at {len(results.loads)} load{'s' * (len(results.loads) != 1)}:"
+    taps = f"{counted(len(results.impacts), 'tap')} at {counted(len(results.loads), 'load')}:"
     taps += f" {used} used, {rejected} rejected"
     taps += f", {left_out} left out by the choice of hits." if left_out else "."
     sentences.append(taps)

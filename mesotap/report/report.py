@@ -418,6 +418,7 @@ def environment() -> Environment:
     templates.filters["shape"] = shown_shape
     templates.filters["signed"] = _signed
     templates.filters["known"] = lambda fitted: parameter(known(fitted))
+    templates.filters["parameter"] = parameter
     templates.filters["chance"] = chance
     templates.filters["moment"] = lambda text: text.replace("T", " ").removesuffix("Z").removesuffix("+00:00")
     templates.filters["prose"] = prose

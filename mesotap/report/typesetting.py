@@ -6,7 +6,9 @@ import re
 
 from markupsafe import Markup, escape
 
-from mesotap.answers.rounding import SUPERSCRIPTS
+from mesotap.answers.rounding import SUPERSCRIPTS, unit
+
+__all__ = ["parameter", "prose", "unit"]
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
 POWER = re.compile(r"(?<![\w.])(?<!/ )(\d+(?:\.\d+)?)e([+-]?\d+)(?![\w.]*\w)")
@@ -54,21 +56,6 @@ def parameter(text: str) -> Markup:
     <i>c</i><sub>c</sub> / <i>P</i> −0.5 (−1 to 0) s/m
     """
     return Markup(LETTER.sub(r"<i>\g<0></i>", str(prose(text))))  # escaped by prose
-
-
-def unit(text: str) -> str:
-    """Write a unit as a page does; nothing for a plain number.
-
-    Examples
-    --------
-    >>> unit("m/s2"), unit("N/m3"), unit("m/N s2"), unit("1")
-    ('m/s²', 'N/m³', 'm/(N s²)', '')
-    """
-    if text == "1":
-        return ""
-    raised = re.sub(r"(?<=[A-Za-z])\d", lambda found: found[0].translate(SUPERSCRIPTS), text)
-    over, _, under = raised.partition("/")
-    return f"{over}/({under})" if " " in under else raised
 
 
 def _power(found: re.Match[str]) -> str:

@@ -286,7 +286,8 @@ class BlockAccount(Account[SimulatedFit]):
                 f"{best.id.replace('_', ' ')} {best.score.gain:.4g}; it was not fitted in full, which can gain more."
             )
         ratio = math.sqrt(mean_of(candidate.losses) / max(mean_of(best.losses), 1e-300))
-        said = f"Its error on the blocks that choose is {ratio:.3g} times that of {best.id.replace('_', ' ')} alone"
+        times = "as large as" if f"{ratio:.3g}" == "1" else f"{ratio:.3g} times"
+        said = f"Its error on the blocks that choose is {times} that of {best.id.replace('_', ' ')} alone"
         despite = reason(self.judge, self.selection.steps[0], self.selection.best, candidate) if ratio < 1 else ""
         return f"{said}; {despite}." if despite else f"{said}."
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
-from analysis.mismatch.answer import RecordingFile, Rival, Verdict
+from analysis.mismatch.answer import RecordingFile, Rival, UpperLimit, Verdict
 from mesotap.answers.diagnosis_page import Evidence, write_page
+from mesotap.answers.diagnosis_text import print_answer
 from tests.mesotap.answers.made import ANSWER
 
 NOTHING = Evidence((), (), (), (), (), (), "")
@@ -26,6 +29,26 @@ def test_what_is_unusual_in_the_files_stands_at_the_head(tmp_path: Path) -> None
     said = "s.h5: /impacts/00001/acceleration holds a NaN; this record is left out"
     text = write_page(tmp_path, ANSWER, NOTHING, {"remarks": [said]}, pdf_figures=False).read_text()
     assert text.index(said) < text.index("Verdict</h2>")
+
+
+def test_parameters_are_told_by_what_they_are_with_one_notation_of_units_on_page_and_terminal(tmp_path: Path) -> None:
+    limits = (
+        UpperLimit("adhesion", "adhesion_range_share", 0.01, "1", 0.95),
+        UpperLimit("base_strain", "base_strain_m_s2_per_n", 8.2e-5, "m/N s2", 0.95),
+        UpperLimit("of_my_own", "its_share", 0.02, "1", 0.95),
+    )
+    answer = replace(ANSWER, upper_limits=limits)
+    known = replace(NOTHING, meanings={("adhesion", "adhesion_range_share"): "its range over P / k_c"})
+    text = write_page(tmp_path, answer, known, {}, pdf_figures=False).read_text()
+    said = "its range over <i>P</i> / <i>k</i><sub>c</sub>"
+    assert f'<td class="text">{said} <small class="id">adhesion_range_share</small></td>' in text
+    assert '<td class="text">its_share</td>' in text
+    shown = Console(file=io.StringIO(), width=200)
+    print_answer(answer, shown)
+    printed = shown.file.getvalue()  # type: ignore[attr-defined]
+    assert "m/(N s²)" in text
+    assert "m/(N s²)" in printed
+    assert "m/N s2" not in printed
 
 
 @pytest.mark.parametrize(

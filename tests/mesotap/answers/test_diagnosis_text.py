@@ -10,7 +10,7 @@ from rich.console import Console
 
 from analysis.mismatch.answer import Interval, NextExperiment, Remainder, Rival, SetAside, UpperLimit
 from mesotap.answers.diagnosis_json import diagnosis_json
-from mesotap.answers.diagnosis_text import next_words, print_answer, verdict_sentence
+from mesotap.answers.diagnosis_text import left_over, next_words, print_answer, verdict_sentence, what_was_recorded
 from tests.mesotap.answers.made import ANSWER, HERE, LEARNED, NAMED
 
 LEFT = Remainder(0.03, 120.0, 1e-6, HERE, "3 % is left.")
@@ -20,6 +20,21 @@ def test_the_verdict_names_what_is_left_out_with_its_probability() -> None:
     said = verdict_sentence(ANSWER)
     assert "it leaves out hunt crossley damping, with a probability of 0.98" in said
     assert "nothing is left beyond noise (p = 0.4)" in said
+
+
+def test_two_p_values_of_a_verdict_that_nothing_is_missing_say_what_each_tests() -> None:
+    sound = replace(ANSWER, verdict="consistent", mechanisms=(), p_value=0.98)
+    assert "nothing is left beyond noise (p = 0.98; recordings and load cell)" in verdict_sentence(sound)
+    assert left_over(sound).endswith("in the recordings by themselves, without the load cell (p = 0.4).")
+    one_test = replace(sound, p_value=0.4)
+    assert "nothing is left beyond noise (p = 0.4)." in verdict_sentence(one_test)
+    assert left_over(one_test) == one_test.remainder.statement
+
+
+def test_one_impact_is_one() -> None:
+    assert "1 impact at 104 mN" in what_was_recorded(
+        replace(ANSWER, loads_n={"0": 0.104}, fit=replace(ANSWER.fit, segments=1))
+    )
 
 
 def test_a_remainder_beyond_noise_is_in_the_verdict() -> None:
@@ -72,7 +87,7 @@ def test_the_terminal_shows_the_runner_up_and_the_limits() -> None:
     shown = Console(file=io.StringIO(), width=200)
     print_answer(ANSWER, shown)
     text = shown.file.getvalue()  # type: ignore[attr-defined]
-    assert all(word in text for word in ("squeeze_film", "micro_slip", "104 mN", "last: 0.02 m/s2"))
+    assert all(word in text for word in ("squeeze_film", "micro_slip", "104 mN", "last: 0.02 m/s²"))
 
 
 def test_the_terminal_writes_numbers_as_the_page_does() -> None:
@@ -84,7 +99,7 @@ def test_the_terminal_writes_numbers_as_the_page_does() -> None:
     strong = replace(NAMED, parameters={"k": Interval(4.59e9, 4.5e9, 4.68e9, "N/m")})
     print_answer(replace(ANSWER, mechanisms=(strong,), upper_limits=tuple(limits)), shown)
     text = shown.file.getvalue()  # type: ignore[attr-defined]
-    assert all(number in text for number in (" 4600 N/m ", " 4.6 × 10⁹ N/m3 ", " 3.2 × 10⁻⁵ "))
+    assert all(number in text for number in (" 4600 N/m ", " 4.6 × 10⁹ N/m³ ", " 3.2 × 10⁻⁵ "))
     assert "k = 4.590 × 10⁹ (4.500 × 10⁹ to 4.680 × 10⁹) N/m" in text
     assert not re.search(r"\de[+-]\d", text.split("Upper limits")[1])
 

@@ -89,7 +89,9 @@ def test_the_page_leaves_out_what_this_experiment_has_not(hardening: Diagnosis, 
 
 
 def test_each_fitted_constant_has_an_interval_and_each_declared_one_its_uncertainty(linear: Diagnosis) -> None:
-    (table,) = evidence_of(linear, KNOWN).constants
+    behind = evidence_of(linear, KNOWN)
+    assert behind.meanings["guide_friction", "friction_force_n"] == "friction force"
+    (table,) = behind.constants
     assert table.headings == ("Constant", "Value", "95 % interval", "Unit", "Declared")
     rows = {row[0]: row[1:] for row in table.rows}
     assert rows["mass of mass"] == ("1.0000", "not fitted", "kg", "1.0000, exactly")

@@ -44,7 +44,7 @@ from analysis.stiffness import (
     springs_from_system_mode,
 )
 from analysis.tap_scatter import QUANTITIES, Repeated, Scatter, known_scatter, repeated, single_tap_note
-from calibration.budget import Budget
+from calibration.budget import Budget, Contribution
 from calibration.estimate import Estimate
 from calibration.gauge import GaugeHistory
 from calibration.settings import CalibrationSettings
@@ -426,7 +426,14 @@ def _impact_load(impact: Impact, history: GaugeHistory, reading: float) -> Estim
     written = _written_load(impact)
     if not math.isfinite(written):
         return None
-    return Estimate(written, abs(impact.load_after_mn - impact.load_before_mn) / 2)
+    return history.of_written_load(written, _before_and_after(impact)).estimate()
+
+
+def _before_and_after(impact: Impact) -> Contribution:
+    """What the load before a tap and that after it, as written in the file, tell of the uncertainty of their mean."""
+    change = abs(impact.load_after_mn - impact.load_before_mn)
+    error = change / 2 if math.isfinite(change) else 0.0
+    return Contribution("load before the tap against that after it", _written_load(impact), "mN", error, 1.0)
 
 
 def _impact(
@@ -482,7 +489,7 @@ def _load(
     used = [i for i in accepted if i.f2_hz is not None]
     together = {name: r for name in QUANTITIES if (r := repeated(taps[name], beside.scatter[name])) is not None}
     budgets = {name: modal_budget(name, r, beside.wiring) for name, r in together.items()}
-    load_budget, load_mn = _mean_load(impacts, beside.history, beside.reading)
+    load_budget = _mean_load(impacts, beside.history, beside.reading)
     if load_budget is not None:
         budgets["load_mn"] = load_budget
     notes = [note] if (note := single_tap_note(together)) else []
@@ -505,7 +512,7 @@ def _load(
     return LoadResult(
         load_set=load_set,
         target_load_mn=(impacts or rejected)[0].target_load_mn,
-        load_mn=load_mn if load_budget is None else estimates["load_mn"],
+        load_mn=estimates.get("load_mn"),
         impacts_used=len(used),
         f1_hz=estimates.get("f1_hz"),
         f2_hz=estimates.get("f2_hz"),
@@ -599,12 +606,10 @@ def _spectral_notes(spectral: SpectralMode, f2: Estimate, zeta2: Estimate) -> li
     return notes
 
 
-def _mean_load(
-    impacts: Sequence[Impact], history: GaugeHistory, reading: float
-) -> tuple[Budget | None, Estimate | None]:
+def _mean_load(impacts: Sequence[Impact], history: GaugeHistory, reading: float) -> Budget | None:
     """Load of the accepted impacts of a load: mean voltage through the gauge's curve, or what the file says."""
     if not impacts:
-        return None, None
+        return None
     voltage = [_impact_voltage(s) for s in impacts]
     middle = sorted(s.time for s in impacts)[len(impacts) // 2]
     if all(map(math.isfinite, voltage)):
@@ -616,14 +621,17 @@ def _mean_load(
         each = [load for load in (_impact_load(s, history, reading) for s in impacts) if load is not None]
         if budget is not None and each:
             # each tap has its own place between the calibrations
-            return replace(budget, quantity="load_mn", value=float(np.mean([load.value for load in each]))), None
+            return replace(budget, quantity="load_mn", value=float(np.mean([load.value for load in each])))
     written = [w for w in map(_written_load, impacts) if math.isfinite(w)]
     if not written:
-        return None, None
+        return None
+    load = float(np.mean(written))
     if len(written) == 1:
-        return None, _impact_load(impacts[0], history, reading)
+        (only,) = (s for s in impacts if math.isfinite(_written_load(s)))
+        return history.of_written_load(load, _before_and_after(only))
     error = float(np.std(written, ddof=1)) / math.sqrt(len(written))
-    return None, Estimate(float(np.mean(written)), error, len(written) - 1)
+    scatter = Contribution(f"scatter of {len(written)} taps", load, "mN", error, 1.0, len(written) - 1.0, "t")
+    return history.of_written_load(load, scatter)
 
 
 def _averaged_spectrum(impacts: Sequence[Impact]) -> Spectrum | None:

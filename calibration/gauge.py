@@ -95,11 +95,36 @@ class GaugeHistory:
                 f"only the calibration {which} the test is there: of drift, loads allow only for what is declared"
             )
         else:
-            notes.append("there is no calibration to tell loads from voltages")
+            notes.append(
+                "there is no calibration to tell loads from voltages: those of the file, if any, count on a "
+                f"sensitivity of the gauge that is right to within {settings.uncalibrated_sensitivity_percent:g} % "
+                "(calibration.uncalibrated_sensitivity_percent)"
+            )
         self.notes = tuple(notes)
         used = [p for p, fit in ((pre, self.pre_fit), (post, self.post_fit)) if p is not None and fit is not None]
         self._quantum = max([settings.resolution_mv, *(p.quantum_mv for p in used)])
         self._wander = Wander(fit_curve(used, settings), self._hours(used), zeros, settings) if used else None
+
+    def of_written_load(self, load_mn: float, reading: Contribution) -> Budget:
+        """Budget of a load that the file itself gives: what was read, and the gauge's sensitivity if never calibrated.
+
+        Parameters
+        ----------
+        load_mn
+            The load.
+        reading
+            What its readings tell of its uncertainty.
+        """
+        limits = self._settings.uncalibrated_sensitivity_percent / 100
+        sensitivity = Contribution(
+            "sensitivity of the gauge as configured, never calibrated",
+            math.nan,
+            "1",
+            limits / math.sqrt(3),
+            load_mn,
+            distribution="rectangular",
+        )
+        return Budget("load_mn", "mN", load_mn, (reading, *([sensitivity] if self._wander is None else [])))
 
     @property
     def reading_std_mv(self) -> float:

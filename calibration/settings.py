@@ -36,6 +36,7 @@ class CalibrationSettings(Section):
     drift_test_level: Annotated[float, Field(gt=0, lt=0.5)] = 0.01
     largest_nonlinearity_percent: Positive = 0.5
     largest_sensitivity_deviation_percent: Positive = 10.0
+    uncalibrated_sensitivity_percent: NonNegative = 10.0  # limits of the configured one; assumed (docs/uncertainty.md)
 
     @field_validator("weights_mn", "weights_g")
     @classmethod

@@ -15,9 +15,12 @@ from analysis.stiffness import contact_from_pole, pole, springs_from_system_mode
 from analysis.tap_scatter import known_scatter, repeated
 from calibration.estimate import Estimate
 from calibration.gauge import GaugeHistory
+from calibration.settings import CalibrationSettings
 from daq.records import CalibrationPoints, Session
+from mesotap import simulate
 from mesotap.session.bench import simulated_rig
 from mesotap.session.progress import assemble
+from rig.settings import Masses, Springs
 from tests.mesotap.benches import header_of, new_runner, small_config
 
 CHANGES = (
@@ -188,3 +191,32 @@ def test_stated_scatter_is_that_of_the_paper():
 def test_what_both_masses_have_of_the_tube_springs_is_a_source_of_its_own(session):
     found = shares(budget_of(analysed(session, *TUBES), "contact_stiffness_n_per_m"))
     assert found["what both masses have in common"] > found["mass m1"]
+
+
+def test_a_load_without_a_calibration_counts_what_the_gauge_is_known_to() -> None:
+    session = simulate(load_mn=500.0)
+    for percent, half_percent in ((10.0, 9.5), (2.0, 1.9)):  # 95 % of what lies evenly between limits
+        calibration = CalibrationSettings(uncalibrated_sensitivity_percent=percent)
+        found = analyse_session(session, AnalysisSettings(), calibration, Masses(), Springs(system_resonance_hz=356.0))
+        for load in (found.loads[0].load_mn, found.impacts[0].load_mn):
+            assert load is not None
+            assert 100 * (load.high - load.low) / 2 / load.value == pytest.approx(half_percent, rel=0.02)
+        (budget,) = [b for b in found.loads[0].budgets if b.quantity == "load_mn"]
+        assert "never calibrated" in budget.contributions[1].source
+        assert any(f"right to within {percent:g} %" in note for note in found.notes)
+
+
+def test_a_load_written_beside_a_calibration_does_not() -> None:
+    plain = simulate(load_mn=500.0)
+    weights = np.tile([0.0, 200.0, 600.0, 1000.0], 2)
+    noise = 1e-3 * np.random.default_rng(5).normal(size=weights.size)
+    pre = CalibrationPoints(weights, 0.042 * weights + noise, "2026-01-01T00:00:00Z")
+    tap = replace(plain.impacts[0], voltage_before_mv=math.nan, voltage_after_mv=math.nan, strain_mv=None)
+    tap = replace(tap, load_before_mn=500.0, load_after_mn=500.2)
+    session = replace(plain, pre=pre, impacts=(tap,))
+    found = analyse_session(
+        session, AnalysisSettings(), CalibrationSettings(), Masses(), Springs(system_resonance_hz=356.0)
+    )
+    load = found.loads[0].load_mn
+    assert load is not None
+    assert (load.value, load.standard_error) == (pytest.approx(500.1), pytest.approx(0.1))

@@ -11,7 +11,13 @@ import pytest
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import POLICY
 from analysis.mismatch.ring_downs import candidates
-from analysis.mismatch.ring_downs.candidates import competing, looked_for_again, stiffness_evidence, variants
+from analysis.mismatch.ring_downs.candidates import (
+    _with_masses_found_again,
+    competing,
+    looked_for_again,
+    stiffness_evidence,
+    variants,
+)
 from analysis.mismatch.ring_downs.fit import Start, fit
 from analysis.mismatch.score_test import Score
 from tests.analysis.mismatch.ring_downs.selections import linear
@@ -98,3 +104,19 @@ def test_when_a_second_impact_fell_is_looked_for_again_beside_what_came_later() 
     rate = problem.experiment.sample_rate_hz
     for segment in found.segments:
         assert segment.second + segment.since_tap_s * rate == pytest.approx(late, abs=20)
+
+
+@pytest.mark.slow
+def test_masses_that_a_fit_moved_far_are_sought_again_from_where_they_were_declared() -> None:
+    problem = problem_of(session_of(with_law("hertz_stiffness"), noise=0.02)).only((0, 3, 5, 10))
+    masses = tuple(problem.arrangement.masses)
+    with np.errstate(all="ignore"):  # of a trial step
+        right = fit(problem, [at_work("hertz_stiffness")], fit(problem))
+        moved = right.constants.rig.copy()
+        moved[right.constants.names()[0].index("m1")] *= 1.03
+        begin = replace(right, constants=replace(right.constants, rig=moved))
+        off = fit(problem, right.terms, begin, Start(amplitudes=right.amplitudes, kept=masses))
+        found = _with_masses_found_again(off)
+    assert off.objective > right.objective + 100
+    assert found.objective < right.objective + 1
+    assert _with_masses_found_again(right) is right

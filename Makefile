@@ -30,7 +30,8 @@ test-ci: $(VENV)/.tested
 test-all: $(VENV)/.tested
 	$(PYTEST) tests
 
-# every line of the README's blocks from the first session on, as it stands and in order; each line's time is printed
+# every line of the README's blocks from the first session on, as it stands and in order, in a clone of what is committed and
+# after `make demo` there; each line's time is printed
 readme: $(VENV)/.tested
 	MESOTAP_README=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -s -n 0 tests/mesotap/test_readme.py
 

@@ -33,5 +33,7 @@ def evidence_of(
     else:
         behind = evidence_of_impacts(found.selection, known, results)
     pictures, tables = evidence_of_laws(found)
-    meanings = {(m.id, q.name): q.meaning for family in known.values() for m in reversed(family) for q in m.parameters}
+    variants = [m for family in known.values() for m in reversed(family)]
+    meanings = {(m.id, q.name): q.meaning for m in variants for q in m.parameters}
+    meanings |= {(m.id, q.name): q.meaning for m in variants for q in m.derived}
     return replace(behind, laws=tables, law_pictures=pictures, meanings=meanings)

@@ -63,7 +63,7 @@ MECHANISM = ForceLaw(
     fits=("contact",),
     preloaded=True,
     constants=constants,
-    derived=(Derived("film_stiffness_n_per_m", "N/m", stiffness, positive=True),),
+    derived=(Derived("film_stiffness_n_per_m", "N/m", stiffness, positive=True, meaning="stiffness of the film"),),
     hidden=(
         "The film is linear, and a decay shows the contact at one frequency for each load: what the film adds there is "
         "part of k_c and c_c. It cannot damp the contact more than all that was measured, which bounds how close and "

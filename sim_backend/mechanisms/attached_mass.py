@@ -67,8 +67,8 @@ MECHANISM = AddedBody(
     on_body=True,
     body=(MASS, STIFFNESS, DAMPING),
     derived=(
-        Derived("mount_frequency_hz", "Hz", frequency_hz, positive=True),
-        Derived("mount_damping_ratio", "1", damping_ratio, positive=True),
+        Derived("mount_frequency_hz", "Hz", frequency_hz, positive=True, meaning="resonance of the part on its mount"),
+        Derived("mount_damping_ratio", "1", damping_ratio, positive=True, meaning="damping ratio of the mount"),
     ),
     statement=lambda values, name: (
         f"A part rides on the {name} on a mount that resonates at {frequency_hz(values):.0f} Hz."

@@ -39,7 +39,13 @@ def frequency_hz(values: Values) -> float:
     return math.sqrt(values[STIFFNESS] / values[MASS]) / (2 * math.pi)
 
 
-COMPLIANCE = Derived("base_compliance_m_per_n", "m/N", lambda values: 1 / values[STIFFNESS], positive=True)
+COMPLIANCE = Derived(
+    "base_compliance_m_per_n",
+    "m/N",
+    lambda values: 1 / values[STIFFNESS],
+    positive=True,
+    meaning="compliance below the base",
+)
 
 MECHANISM = AddedBody(
     id="base_motion",

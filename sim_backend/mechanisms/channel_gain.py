@@ -20,7 +20,7 @@ MECHANISM = ChannelDistortion(
     summary="one accelerometer's sensitivity is off",
     source="sensitivity of a channel",
     parameters=(Quantity(NAME, "1", -0.9, 9.0, "relative error of B's sensitivity against A's"),),
-    derived=(Derived("gain_of_b", "1", lambda values: 1 + values[NAME]),),
+    derived=(Derived("gain_of_b", "1", lambda values: 1 + values[NAME], meaning="B's sensitivity over A's"),),
     strength=NAME,
     trials=lambda scale: [{NAME: 1e-3}],
     distort=distort,

@@ -58,7 +58,13 @@ def trials(scale: Scale) -> list[dict[str, float]]:
     return [{MASS: mass, STIFFNESS: mass * w**2, DAMPING: 2 * TRIAL_RATIO * mass * w} for w in omegas]
 
 
-COMPLIANCE = Derived("frame_compliance_m_per_n", "m/N", lambda values: 1 / values[STIFFNESS], positive=True)
+COMPLIANCE = Derived(
+    "frame_compliance_m_per_n",
+    "m/N",
+    lambda values: 1 / values[STIFFNESS],
+    positive=True,
+    meaning="compliance below the frame",
+)
 
 MECHANISM = AddedBody(
     id="frame_compliance",

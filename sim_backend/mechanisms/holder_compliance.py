@@ -50,8 +50,16 @@ MECHANISM = AddedBody(
     at=preloaded_contact,
     body=(MASS, STIFFNESS, DAMPING),
     derived=(
-        Derived("holder_compliance_m_per_n", "m/N", lambda values: 1 / values[STIFFNESS], positive=True),
-        Derived("holder_frequency_hz", "Hz", frequency_hz, positive=True),
+        Derived(
+            "holder_compliance_m_per_n",
+            "m/N",
+            lambda values: 1 / values[STIFFNESS],
+            positive=True,
+            meaning="compliance of the holder",
+        ),
+        Derived(
+            "holder_frequency_hz", "Hz", frequency_hz, positive=True, meaning="resonance of the specimen on its holder"
+        ),
     ),
     hidden=(
         "At one load a spring in series with the contact is part of k_c and its losses are part of c_c, as long as the "

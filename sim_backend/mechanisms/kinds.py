@@ -114,6 +114,7 @@ class Derived:
     unit: str
     value: Callable[[Values], float]
     positive: bool = False
+    meaning: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

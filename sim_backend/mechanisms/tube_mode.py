@@ -85,8 +85,16 @@ MECHANISM = AddedBody(
     at=at,
     body=(MASS, STIFFNESS, DAMPING),
     derived=(
-        Derived("tube_mode_frequency_hz", "Hz", frequency_hz, positive=True),
-        Derived("tube_mode_damping_ratio", "1", damping_ratio, positive=True),
+        Derived(
+            "tube_mode_frequency_hz", "Hz", frequency_hz, positive=True, meaning="resonance of the tubes themselves"
+        ),
+        Derived(
+            "tube_mode_damping_ratio",
+            "1",
+            damping_ratio,
+            positive=True,
+            meaning="damping ratio of the tubes themselves",
+        ),
     ),
     statement=lambda values, name: (
         f"The {name} resonate at {frequency_hz(values):.0f} Hz with {1e3 * values[MASS]:.2g} g each."

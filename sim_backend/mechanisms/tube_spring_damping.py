@@ -23,7 +23,9 @@ MECHANISM = AddedBody(
     summary="linear damping where the rig is said to have none, as of the tube springs in Eq. 9",
     source="material damping of the rings; Kelvin and Voigt",
     parameters=(Quantity(NAME, "N s/m", 0.0, 1e25, "damper beside each element"),),
-    derived=tuple(Derived(f"c{i}_n_s_per_m", "N s/m", lambda values: values[NAME]) for i in (1, 2)),
+    derived=tuple(
+        Derived(f"c{i}_n_s_per_m", "N s/m", lambda values: values[NAME], meaning=f"damper beside k{i}") for i in (1, 2)
+    ),
     strength=NAME,
     trials=lambda scale: [{NAME: 1e-4 * scale.force / scale.rate}],
     extend=extend,

@@ -64,7 +64,13 @@ def frequency_hz(values: Values) -> float:
     return math.sqrt(values[STIFFNESS] / values[MASS]) / (2 * math.pi)
 
 
-LIGHTNESS = Derived("roll_lightness_per_kg", "1/kg", lambda values: 1 / values[MASS], positive=True)
+LIGHTNESS = Derived(
+    "roll_lightness_per_kg",
+    "1/kg",
+    lambda values: 1 / values[MASS],
+    positive=True,
+    meaning="square of the offset over the inertia of turning",
+)
 
 MECHANISM = AddedBody(
     id="upper_roll",
@@ -84,7 +90,7 @@ MECHANISM = AddedBody(
         "both. Two accelerometers on the upper mass tell them apart."
     ),
     same_as=("attached_mass",),
-    derived=(Derived("roll_frequency_hz", "Hz", frequency_hz, positive=True),),
+    derived=(Derived("roll_frequency_hz", "Hz", frequency_hz, positive=True, meaning="resonance of turning"),),
     limited=LIGHTNESS,
     statement=lambda values, name: (
         f"The upper mass turns as well as moves, as the {name} touches it off its axis: {values[MASS]:.3g} kg as felt "

@@ -91,6 +91,7 @@ def test_the_page_leaves_out_what_this_experiment_has_not(hardening: Diagnosis, 
 def test_each_fitted_constant_has_an_interval_and_each_declared_one_its_uncertainty(linear: Diagnosis) -> None:
     behind = evidence_of(linear, KNOWN)
     assert behind.meanings["guide_friction", "friction_force_n"] == "friction force"
+    assert all(behind.meanings.values())
     (table,) = behind.constants
     assert table.headings == ("Constant", "Value", "95 % interval", "Unit", "Declared")
     rows = {row[0]: row[1:] for row in table.rows}

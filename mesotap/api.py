@@ -21,7 +21,7 @@ from analysis.frequency_response.impacts import Window, of_recording
 from analysis.mismatch.answer import Answer
 from analysis.modal.identify import RingDownModes, identify_ring_down
 from analysis.results import SessionResults
-from analysis.settings import FlatContact, SphereContact
+from analysis.settings import PRESETS, FlatContact, SphereContact
 from analysis.stiffness import contact_from_pole, pole
 from calibration.estimate import Estimate
 from daq.errors import RecordingError
@@ -49,6 +49,7 @@ __all__ = [
 
 AnyPath = str | os.PathLike[str]
 Method = Literal["ml", "era"]
+Contact = Literal["paper-flat", "paper-sphere"] | SphereContact | FlatContact
 Real = NDArray[np.float64]
 
 
@@ -123,7 +124,13 @@ def identify(
     Raises
     ------
     MesotapError
-        The session declares no masses and springs, or the record is too short.
+        The session declares no masses and springs; or the samples are too few, not finite or of another shape.
+
+    Notes
+    -----
+    A load of which every tap was rejected has None in place of each estimate, and says so in its ``notes``. The
+    frequencies of a session count the clock of its recorder; of samples nothing is known about it, so it is to be added
+    (50 parts in a million is usual).
 
     Examples
     --------
@@ -134,10 +141,12 @@ def identify(
     >>> [round(mode.frequency_hz.value) for mode in mesotap.identify(decay, 1e4).modes]
     [300]
     """
+    if method not in ("ml", "era"):
+        raise MesotapError(f"identify(): there is no method {method!r}; give 'ml' or 'era'")
     if not isinstance(recording, Session):
         if sample_rate_hz is None:
             raise TypeError("identify(): samples need their sample_rate_hz")
-        return identify_ring_down(np.atleast_2d(np.asarray(recording, np.float64)), sample_rate_hz, method=method)
+        return identify_ring_down(_free_decay(recording, sample_rate_hz), sample_rate_hz, method=method)
     if sample_rate_hz is not None:
         raise TypeError("identify(): a session knows its own sampling rate")
     from mesotap.configuration.config import Config, ConfigError
@@ -149,6 +158,31 @@ def identify(
         config = Config()
     settings = config.analysis.model_copy(update={"method": method})
     return analysed_as_configured(recording, config.model_copy(update={"analysis": settings}), on_progress)
+
+
+def _free_decay(samples: ArrayLike, sample_rate_hz: float) -> Real:
+    """Return samples as (channels, n), or say which of them, or what of the sampling rate, cannot be used."""
+    if not 0 < sample_rate_hz < np.inf:
+        raise MesotapError(f"identify(): a sampling rate of {sample_rate_hz} Hz is none; give samples a second")
+    y = _numbers(samples, "identify(): the samples")
+    if y.ndim not in (1, 2) or not y.size:
+        raise MesotapError(f"identify(): samples of shape {y.shape} are no free decay, (n,) or (channels, n)")
+    y = np.atleast_2d(y)
+    wrong = np.argwhere(~np.isfinite(y))
+    if wrong.size:
+        channel, first = (int(place) for place in wrong[0])
+        raise MesotapError(
+            f"identify(): {len(wrong)} of {y.size} samples are not finite; the first is sample {first} of channel "
+            f"{channel}, {y[channel, first]}"
+        )
+    return y
+
+
+def _numbers(values: ArrayLike, what: str) -> Real:
+    try:
+        return np.asarray(values, np.float64)
+    except (TypeError, ValueError) as error:
+        raise MesotapError(f"{what} are no array of numbers: {error}") from error
 
 
 @overload
@@ -228,9 +262,17 @@ def frf(
     return of_recording(force, others, sample_rate_hz, names, unit, window, segment_s)
 
 
+@overload
+def contact_stiffness(
+    f2_hz: float, zeta2: float = 0.0, *, m1_kg: float, m2_kg: float, k1_n_per_m: float, k2_n_per_m: float
+) -> float: ...
+@overload
 def contact_stiffness(
     f2_hz: ArrayLike, zeta2: ArrayLike = 0.0, *, m1_kg: float, m2_kg: float, k1_n_per_m: float, k2_n_per_m: float
-) -> Real:
+) -> Real: ...
+def contact_stiffness(
+    f2_hz: ArrayLike, zeta2: ArrayLike = 0.0, *, m1_kg: float, m2_kg: float, k1_n_per_m: float, k2_n_per_m: float
+) -> Real | float:
     """Return the contact stiffness k_c from the contact resonance, N/m (Eq. 10 and 11).
 
     Parameters
@@ -243,8 +285,8 @@ def contact_stiffness(
 
     Returns
     -------
-    NDArray
-        Shaped like the two together.
+    float or NDArray
+        Of single values a float, else shaped like the two together.
 
     Raises
     ------
@@ -257,7 +299,7 @@ def contact_stiffness(
 
     >>> import mesotap
     >>> k_c = mesotap.contact_stiffness(1409.0, m1_kg=0.107, m2_kg=0.108, k1_n_per_m=5.379e5, k2_n_per_m=5.379e5)
-    >>> f"{float(k_c):.3g}"
+    >>> f"{k_c:.3g}"
     '3.94e+06'
     """
     f, zeta = np.broadcast_arrays(np.asarray(f2_hz, np.float64), np.asarray(zeta2, np.float64))
@@ -265,12 +307,14 @@ def contact_stiffness(
         contact_from_pole(pole(float(a), float(b)), m1_kg, m2_kg, k1_n_per_m, k2_n_per_m)[0]
         for a, b in zip(f.ravel(), zeta.ravel(), strict=True)
     ]
-    return np.array(each, np.float64).reshape(f.shape)
+    return np.array(each, np.float64).reshape(f.shape) if f.ndim else each[0]
 
 
-def theory(
-    load_mn: ArrayLike, contact: Literal["paper-flat", "paper-sphere"] | SphereContact | FlatContact = "paper-flat"
-) -> dict[str, Real]:
+@overload
+def theory(load_mn: float, contact: Contact = "paper-flat") -> dict[str, float]: ...
+@overload
+def theory(load_mn: ArrayLike, contact: Contact = "paper-flat") -> dict[str, Real]: ...
+def theory(load_mn: ArrayLike, contact: Contact = "paper-flat") -> dict[str, Real] | dict[str, float]:
     """Return the contact stiffness that each theory gives at a load, N/m, by the theory's name.
 
     Parameters
@@ -280,17 +324,35 @@ def theory(
     contact
         One of the paper's specimens, or surfaces of your own (`analysis.settings.FlatContact`, ``SphereContact``).
 
+    Returns
+    -------
+    dict
+        Of a single load floats, else arrays shaped like the loads.
+
+    Raises
+    ------
+    MesotapError
+        There is no such contact, or a load is negative or not a number.
+
     Examples
     --------
     >>> import mesotap
     >>> k_c = mesotap.theory(50.0, "paper-sphere")["Hertz, smooth"]
-    >>> f"{float(k_c) / 1e6:.2f} MN/m"
+    >>> f"{k_c / 1e6:.2f} MN/m"
     '1.38 MN/m'
     """
     from analysis.contact.theory import theory as curves
 
-    load_n = 1e-3 * np.asarray(load_mn, np.float64)
-    return {curve.name: np.asarray(curve.stiffness(load_n), np.float64) for curve in curves(contact)}
+    if not isinstance(contact, SphereContact | FlatContact) and contact not in PRESETS:
+        raise MesotapError(
+            f"theory(): there is no contact {contact!r}; give {' or '.join(map(repr, PRESETS))}, a FlatContact or a "
+            "SphereContact"
+        )
+    load_n = 1e-3 * _numbers(load_mn, "theory(): the loads")
+    if not np.isfinite(load_n).all():
+        raise MesotapError("theory(): a load is not finite")
+    found = {curve.name: np.asarray(curve.stiffness(load_n), np.float64) for curve in curves(contact)}
+    return found if load_n.ndim else {name: float(k) for name, k in found.items()}
 
 
 def diagnose(
@@ -359,11 +421,22 @@ def simulate(load_mn: float = 500.0, *, seed: int = 1, config: AnyPath | None = 
     Parameters
     ----------
     load_mn
-        Preload.
+        Preload, up to ``rig.limits.load_mn`` of the configuration.
     seed
         The same seed gives the same tap.
     config
         Configuration of the rig and of what is simulated; the defaults where None.
+
+    Returns
+    -------
+    Session
+        One impact. As at the bench a tap may be rejected: it is then not ``accepted``, ``reject_reason`` says why, and
+        `identify` finds no estimates at its load. Another seed is another tap.
+
+    Raises
+    ------
+    MesotapError
+        The load is none that the rig can be set to, or the configuration cannot be used.
 
     Examples
     --------
@@ -372,9 +445,19 @@ def simulate(load_mn: float = 500.0, *, seed: int = 1, config: AnyPath | None = 
     >>> session.impacts[0].acceleration.shape
     (2, 5000)
     """
-    from mesotap.configuration.config import load_config, parse_config
+    from mesotap.configuration.config import Config, ConfigError, effective_text, load_config, parse_config
     from mesotap.session.one_tap import simulated_tap
 
-    changes = [f"mesotap.load_plan_mn=[{load_mn}]"]
-    known = parse_config("", "the defaults", changes) if config is None else load_config(Path(config), changes)
-    return simulated_tap(known, load_mn, seed).session
+    plain = Config() if config is None else load_config(Path(config))
+    limit = plain.rig.limits.load_mn
+    if not 0 < load_mn <= limit:
+        raise MesotapError(f"simulate(): load_mn is {load_mn:g}; it lies above 0 and up to {limit:g} mN")
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise MesotapError(f"simulate(): seed is {seed!r}; it is a whole number from 0 on")
+    try:
+        known = parse_config(effective_text(plain), "simulate()", [f"mesotap.load_plan_mn=[{float(load_mn)!r}]"])
+    except ConfigError as error:
+        raise MesotapError(
+            f"simulate(): load_mn={load_mn:g} cannot be set on this rig: {str(error).removeprefix('simulate(): ')}"
+        ) from error
+    return simulated_tap(known, load_mn, int(seed)).session

@@ -102,3 +102,50 @@ def test_what_a_person_can_mend_is_one_sentence(tmp_path: Path) -> None:
         mesotap.read_session(tmp_path / "nowhere.h5")
     with pytest.raises(mesotap.MesotapError, match="not above the system resonance"):
         mesotap.contact_stiffness(300.0, m1_kg=0.107, m2_kg=0.108, k1_n_per_m=5.379e5, k2_n_per_m=5.379e5)
+
+
+DECAY = np.exp(-20 * np.arange(2000) / 1e4) * np.sin(2 * np.pi * 300 * np.arange(2000) / 1e4)
+RIG = {"m1_kg": 0.107, "m2_kg": 0.108, "k1_n_per_m": 5.379e5, "k2_n_per_m": 5.379e5}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (lambda: mesotap.theory(500, "bogus"), "there is no contact 'bogus'; give 'paper-flat' or 'paper-sphere'"),
+        (lambda: mesotap.theory(np.nan), "a load is not finite"),
+        (lambda: mesotap.theory(-5), "carry no negative load"),
+        (lambda: mesotap.theory("x"), "no array of numbers"),
+        (lambda: mesotap.identify(np.where(np.arange(2000) == 17, np.nan, DECAY), 1e4), "sample 17 of channel 0, nan"),
+        (lambda: mesotap.identify(np.where(np.arange(2000) > 1990, np.inf, [DECAY] * 2), 1e4), "18 of 4000 samples"),
+        (lambda: mesotap.identify(np.zeros((2, 3, 500)), 1e4), r"shape \(2, 3, 500\) are no free decay"),
+        (lambda: mesotap.identify([], 1e4), "are no free decay"),
+        (lambda: mesotap.identify(["a"], 1e4), "no array of numbers"),
+        (lambda: mesotap.identify(DECAY, -1.0), "a sampling rate of -1.0 Hz"),
+        (lambda: mesotap.identify(DECAY, np.nan), "a sampling rate of nan Hz"),
+        (lambda: mesotap.identify(DECAY, 1e4, method="bogus"), "there is no method 'bogus'"),
+        (lambda: mesotap.simulate(-5), r"load_mn is -5; it lies above 0 and up to 1100 mN"),
+        (lambda: mesotap.simulate(1e9), r"load_mn is 1e\+09; it lies above 0"),
+        (lambda: mesotap.simulate(1099.9), "load_mn=1099.9 cannot be set on this rig: "),
+        (lambda: mesotap.simulate(seed=-1), "seed is -1"),
+    ],
+)
+def test_what_is_wrong_is_said_and_names_no_option_of_the_command_line(wrong, said: str) -> None:
+    with pytest.raises(mesotap.MesotapError, match=said) as told:
+        wrong()
+    assert "--" not in str(told.value)
+
+
+def test_of_single_values_there_are_floats() -> None:
+    one, several = mesotap.theory(500.0), mesotap.theory([500.0])
+    assert {name: type(k) for name, k in one.items()} == dict.fromkeys(several, float)
+    assert one == {name: k[0] for name, k in several.items()}
+    assert type(mesotap.contact_stiffness(1409.0, **RIG)) is float
+    assert mesotap.contact_stiffness([1409.0, 1500.0], [[0.01], [0.02]], **RIG).shape == (2, 2)
+
+
+def test_a_simulated_tap_may_be_rejected_and_then_has_no_estimates() -> None:
+    tapped = mesotap.simulate(500, seed=3)
+    assert (tapped.impacts[0].accepted, "tap more gently" in tapped.impacts[0].reject_reason) == (False, True)
+    load = mesotap.identify(tapped).loads[0]
+    assert (load.f2_hz, "no accepted impact at this load" in load.notes) == (None, True)
+    assert "may be rejected" in str(mesotap.simulate.__doc__)

@@ -171,6 +171,7 @@ def console(
     scope: Annotated[
         bool, typer.Option("--scope", help="No session: both accelerometers and the load live, for setting up.")
     ] = False,
+    json: JsonPath = None,
 ) -> None:
     """Run sessions from a page in the browser, on this machine unless --host says otherwise.
 
@@ -183,7 +184,7 @@ def console(
 
     address = Address(host, port, certfile, keyfile, tuple(name or ()))
     choice = RigChoice(simulate, emulate, seed, simulate or emulate, speed)
-    serve(config, tuple(changes or ()), choice, output, address, browser, _console(None), log_wire, scope)
+    serve(config, tuple(changes or ()), choice, output, address, browser, _console(json), log_wire, scope, json)
 
 
 @app.command()
@@ -231,7 +232,10 @@ def devices(
     json: JsonPath = None,
     record_wire: RecordWire = None,
 ) -> None:
-    """Find what is connected, and say what each configured device answers. Nothing moves."""
+    """Find what is connected, and say what each configured device answers. Nothing moves.
+
+    That a device gives no answer is an answer (exit code 0); 'mesotap check' fails where one is unfit.
+    """
     from mesotap.commands.devices import devices as look
     from mesotap.commands.wire_options import WireOptions
 

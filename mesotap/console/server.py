@@ -126,8 +126,11 @@ class ConsoleServer:
         """Return a new one-time link."""
         return f"{self._address.scheme}://{self._address.linked}:{self.port}{OPEN_PATH}?token={self.keys.new_link()}"
 
-    def run(self, browser: bool) -> None:
-        """Serve until a signal ends it; a session that runs then has its surfaces taken apart."""
+    def run(self, browser: bool, began: Callable[[str], None] = lambda link: None) -> None:
+        """Serve until a signal ends it; a session that runs then has its surfaces taken apart.
+
+        ``began`` is told the link that opens it before anything is served.
+        """
         config = uvicorn.Config(
             self.app,
             http=BoundedConnection,
@@ -156,6 +159,7 @@ class ConsoleServer:
         link = self.link()
         self._said(f"console: {link}")
         self._said("         (opens once; Ctrl-C ends the console, and a session with the surfaces apart)")
+        began(link)
         if browser:
             webbrowser.open(link)
         uvicorn.Server(config).run(sockets=[self._listening])

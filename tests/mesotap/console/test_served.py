@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import http.client
+import json
+import signal
 import socket
 import ssl
+import subprocess
+import sys
+import time
 
 import pytest
 import trustme
@@ -12,7 +17,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from mesotap.console.server import Address, ConsoleError, ConsoleServer
-from tests.mesotap.console.consoles import console_in, needs_chromium
+from tests.mesotap.console.consoles import PATIENCE_MS, console_in, needs_chromium
 from tests.mesotap.console.pages import begin, opened, reach
 
 
@@ -124,3 +129,37 @@ def test_what_cannot_be_served_is_one_sentence(tmp_path):
     assert (
         said(key=tmp_path / "key.pem") == "--keyfile: a key is of no use without its certificate; give --certfile too"
     )
+
+
+def test_programs_are_told_where_it_is_before_it_serves(tmp_path):
+    place = tmp_path / "place.json"
+    with console_in(tmp_path, "--json", str(place)) as served:
+        until = time.monotonic() + PATIENCE_MS / 1000
+        while not place.exists() and time.monotonic() < until:
+            time.sleep(0.02)
+        told = json.loads(place.read_text())
+        assert told["link"] == served.link
+        assert told["address"] == f"http://{served.host}:{served.port}"
+        assert told["sessions"] == str(served.sessions.absolute())
+        assert place.stat().st_mode & 0o077 == 0
+
+
+def test_standard_output_holds_the_answer_for_programs_alone(tmp_path):
+    command = [sys.executable, "-m", "mesotap", "console", "--scope", "--simulate", "--port", "0", "--no-browser"]
+    with subprocess.Popen(
+        [*command, "--json", "-"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            text = ""
+            while not text.endswith("}\n"):
+                line = process.stdout.readline()
+                assert line
+                text += line
+            told = json.loads(text)
+            assert (told["format"], told["sessions"]) == ("mesotap-console", None)
+            assert told["link"].startswith(told["address"])
+        finally:
+            process.send_signal(signal.SIGINT)
+            assert process.stdout is not None
+            assert process.stdout.read() == ""

@@ -32,6 +32,7 @@ def conformance(name: str) -> list[Check]:
     its reader fail otherwise than by a `RecordingError`. Files are read as `mesotap analyze` reads them: by a process
     with limits.
     """
+    name = name if Path(name).suffix == ".py" else name.removeprefix(".")  # as `mesotap formats` lists it
     try:
         plugin = format_named(name)
     except PluginError as error:

@@ -87,7 +87,7 @@ class DriverPlugin:
         Settings as in config.yaml, without ``driver``; what can be left out may be.
     stand_in
         Opens something that behaves like the device, for `conformance`, and yields the settings, without ``driver``,
-        that reach it. When it is closed the device is gone.
+        that reach it. When it is closed the device is gone, and connections that are open are cut.
     summary
         What it drives, in a few words.
     """

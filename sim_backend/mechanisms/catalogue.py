@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from rig.plugins import PluginError, module_of, offered, one_of
+from rig.plugins import Offered, PluginError, module_of, offered, one_of
 from sim_backend.arrangement import Arrangement
 from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
 from sim_backend.mechanisms.places import Place
@@ -119,7 +119,7 @@ def _own(folders: tuple[str, ...]) -> dict[str, tuple[Mechanism, ...]]:
 
 
 def load_installed(name: str) -> tuple[Mechanism, ...]:
-    """Return the variants that an installed package offers under the name of an entry point.
+    """Return the variants that an installed package offers, by the name of the entry point or by their id.
 
     Raises
     ------
@@ -127,9 +127,18 @@ def load_installed(name: str) -> tuple[Mechanism, ...]:
         No package does, several do, or what it offers is no mechanism.
     """
     entry = one_of((o for o in offered(GROUP) if o.name == name), f"the mechanism {name}")
+    entry = entry or one_of((o for o in offered(GROUP) if _id_of(o) == name), f"the mechanism {name}")
     if entry is None:
         raise MechanismError(f"{name}: is neither a Python file nor a mechanism that an installed package offers")
     return family_of(entry.loaded(), entry.where())
+
+
+def _id_of(entry: Offered) -> str | None:
+    """Return the id of what an installed package offers; None if it cannot be used."""
+    try:
+        return family_of(entry.loaded(), entry.where())[0].id
+    except PluginError:
+        return None
 
 
 def load_file(file: Path) -> tuple[Mechanism, ...]:

@@ -67,6 +67,20 @@ def test_they_are_listed_and_hold(installed: Packages, tmp_path: Path) -> None:
         assert len(said.splitlines()) >= 9
 
 
+def test_a_mechanism_is_checked_by_its_entry_point_or_by_its_id(tmp_path: Path) -> None:
+    packages = Packages(tmp_path / "packages")
+    packages.offer("kit", mechanisms={"drag": "sim_backend.mechanisms.cable_drag:MECHANISM", "lost": "nowhere:M"})
+    for name in ("drag", "cable_drag"):
+        said = packages.mesotap("mechanisms", "--check", name, cwd=tmp_path).stdout
+        assert "holds  the file holds a mechanism: cable_drag" in said
+    assert "is neither" in packages.mesotap("mechanisms", "--check", "dra", cwd=tmp_path, code=2).stdout
+
+
+@pytest.mark.slow
+def test_a_format_is_checked_as_it_is_listed(installed: Packages, tmp_path: Path) -> None:
+    assert "FAILS" not in installed.mesotap("formats", "--check", ".blk", cwd=tmp_path).stdout
+
+
 @pytest.mark.slow
 def test_the_driver_answers_where_the_configuration_names_it(installed: Packages, tmp_path: Path) -> None:
     with module_of(MODULES / "line_gauge.py", "tried").stand_in(None) as reached:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -101,6 +101,7 @@ def write_page(
     sessions: Sequence[Session] = (),
     *,
     pdf_figures: bool = True,
+    on_progress: Callable[[str], None] = lambda step: None,
 ) -> Path:
     """Write ``diagnosis.html``, ``diagnosis.json`` and ``figures/diagnosis-*.pdf`` into a folder; return the page.
 
@@ -112,13 +113,17 @@ def write_page(
         What was diagnosed, if it was recorded by this program: specimen, operator and date stand at the head.
     pdf_figures
         Whether to write the figures for print, which takes about as long as the page.
+    on_progress
+        Is told each step, such as "figure 3 of 6".
     """
     folder.mkdir(parents=True, exist_ok=True)
-    if pdf_figures:
-        for picture in evidence.pictures:
-            figures.save(picture.figure, figure_folder(folder) / f"diagnosis-{picture.name}.pdf")
+    drawn = {}
+    for number, p in enumerate(evidence.pictures, start=1):
+        on_progress(f"figure {number} of {len(evidence.pictures)}")
+        if pdf_figures:
+            figures.save(p.figure, figure_folder(folder) / f"diagnosis-{p.name}.pdf")
+        drawn[p.name] = figures.inline_svg(p.figure, f"diagnosis-{p.name}", p.label)
     written(folder / "diagnosis.json", json_text(dict(content)))
-    drawn = {p.name: figures.inline_svg(p.figure, f"diagnosis-{p.name}", p.label) for p in evidence.pictures}
     html = environment().get_template("diagnosis.html").render(
         answer=answer,
         evidence=evidence,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn
-from rich.status import Status
 
 from analysis.results import SessionResults
 from daq.records import Session
@@ -17,6 +17,9 @@ from mesotap.answers.rounding import with_uncertainty
 from mesotap.configuration.config import Config
 from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
+
+QUIET_S = 5.0
+"""After which a log is told the step again: a report takes about as long."""
 
 
 def analysed(
@@ -34,9 +37,29 @@ def analysed(
         return analysed_as_configured(session, config, show)
 
 
-def writing_report(console: Console) -> AbstractContextManager[Status]:
-    """Say so while a report is drawn and written."""
-    return console.status("writing the report ...")
+@contextmanager
+def writing_report(
+    console: Console, clock: Callable[[], float] = time.monotonic, what: str = "writing the report"
+) -> Iterator[Callable[[str], None]]:
+    """Say so while a report is drawn and written; yield what is told each step.
+
+    A terminal shows the latest step in one line. Elsewhere, as in a log, that a report is written is a line, and so is
+    a step after each `QUIET_S`.
+    """
+    if console.is_terminal:
+        with console.status(f"{what} ...") as status:
+            yield lambda step: status.update(f"{what}: {step} ...")
+        return
+    console.print(f"{what} ...", highlight=False)
+    told = clock()
+
+    def tell(step: str) -> None:
+        nonlocal told
+        if clock() - told >= QUIET_S:
+            told = clock()
+            console.print(f"{what}: {step} ...", highlight=False)
+
+    yield tell
 
 
 def show_session(results: SessionResults, console: Console) -> None:

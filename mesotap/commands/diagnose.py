@@ -25,6 +25,7 @@ from mesotap.answers.diagnosis_page import write_page
 from mesotap.answers.diagnosis_text import print_answer
 from mesotap.answers.evidence import evidence_of
 from mesotap.answers.recording_files import recording_files, sha256_of
+from mesotap.commands.answers import writing_report
 from mesotap.commands.outputs import write_json
 from mesotap.configuration.declared import header_uncertainty, rig_settings
 from mesotap.configuration.rig_files import load_rig, tester_rig
@@ -222,12 +223,13 @@ def report_of(
 ) -> Path:
     """Write the page of a diagnosis under a progress line; analyse a single session for it if ``results`` is None."""
     found, content = diagnosis
-    with console.status("drawing") as status:
+    with writing_report(console) as on_progress:
         if results is None and len(read.sessions) == 1 and read.sessions[0].rig.is_tester:
-            status.update("following the modes along the ring-downs ...")
+            on_progress("following the modes along the ring-downs")
             results = _analysed(read.sessions[0])
-        status.update("drawing ...")
-        return write_page(folder, found.answer, evidence_of(found, known, results), content, read.sessions)
+        on_progress("drawing")
+        behind = evidence_of(found, known, results)
+        return write_page(folder, found.answer, behind, content, read.sessions, on_progress=on_progress)
 
 
 def _analysed(session: Session) -> SessionResults | None:

@@ -300,7 +300,7 @@ def _session_report(
     make_ready(None, folder)
     truths = partial(source)[2] if source.is_dir() else []
     results = analysed(session, config, console)
-    with writing_report(console):
+    with writing_report(console) as on_progress:
         page = write_report(
             folder,
             session,
@@ -310,6 +310,7 @@ def _session_report(
             contact=config.analysis.contact,
             correction=correction,
             origin=provenance(session, config, session_file(source)),
+            on_progress=on_progress,
         )
     console.print(f"report {escape(page)}", highlight=False, soft_wrap=True)
     return results

@@ -235,7 +235,12 @@ def _report(
     people.filing(Filing.REPORT, "")
     results = analysed(session, config, console, lambda text: people.filing(Filing.REPORT, text))
     people.filing(Filing.REPORT, "drawing")
-    with writing_report(console):
+    with writing_report(console) as on_progress:
+
+        def tell(step: str) -> None:
+            on_progress(step)
+            people.filing(Filing.REPORT, step)
+
         page = write_report(
             folder,
             session,
@@ -244,6 +249,7 @@ def _report(
             list(truths) if truths else None,
             contact=config.analysis.contact,
             origin=_origin(session, config, folder),
+            on_progress=tell,
         )
     show_session(results, console)
     console.print(f"report       {escape(page)}", highlight=False, soft_wrap=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -108,6 +108,7 @@ def write_report(
     correction: Correction | None = None,
     origin: Mapping[str, Any] | None = None,
     pdf_figures: bool = True,
+    on_progress: Callable[[str], None] = lambda step: None,
 ) -> Path:
     """Write ``report.html`` and beside it ``results.json``, ``results.csv``, ``impacts.csv``, ``budgets.csv`` and
     ``figures/*.pdf``.
@@ -130,6 +131,8 @@ def write_report(
         The ``provenance`` of the results, which ``results.json`` is to hold.
     pdf_figures
         Whether to write ``figures/*.pdf``, which takes longer than all the rest.
+    on_progress
+        Is told each step, such as "figure 3 of 9".
 
     Returns
     -------
@@ -139,6 +142,7 @@ def write_report(
     folder.mkdir(parents=True, exist_ok=True)
     if pdf_figures:
         figure_folder(folder)
+    on_progress("weighing what may explain the measurement")
     drawn = _session_figures(session, results, theory)
     explained = None if contact is None else explain(results, contact, session.rig)
     if explained is not None:
@@ -146,11 +150,14 @@ def write_report(
             explained.load_mn, explained.stiffness_n_per_m, explained.stiffness, half_width=explained.half_width_n_per_m
         )
         written(folder / "explanations.json", json_text(explained.as_json()))
-    if pdf_figures:
-        for name, figure in drawn.items():
-            if name == OVERVIEW:  # of "stiffness", which says more
-                continue
+    drift = results.calibration is not None and results.calibration.drifted
+    plates = {}
+    for number, (name, figure) in enumerate(drawn.items(), start=1):
+        on_progress(f"figure {number} of {len(drawn)}")
+        if pdf_figures and name != OVERVIEW:  # "stiffness" says more
             figures.save(figure, figure_folder(folder) / f"{name}.pdf")
+        plates[name] = Plate(Markup(figures.inline_svg(figure, name, _label(name, drift))))
+    on_progress("tables and page")
     answer = results_json(results)
     if origin is not None:
         answer["provenance"] = dict(origin)
@@ -165,7 +172,6 @@ def write_report(
     ratios = theory_ratios(results, theory)
     recovered = None if truth is None else recovered_against(results, truth)
     page = environment().get_template("report.html")
-    drift = results.calibration is not None and results.calibration.drifted
     footnotes = _footnotes(results.loads)
     budgeted = shown_load(results)
     trust = trusted(session, results, folder, (origin or {}).get("sha256"))
@@ -179,7 +185,7 @@ def write_report(
         summary=summary(results, theory, ratios),
         trust=trust,
         next=what_next(trust),
-        plates={n: Plate(Markup(figures.inline_svg(drawn[n], n, _label(n, drift)))) for n in drawn},
+        plates=plates,
         seen=figures.seen_intervals(results),
         typical=_typical_impact(session),
         spectra=figures.shown_spectra(results),

@@ -315,7 +315,9 @@ def test_writes_page_numbers_and_figures(
     small: tuple[Session, SessionResults], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(figures, "save", lambda figure, path: path.touch())  # what is in one, others ask
-    write_report(tmp_path, *small, THEORY)
+    steps: list[str] = []
+    write_report(tmp_path, *small, THEORY, on_progress=steps.append)
+    assert [s for s in steps if "figure" in s] == [f"figure {n} of 8" for n in range(1, 9)]
     found = {str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file()}
     names = ("amplitude", "calibration", "damping", "impacts", "record", "spectra", "stiffness")
     assert found == {"report.html", *TABLES, *(f"figures/{n}.pdf" for n in names)}

@@ -17,6 +17,7 @@ from analysis.mismatch.ring_downs.fit import fit
 from analysis.mismatch.ring_downs.sessions import ring_downs
 from daq.records import Session
 from mesotap.answers.adoption import AdoptedModel
+from mesotap.answers.diagnosis_text import MASSES
 from mesotap.answers.rounding import with_uncertainty
 from mesotap.configuration.config import ConfigError
 from mesotap.configuration.declared import header_uncertainty
@@ -58,11 +59,12 @@ class Correction:
     def doubt(self) -> str:
         """What to think of the corrected values where the diagnosis moved declared constants far; else nothing."""
         moved = " and ".join(f"{name} by {by:.0f}" for name, by in self.off.items())
-        said = (
-            f"The diagnosis moved {moved} declared uncertainties: the corrected k_c and c_c may be wrong by far more "
-            "than their intervals."
+        so = (
+            "the corrected k_c and c_c may be wrong by far more than their intervals"
+            if MASSES.isdisjoint(self.off)
+            else "the intervals of the corrected k_c and c_c reach to what the masses as declared give"
         )
-        return said if moved else ""
+        return f"The diagnosis moved {moved} declared uncertainties: {so}." if moved else ""
 
     @property
     def name(self) -> str:

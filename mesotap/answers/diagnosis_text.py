@@ -23,6 +23,7 @@ KINDS: dict[LawKind, str] = {
     "dynamics": "a resonance",
 }
 """What a learned law is called in a sentence."""
+MASSES = frozenset({"m1", "m2"})  # of the tester
 MOST_NAMED = 3  # constants in a sentence
 HUNDREDTH = 0.005  # probability from which on two decimals show something
 FAR_BEYOND = 3.0
@@ -112,12 +113,15 @@ def _constants_in_doubt(answer: Answer) -> list[str]:
     most = sorted(off, key=lambda k: -off[k])[:MOST_NAMED]
     names = " and ".join(", ".join(f"{k} by {off[k]:.0f}" for k in most).rsplit(", ", 1))
     others = f" (and {len(off) - len(most)} more)" if len(off) > len(most) else ""
-    stiffness = "k_c and c_c" if answer.rig == TESTER else "the other constants"
     loads = " or the loads" if answer.loads_n else ""
-    return [
+    said = (
         f"It moves {names} declared uncertainties{others}: either they{loads} were declared wrongly, or they make up "
-        f"for a law that is not quite right, and {stiffness} may then be wrong by far more than their intervals."
-    ]
+        "for a law that is not quite right"
+    )
+    if answer.rig == TESTER and not MASSES.isdisjoint(off):
+        return [f"{said}. The intervals of k_c and c_c reach to what the masses as declared give."]
+    stiffness = "k_c and c_c" if answer.rig == TESTER else "the other constants"
+    return [f"{said}, and {stiffness} may then be wrong by far more than their intervals."]
 
 
 def _name(m: Named) -> str:

@@ -191,9 +191,10 @@ def _contact(selection: RingDownSelection) -> Table:
         f", and with {law_name(after)}{unnamed} in the model, where they are those at zero amplitude" if after else ""
     )
     mean = ", of the mean of a load's impacts where these scatter" if selection.best.problem.scattered else ""
-    caption = Markup("{} and {} by Eq. 9{}; ± is half of the 95 % interval of the joint fit{}.").format(
-        K_C, ZETA_2, beside, mean
-    )
+    caption = Markup(
+        "{} and {} by Eq. 9{}; ± is half of the 95 % interval of the joint fit{}. Where a mass ends far from what was "
+        "declared, it reaches to what the masses as declared give."
+    ).format(K_C, ZETA_2, beside, mean)
     found = ", corrected" if selection.chosen is not None else ", with it"
     models = (", Eq. 9", found) if after else (", Eq. 9",)
     return Table(caption, ("Load [mN]", *(q + m for q in (k, z) for m in models)), tuple(rows), ())

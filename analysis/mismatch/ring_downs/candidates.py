@@ -15,9 +15,9 @@ from analysis.mismatch.ring_downs.continuation import (
     FIRST_S,
     beginnings,
     continued,
-    declared_masses,
     each_alone,
     lengthened,
+    masses_kept,
 )
 from analysis.mismatch.ring_downs.coordinates import admissible
 from analysis.mismatch.ring_downs.fit import (
@@ -37,7 +37,6 @@ from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism, Tones
 
 ABRUPT_STEPS, MOST_ABRUPT_STEPS = (3.0, 1.5, 1.15), 8  # factors by which a jump's rounding is changed, how often each
 FINER, MOST_SUBSTEPS = 2, 16  # factor by which a sample's substeps are refined, and how many there are at most
-MASS_MOVED = 3.0  # declared standard errors from which on a mass is sought again from where it was declared
 STEPPED = 1.0  # change of chi-squared with finer steps from which on these are needed
 
 Steps = tuple[SelectionStep[RingDownFit], ...]
@@ -199,13 +198,9 @@ def _with_masses_found_again(fitted: RingDownFit) -> RingDownFit:
 
     Recordings hardly tell masses, so that what moved them once, a fit of another model or a coarser one, may stay.
     """
-    arrangement, constants = fitted.arrangement, fitted.constants
-    known = dict(zip(constants.names()[0], constants.rig, strict=True))
-    masses = [p for p in fitted.problem.arrangement.parameters if p.name in fitted.problem.arrangement.masses]
-    if not fitted.only_laws or all(abs(known[p.name] - p.value) < MASS_MOVED * p.uncertainty for p in masses):
+    kept = masses_kept(fitted) if fitted.only_laws else None
+    if kept is None:
         return fitted
-    start = Start(amplitudes=fitted.amplitudes, kept=tuple(arrangement.masses))
-    kept = fit(fitted.problem, fitted.terms, declared_masses(fitted), start)
     again = fit(fitted.problem, kept.terms, kept, Start(amplitudes=kept.amplitudes))
     return min(fitted, again, key=lambda one: one.objective)
 

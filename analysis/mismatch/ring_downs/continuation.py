@@ -33,6 +33,7 @@ LEAST_SAMPLES = 300
 FIRST_S = 6e-3  # after the pulse; longest for which the fits of simulated rough contacts tapped hard do not skip cycles
 LONGER = 2.0  # factor from one part of the segments that is fitted to the next
 SHORTER = (1.0, 1 / 2, 1 / 3)  # of `FIRST_S`: parts from which amplitudes are found where those of longer ones are lost
+MASS_MOVED = 3.0  # declared standard errors beyond which a mass is far from where it was declared
 LOST = 100.0  # reduced chi-squared of the next longer part; where forces are fine enough, laws nearly right reach 10
 _ON_THE_WAY = Stop(FEW_ITERATIONS, gain=ON_THE_WAY, known=False)
 
@@ -68,11 +69,26 @@ def declared_constants(problem: RingDowns, begin: RingDownFit) -> RingDownFit:
 
 
 def declared_masses(begin: RingDownFit) -> RingDownFit:
-    """Return a fit with its masses as declared, all else as it is."""
-    masses = begin.arrangement.masses
-    declared = {p.name: p.value for p in begin.arrangement.parameters if p.name in masses}
-    rig = [declared.get(n, v) for n, v in zip(begin.constants.names()[0], begin.constants.rig, strict=True)]
-    return replace(begin, constants=replace(begin.constants, rig=np.array(rig)))
+    """Return a fit with the rig's masses as declared, all else as it is."""
+    rig = begin.problem.arrangement
+    declared = {p.name: p.value for p in rig.parameters if p.name in rig.masses}
+    values = [declared.get(n, v) for n, v in zip(begin.constants.names()[0], begin.constants.rig, strict=True)]
+    return replace(begin, constants=replace(begin.constants, rig=np.array(values)))
+
+
+def masses_kept(fitted: RingDownFit) -> RingDownFit | None:
+    """Return the fit that keeps the rig's masses as declared; None where they are not moved far.
+
+    What moves them may be a force scale: a load that is a little wrong, or a law that is not quite right. Then what
+    the frequencies say with the masses as declared is right.
+    """
+    rig = fitted.problem.arrangement
+    known = dict(zip(fitted.constants.names()[0], fitted.constants.rig, strict=True))
+    masses = [p for p in rig.parameters if p.name in rig.masses]
+    if all(abs(known[p.name] - p.value) <= MASS_MOVED * p.uncertainty for p in masses):
+        return None
+    start = Start(amplitudes=fitted.amplitudes if fitted.nonlinear else (), kept=tuple(rig.masses))
+    return fit(fitted.problem, fitted.terms, declared_masses(fitted), start)
 
 
 def each_alone(problem: RingDowns, terms: Sequence[Term], begin: RingDownFit) -> list[Complex]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from analysis.mismatch.answer import ContactAtRest
+from analysis.mismatch.intervals import NORMAL_95
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.ring_downs.continuation import continued, lengthened, linear_at_first
+from analysis.mismatch.ring_downs.continuation import continued, lengthened, linear_at_first, masses_kept
 from analysis.mismatch.ring_downs.fit import Start, fit
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.score_test import screen
@@ -29,8 +31,32 @@ def contact_at_rest(found: RingDownFit) -> tuple[ContactAtRest, ...]:
     Standard errors are those of the joint fit: what belongs to each impact, the declared constants and the
     mechanisms' parameters are left free in them. Where impacts have a contact of their own, a load has their mean, and
     their scatter counts. The errors of the loads themselves are not included.
+
+    Where a fit moved a mass far, so much counts in addition that a 95 % interval contains what the masses as declared
+    give: which of both is right the recordings do not say.
     """
-    return tuple(_at_rest(found, groups) for groups in found.problem.groups_by_load)
+    loads = found.problem.groups_by_load
+    each = tuple(_at_rest(found, groups) for groups in loads)
+    kept = masses_kept(found)
+    return (
+        each
+        if kept is None
+        else tuple(_with(one, _at_rest(kept, groups)) for one, groups in zip(each, loads, strict=True))
+    )
+
+
+def _with(one: ContactAtRest, other: ContactAtRest) -> ContactAtRest:
+    """Return a contact whose 95 % intervals contain another one's values, too."""
+    return ContactAtRest(
+        one.load_n,
+        _containing(one.stiffness, other.stiffness.value),
+        _containing(one.damping, other.damping.value),
+        _containing(one.damping_ratio, other.damping_ratio.value),
+    )
+
+
+def _containing(own: Estimate, other: float) -> Estimate:
+    return replace(own, standard_error=math.hypot(own.standard_error, (other - own.value) / NORMAL_95))
 
 
 def _at_rest(found: RingDownFit, groups: Sequence[int]) -> ContactAtRest:

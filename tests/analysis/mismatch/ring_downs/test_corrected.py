@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from analysis.mismatch.ring_downs.corrected import contact_at_rest
+from analysis.mismatch.intervals import NORMAL_95
+from analysis.mismatch.ring_downs.continuation import masses_kept
+from analysis.mismatch.ring_downs.corrected import augmented, contact_at_rest
 from analysis.mismatch.ring_downs.fit import fit
 from tests.analysis.ring_downs import problem_of, session_of, two_mass, with_law
+from tests.analysis.terms import at_work
 
 
 def test_the_contact_at_rest_is_that_of_eq_9_with_intervals_that_hold_it() -> None:
@@ -38,3 +43,19 @@ def test_where_impacts_have_a_contact_of_their_own_a_load_has_their_mean() -> No
         assert abs(contact.stiffness.value - two_mass(contact.load_n).kc) < 3.5 * contact.stiffness.standard_error
         # the scatter between impacts counts
         assert contact.stiffness.standard_error >= np.std(own, ddof=1) / np.sqrt(len(own))
+
+
+@pytest.mark.slow
+def test_where_a_wrong_load_moved_a_mass_the_interval_reaches_to_what_the_declared_masses_give() -> None:
+    session = session_of(with_law("hertz_stiffness"), noise=0.002, ratios=(0.6, 0.9))
+    impacts = tuple(
+        replace(i, **{name: 1.005 * getattr(i, name) for name in ("load_before_mn", "load_after_mn")})
+        for i in session.impacts
+    )
+    problem = problem_of(replace(session, impacts=impacts))
+    with np.errstate(all="ignore"):  # of a trial step
+        found = augmented(fit(problem), [at_work("hertz_stiffness")])
+    assert masses_kept(found) is not None
+    for contact in contact_at_rest(found):
+        off = abs(contact.stiffness.value - two_mass(contact.load_n / 1.005).kc)
+        assert 5e-4 * contact.stiffness.value < off < NORMAL_95 * contact.stiffness.standard_error

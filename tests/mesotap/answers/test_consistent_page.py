@@ -220,7 +220,7 @@ def test_the_constants_of_the_fit_are_those_declared_within_their_uncertainty(co
 
 
 def test_the_limits_are_those_of_the_answer(consistent: Consistent) -> None:
-    rows = {(row[0], row[1]): row[2] for row in consistent.page.table("Mechanism", "At most")[1:]}
+    rows = {(row[0], row[1].split()[-1]): row[2] for row in consistent.page.table("Mechanism", "At most")[1:]}
     limits = {(u["id"], u["parameter"]): u["value"] for u in consistent.answer["upper_limits"]}
     assert rows.keys() == limits.keys()
     assert [key for key, value in limits.items() if not is_rounded(rows[key], value)] == []

@@ -833,6 +833,14 @@ def test_page_of_a_recording(tmp_path: Path) -> None:
     assert not re.search(r"https?:|\bnan\b", path.read_text(encoding="utf-8"))
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_one_tap_at_one_load_is_one(small: tuple[Session, SessionResults], tmp_path: Path) -> None:
+    session, results = small
+    one = replace(results, loads=results.loads[:1], impacts=results.impacts[:1])
+    text = Page(report(tmp_path, replace(session, impacts=session.impacts[:1]), one)).text
+    assert "1 tap at 1 load:" in text
+
+
 def test_shapes_have_signs_or_phases(tmp_path: Path) -> None:
     text = Page(recording_report(tmp_path, beam(), modes()).read_text(encoding="utf-8")).text
     assert re.search(r"160\.000 ± 0\.020 \S+ ± \S+ – −1\.00 2\.00 ", text)

@@ -187,7 +187,7 @@ class BlockAccount(Account[SimulatedFit]):
             return ""
         if rival is not None and accepted.id != rival.id:
             name, as_well = rival.id.replace("_", " "), self._as_well(accepted, rival)
-            other = f"that change with time in another way ({name} is far off) may do so, too"
+            other = f"that change with time in another way than {name} could be the cause as well"
             tells = f"that change with time ({name}) predict the recording as well" if as_well else other
             return (
                 f" In one decay amplitude and time go together: a stiffness and damping {tells}, and only impacts of "

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from analysis.mismatch.account import far_off
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import Constants
 from analysis.mismatch.ring_downs.added_response import AddedResponse
@@ -33,7 +34,6 @@ LEAST_SAMPLES = 300
 FIRST_S = 6e-3  # after the pulse; longest for which the fits of simulated rough contacts tapped hard do not skip cycles
 LONGER = 2.0  # factor from one part of the segments that is fitted to the next
 SHORTER = (1.0, 1 / 2, 1 / 3)  # of `FIRST_S`: parts from which amplitudes are found where those of longer ones are lost
-MASS_MOVED = 3.0  # declared standard errors beyond which a mass is far from where it was declared
 LOST = 100.0  # reduced chi-squared of the next longer part; where forces are fine enough, laws nearly right reach 10
 _ON_THE_WAY = Stop(FEW_ITERATIONS, gain=ON_THE_WAY, known=False)
 
@@ -84,8 +84,7 @@ def masses_kept(fitted: RingDownFit) -> RingDownFit | None:
     """
     rig = fitted.problem.arrangement
     known = dict(zip(fitted.constants.names()[0], fitted.constants.rig, strict=True))
-    masses = [p for p in rig.parameters if p.name in rig.masses]
-    if all(abs(known[p.name] - p.value) <= MASS_MOVED * p.uncertainty for p in masses):
+    if not far_off(known, [p for p in rig.parameters if p.name in rig.masses]):
         return None
     start = Start(amplitudes=fitted.amplitudes if fitted.nonlinear else (), kept=tuple(rig.masses))
     return fit(fitted.problem, fitted.terms, declared_masses(fitted), start)

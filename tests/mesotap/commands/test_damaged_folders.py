@@ -10,6 +10,7 @@ import signal
 import stat
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -57,7 +58,7 @@ def _bounded(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     if not WHOLE:
         monkeypatch.setattr(session, "_report", lambda *arguments: None)
         monkeypatch.setattr(session, "results_json", lambda results: {})
-        monkeypatch.setattr(files, "analysed", lambda *arguments: None)
+        monkeypatch.setattr(files, "analysed", lambda *arguments: SimpleNamespace(remarks=()))
         monkeypatch.setattr(files, "show_session", lambda *arguments: None)
         monkeypatch.setattr(files, "results_json", lambda results: {})
         monkeypatch.setattr(report, "write_report", lambda *arguments, **more: None)

@@ -19,6 +19,8 @@ Symmetry = Literal["odd", "even", "none"]
 
 TESTER: Final = "two-mass tester"
 """Name of the rig of Eq. 9."""
+TESTER_MASSES: Final = frozenset({"m1", "m2"})
+"""Names of its masses."""
 LOAD_CELL: Final = "load cell"
 """Component whose mechanisms are no part of a ring-down."""
 

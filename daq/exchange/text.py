@@ -287,7 +287,8 @@ class _Table:
             )
         if self.rows < FEWEST_SAMPLES:
             raise RecordingError(
-                f"{self.path}: holds only {self.rows} lines of numbers, expected at least {FEWEST_SAMPLES}"
+                f"{self.path}: holds only {self.rows} line{'s' * (self.rows != 1)} of numbers, expected at least "
+                f"{FEWEST_SAMPLES}"
             )
         spaced = self.blanks >= self.rows - 1
         return self.gap or (0 if spaced else self.blank_gap)

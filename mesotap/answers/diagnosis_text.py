@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rich.console import Console
 
-from analysis.mismatch.answer import LOAD_CELL, TESTER, Answer, LawKind, Named, NextExperiment
+from analysis.mismatch.answer import LOAD_CELL, TESTER, TESTER_MASSES, Answer, LawKind, Named, NextExperiment
 from analysis.mismatch.remainder import SEEN, p_words, place_words
 from mesotap.answers.rounding import counted, significant, unit
 from mesotap.operator.tables import Table
@@ -23,7 +23,6 @@ KINDS: dict[LawKind, str] = {
     "dynamics": "a resonance",
 }
 """What a learned law is called in a sentence."""
-MASSES = frozenset({"m1", "m2"})  # of the tester
 MOST_NAMED = 3  # constants in a sentence
 HUNDREDTH = 0.005  # probability from which on two decimals show something
 FAR_BEYOND = 3.0
@@ -118,7 +117,7 @@ def _constants_in_doubt(answer: Answer) -> list[str]:
         f"It moves {names} declared uncertainties{others}: either they{loads} were declared wrongly, or they make up "
         "for a law that is not quite right"
     )
-    if answer.rig == TESTER and not MASSES.isdisjoint(off):
+    if answer.rig == TESTER and not TESTER_MASSES.isdisjoint(off):
         return [f"{said}. The intervals of k_c and c_c reach to what the masses as declared give."]
     stiffness = "k_c and c_c" if answer.rig == TESTER else "the other constants"
     return [f"{said}, and {stiffness} may then be wrong by far more than their intervals."]

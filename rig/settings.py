@@ -172,7 +172,7 @@ class Wiring(Section):
     input_range_v: Positive = 5.0
     bits: Annotated[int, Field(ge=8, le=32)] = 16
     sample_rate_hz: Positive = 25000.0
-    clock_accuracy_ppm: Annotated[float, Field(ge=0, le=10_000)] = 50.0  # limits; assumed (docs/uncertainty.md)
+    clock_accuracy_ppm: Annotated[float, Field(ge=0, le=10_000)] = 50.0  # limits; the NI 9234's (docs/uncertainty.md)
     hammer: Hammer | None = None
 
     @model_validator(mode="after")

@@ -38,7 +38,7 @@ def test_no_frequency_is_better_than_the_clock(tmp_path: Path, write: Writer) ->
     # 95 % of what lies evenly within +-50 ppm, and the noise
     assert half_width(assumed) == pytest.approx(np.hypot(47.5 * PPM, half_width(exact)), rel=0.03)
     (said,) = [note for note in assumed["notes"] if "clock" in note]
-    assert "to within 50 ppm, as is assumed" in said
+    assert "to within 50 ppm, an NI 9234's, assumed for any other" in said
 
 
 def test_the_configuration_says_how_good_the_clock_is_too(tmp_path: Path) -> None:

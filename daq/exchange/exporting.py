@@ -120,6 +120,7 @@ def _universal(recording: Recording, binary: bool, modes: Sequence[Shape]) -> by
             )
         )
     nodes = list(range(1, len(recording.names) + 1))
+    to_si = np.array([factor for _, factor in scaled])
     for number, (pole, shape) in enumerate(modes, start=1):
         none = np.zeros(shape.size, np.complex128)
         sets.append(
@@ -131,7 +132,7 @@ def _universal(recording: Recording, binary: bool, modes: Sequence[Shape]) -> by
                 analysis_type=_COMPLEX_EIGENVALUE,
                 data_ch=2,
                 spec_data_type=kinds[0] if len(set(kinds)) == 1 else 0,
-                r1=shape,
+                r1=shape * (to_si / to_si.max()),  # between channels as the samples are; one for all is arbitrary
                 r2=none,
                 r3=none,
                 load_case=1,

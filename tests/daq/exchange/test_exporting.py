@@ -130,6 +130,19 @@ def test_data_types_come_with_si_units(tmp_path, unit, kind, si, factor):
     assert len(rewritten(recording)) == int(si != unit)
 
 
+def test_a_shape_is_in_the_units_of_the_samples_beside_it(tmp_path):
+    data = np.random.default_rng(3).normal(size=(3, 50))
+    recording = Recording(data, 25000.0, ("a", "laser", "v"), "", "made.h5", ("m/s2", "um/s", "V"))
+    export_recording(tmp_path / "out.uff", recording, modes=[(POLE, SHAPE)])
+    sets = pyuff.UFF(str(tmp_path / "out.uff")).read_sets()
+    written = [s["data"][7] / samples[7] for s, samples in zip(sets[1:4], data, strict=True)]
+    assert written == pytest.approx([1.0, 1e-6, 1.0])
+    assert sets[4]["r1"] / SHAPE == pytest.approx(np.array(written), rel=1e-5)
+    alike = Recording(data, 25000.0, ("a", "b", "c"), "um/s", "made.h5")
+    export_recording(tmp_path / "alike.uff", alike, modes=[(POLE, SHAPE)])
+    assert pyuff.UFF(str(tmp_path / "alike.uff")).read_sets(4)["r1"] == pytest.approx(SHAPE, rel=1e-5)
+
+
 def test_letters_that_ascii_has_not_are_spelled_and_told():
     names = ("Gehäuse außen", "Ölpumpe", "dessus près", "5 µm", "φ", "plain")
     recording = Recording(np.zeros((6, 20)), 1000.0, names, "m/s2", "made.h5")

@@ -73,7 +73,11 @@ def modes_of(recording: Recording, method: str, wiring: Wiring | None = None) ->
 
 def _of_the_clock(wiring: Wiring) -> str:
     default = Wiring().clock_accuracy_ppm
-    assumed = ", an NI 9234's, assumed for any other until its data sheet says otherwise" if wiring.clock_accuracy_ppm == default else ""
+    assumed = (
+        ", an NI 9234's, assumed for any other until its data sheet says otherwise"
+        if wiring.clock_accuracy_ppm == default
+        else ""
+    )
     return (
         f"the intervals of the frequencies contain a clock of the recorder that is right to within "
         f"{wiring.clock_accuracy_ppm:g} ppm{assumed} (--clock-ppm, rig.wiring.clock_accuracy_ppm)"

@@ -29,6 +29,7 @@ from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 
 MOST_SHOWN = 60
+NO_SESSION = "no session"
 
 
 def reanalyze(
@@ -50,6 +51,9 @@ def reanalyze(
             refusals.append(f"{entry.path}: {error}" if not str(error).startswith(entry.path) else str(error))
             told.append(_told(entry, "refused", reason=str(error)))
             continue
+        if made is None:
+            told.append(_told(entry, NO_SESSION, reason="a recording of another rig; mesotap analyze finds its modes"))
+            continue
         status = "first" if not made.older else "changed" if made.changes else "unchanged"
         told.append(_told(entry, status, made))
     for entry in found.not_judged:
@@ -60,17 +64,20 @@ def reanalyze(
             update(catalogue, within)
     _show(told, console)
     write_json(json_path, {"format": "mesotap-reanalysis", "version": 1, "sessions": told})
+    if told and all(one["status"] == NO_SESSION for one in told):
+        refusals.append("nothing that was asked for is a session of the tester")
     if refusals:
         raise RecordingError("; ".join(refusals))
 
 
-def _one(entry: Entry, config_path: Path | None, changes: Sequence[str], console: Console) -> Reanalysis:
+def _one(entry: Entry, config_path: Path | None, changes: Sequence[str], console: Console) -> Reanalysis | None:
+    """Analyse a session again; None where the file is a recording of another rig, in which there is nothing to do."""
     if entry.state in UNREADABLE:
         raise RecordingError(f"{entry.state}: {entry.reason}")
     path = Path(entry.path)
     session = opened_session(path, console)
     if not isinstance(session, Session) or not session.rig.is_tester:
-        raise RecordingError(f"{path}: is not a session of the tester")
+        return None
     config = config_for(session, config_path, changes, console)
     return reanalysed(path, session.software, config, lambda: results_json(analysed(session, config, console)))
 

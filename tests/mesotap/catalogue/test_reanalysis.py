@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 
+import numpy as np
 import pytest
 
 from daq.errors import RecordingError
@@ -53,6 +54,7 @@ def test_older_answers_stay_and_the_same_analysis_is_not_done_twice(recorded, tm
 
     first = again(code=2)
     assert first["torn.h5"]["status"] == "refused"
+    assert again(code=2)["s"]["done"] is False  # nor is it done the second time, and what is torn is still told
     assert first["s"]["status"] == "first"
     (written,) = folder.glob("reanalysis/*/results.json")
     answer = json.loads(written.read_text())
@@ -92,3 +94,19 @@ def test_what_differs_from_the_analysis_before_is_told(recorded, tmp_path):
         "configuration": "the same",
         "data": "the same",
     }
+
+
+def test_a_recording_of_another_rig_is_passed_over_beside_sessions_and_refused_by_itself(recorded, tmp_path):
+    lab = tmp_path / "lab"
+    shutil.copytree(recorded, lab / "s")
+    times = np.arange(500) / 1000.0
+    decay = np.exp(-5.0 * times) * np.sin(300.0 * times)
+    lines = ["time [s],a [m/s^2],b [m/s^2]", *(f"{t},{y},{2 * y}" for t, y in zip(times, decay, strict=True))]
+    (lab / "other.csv").write_text("\n".join(lines))
+    mesotap("import", lab / "other.csv")
+    index, out = ("--index", tmp_path / "i.sqlite"), tmp_path / "r.json"
+    mesotap("reanalyze", lab, *index, "--json", out)
+    told = {s["name"]: s["status"] for s in json.loads(out.read_text())["sessions"]}
+    assert told == {"other.h5": "no session", "s": "first"}
+    said = mesotap("reanalyze", lab / "other.h5", *index, "--json", out, code=2)
+    assert "nothing that was asked for is a session of the tester" in " ".join(said.stderr.split())

@@ -11,7 +11,15 @@ INTERRUPTED = 130
 
 
 def main() -> None:
-    """Run the command line."""
+    """Run the command line; an interrupt ends it without a traceback, while the program is still loading too."""
+    try:
+        _command()
+    except KeyboardInterrupt:
+        sys.stderr.write("mesotap: interrupted\n")
+        sys.exit(INTERRUPTED)
+
+
+def _command() -> None:
     # the matrices here are small: a second BLAS thread only gets in the way of the first
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from mesotap.cli import app

@@ -74,6 +74,7 @@ def campaign(
     """Show where a campaign stands: what is done, owed, and set aside with the reason."""
     from mesotap.campaigns.cluster import engine_of
     from mesotap.commands.campaign import campaign as show
+    from mesotap.commands.campaign import is_left
 
-    with engine_of(cluster, jobs) as engine:
+    with engine_of(cluster, jobs, is_left(folder, resume, retry)) as engine:
         show(folder, resume, retry, engine, limits_of(task_time, task_memory), json, console(json))

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from mesotap.campaigns.engine import Engine, Outcomes, Processes, Run
 from mesotap.campaigns.errors import CampaignError
 from mesotap.campaigns.parcel import Reply, carry_out, keep, order
-from mesotap.campaigns.sites import Site, site_of
+from mesotap.campaigns.sites import Site, kind_of, site_of
 from mesotap.campaigns.task import program_sha256
 
 if TYPE_CHECKING:
@@ -43,15 +43,19 @@ class _Flight:
 
 
 @contextlib.contextmanager
-def engine_of(cluster: str | None, jobs: int) -> Iterator[Engine]:
+def engine_of(cluster: str | None, jobs: int, needed: bool = True) -> Iterator[Engine]:
     """Return what carries a campaign out: so many processes here, or what ``--cluster`` asks for; it is ended after.
+
+    Where nothing is left to be carried out it is not ``needed``: no cluster is sought then, nor its extra.
 
     Raises
     ------
     CampaignError
         What is asked for is not to be understood, or its extra is not installed.
     """
-    if cluster is None:
+    if cluster is not None and not needed:
+        kind_of(cluster)
+    if cluster is None or not needed:
         yield Processes(jobs)
         return
     with contextlib.closing(Cluster(site_of(cluster))) as engine:

@@ -51,6 +51,22 @@ class Site(Protocol):
         """End what was started."""
 
 
+def kind_of(asked: str) -> tuple[str, str]:
+    """Return the kind of place that ``--cluster`` asks for, and the rest of it; nothing is needed or started for that.
+
+    Raises
+    ------
+    CampaignError
+        It is not to be understood.
+    """
+    kind, _, rest = asked.partition(":")
+    if kind == "local" and not re.fullmatch("[1-9][0-9]{0,3}", rest):
+        raise CampaignError(f"--cluster {asked}: expected the number of workers, such as 'local:4'")
+    if kind not in ("local", "slurm") and not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}|[^\s:/]+:\d{1,5}", asked):
+        raise CampaignError(f"--cluster {asked}: {EXPECTED}")
+    return kind, rest
+
+
 def site_of(asked: str) -> Site:
     """Return what ``--cluster`` asks for.
 
@@ -59,11 +75,7 @@ def site_of(asked: str) -> Site:
     CampaignError
         It is not to be understood, or the extra is not installed.
     """
-    kind, _, rest = asked.partition(":")
-    if kind == "local" and not re.fullmatch("[1-9][0-9]{0,3}", rest):
-        raise CampaignError(f"--cluster {asked}: expected the number of workers, such as 'local:4'")
-    if kind not in ("local", "slurm") and not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}|[^\s:/]+:\d{1,5}", asked):
-        raise CampaignError(f"--cluster {asked}: {EXPECTED}")
+    kind, rest = kind_of(asked)
     if importlib.util.find_spec("distributed") is None:
         raise CampaignError("--cluster needs another package: pip install 'mesotap[cluster]'")
     if kind == "slurm":

@@ -83,6 +83,12 @@ def campaign(
         _refuse_incomplete(opened)
 
 
+def is_left(folder: Path, go_on: bool, retry: bool) -> bool:
+    """Return whether going on with a campaign, as asked for, would carry out anything."""
+    found = standing(Campaign.open(folder))
+    return bool((found["owed"] and (go_on or retry)) or (found["set_aside"] and retry))
+
+
 def _write_table(campaign: Campaign, console: Console) -> None:
     """Write the answers of a sweep that are there; other campaigns have no table."""
     file = campaign.folder / PLANNED

@@ -19,7 +19,7 @@ from analysis.session import AnalysisError
 from daq.errors import RecordingError
 from daq.exchange import Recording, import_recording
 from mesotap.answers.rig_text import first_rig, seen
-from mesotap.commands.outputs import write_json
+from mesotap.commands.outputs import make_ready, write_json
 from mesotap.commands.recordings import believed, show_left_out, show_remarks
 from mesotap.configuration.rig_files import load_rig
 from mesotap.configuration.usual_recordings import recording_remarks, rig_remarks
@@ -43,6 +43,10 @@ def begin_rig(
     inputs
         Channels that drive the rig, where their names and units do not tell.
     """
+    if output.exists():
+        raise RecordingError(f"{output}: exists already; it is left as it is")
+    make_ready(output, None)
+    make_ready(json_path, None)
     recordings = [believed(import_recording(file, rate_hz=rate)) for file in files]
     for other in recordings[1:]:
         if other.names != recordings[0].names:

@@ -496,6 +496,13 @@ def test_what_a_command_of_a_group_writes_is_an_answer_for_programs(tmp_path):
     assert (checked["file"], checked["valid"]) == (str(written), True)
 
 
+def test_an_interrupt_while_the_program_is_loading_has_no_traceback():
+    loading = "import sys\nfrom mesotap.__main__ import main\nclass Late:\n def find_spec(self, name, *more):\n"
+    loading += "  if name == 'mesotap.cli': raise KeyboardInterrupt\nsys.meta_path.insert(0, Late())\nmain()"
+    ended = subprocess.run([sys.executable, "-c", loading], capture_output=True, text=True, timeout=120.0)
+    assert (ended.returncode, ended.stderr) == (130, "mesotap: interrupted\n")
+
+
 def test_an_interrupt_is_said_and_ends_with_130(tmp_path):
     (tmp_path / "design.yaml").write_text("repeats: 1", encoding="utf-8")
     command = [sys.executable, "-m", "mesotap", "sweep", "design.yaml", "-o", "sweep"]

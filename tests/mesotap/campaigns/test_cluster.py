@@ -171,6 +171,16 @@ def test_without_a_cluster_processes_of_this_machine_carry_it_out():
         assert isinstance(engine, Processes)
 
 
+def test_where_nothing_is_left_no_cluster_is_sought(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    campaign = marking(tmp_path, 2, 0.0)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    command = ["campaign", str(campaign.folder), "--resume", "--cluster"]
+    assert "pip install" in str(CliRunner().invoke(app, [*command, "tcp://10.0.0.1:8786"]).exception)
+    campaign.carry_out(Processes(2), LIMITS, quiet)
+    assert CliRunner().invoke(app, [*command, "tcp://10.0.0.1:8786"]).exit_code == 0
+    assert "expected" in str(CliRunner().invoke(app, [*command, "nowhere"]).exception)
+
+
 def test_the_command_ends_with_2(tmp_path: Path):
     (tmp_path / "d.yaml").write_text("repeats: 1\n", encoding="utf-8")
     command = ["sweep", str(tmp_path / "d.yaml"), "-o", str(tmp_path / "c"), "--cluster", "nowhere"]

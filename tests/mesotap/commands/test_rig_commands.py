@@ -54,6 +54,17 @@ def test_a_rig_file_is_never_overwritten(driven, tmp_path):
     assert file.read_text() == "mine"
 
 
+def test_a_place_that_cannot_be_written_is_told_before_the_recording_is_read(tmp_path):
+    (tmp_path / "file").touch()
+    for more in (
+        ("-o", tmp_path / "file" / "rig.yaml"),
+        ("-o", tmp_path / "r.yaml", "--json", tmp_path / "file" / "a"),
+    ):
+        refused = run("rig", "init", tmp_path / "none.csv", *more)
+        assert "a part of the path is a file, not a folder" in str(refused.exception)
+        assert not (tmp_path / "r.yaml").exists()
+
+
 def test_what_these_sensors_cannot_tell_is_said_without_a_recording(tmp_path):
     file = tmp_path / "rig.yaml"
     file.write_text(

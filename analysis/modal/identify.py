@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,6 +96,9 @@ def identify_ring_down(
     [300]
     """
     y = np.atleast_2d(np.asarray(y, np.float64))
+    moving = np.ptp(y, axis=1) > 0
+    if moving.any() and not moving.all():  # what never changes has no noise to be weighed by, and tells nothing
+        return _among(moving, identify_ring_down(y[moving], sample_rate_hz, start, largest_order, method))
     clipped = clipped_samples(y)
     y = y - y.mean(axis=1, keepdims=True)
     impact = decay_start(y, sample_rate_hz) if start is None else None
@@ -125,6 +128,16 @@ def identify_ring_down(
     if chosen.size == 0:
         return RingDownModes((), diagram, first, 1.0, (*notes, "no mode stands out of the noise"), method)
     return _as_realised(y[:, first:], chosen, realised, diagram, first, sample_rate_hz, notes)
+
+
+def _among(moving: NDArray[np.bool_], found: RingDownModes) -> RingDownModes:
+    """Return the modes of some channels as those of all, the others at rest."""
+    modes = []
+    for mode in found.modes:
+        amplitude = np.zeros(moving.size, np.complex128)
+        amplitude[moving] = mode.amplitude
+        modes.append(replace(mode, amplitude=amplitude))
+    return replace(found, modes=tuple(modes))
 
 
 @dataclass(frozen=True, slots=True)

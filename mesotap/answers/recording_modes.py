@@ -33,7 +33,8 @@ def modes_of(recording: Recording, method: str, wiring: Wiring | None = None) ->
         Accuracy of the recorder's clock, which counts towards every frequency; None: the default.
     """
     wiring = wiring or Wiring()
-    if not np.ptp(recording.data, axis=1).any():
+    moving = np.ptp(recording.data, axis=1) > 0
+    if not moving.any():
         raise FitFailure(f"{recording.source}: no channel ever changes its value: there is no ring-down in it")
     scale = _far_scale(recording.data)
     data = recording.data / scale
@@ -43,7 +44,7 @@ def modes_of(recording: Recording, method: str, wiring: Wiring | None = None) ->
         raise FitFailure(f"{recording.source}: {error}") from error
     poles = np.array([np.exp(m.pole / recording.rate_hz) for m in found.modes], np.complex128)
     one = () if len(recording.data) > 1 else (ONE_CHANNEL,)
-    decay = data[:, found.start :] - data.mean(axis=1, keepdims=True)
+    decay = (data[:, found.start :] - data.mean(axis=1, keepdims=True))[moving]
     return RecordingModes(
         source=recording.source,
         method=found.method,
@@ -73,11 +74,7 @@ def modes_of(recording: Recording, method: str, wiring: Wiring | None = None) ->
 
 def _of_the_clock(wiring: Wiring) -> str:
     default = Wiring().clock_accuracy_ppm
-    assumed = (
-        ", an NI 9234's, assumed for any other until its data sheet says otherwise"
-        if wiring.clock_accuracy_ppm == default
-        else ""
-    )
+    assumed = ", as an NI 9234's is and any other's is assumed to be" if wiring.clock_accuracy_ppm == default else ""
     return (
         f"the intervals of the frequencies contain a clock of the recorder that is right to within "
         f"{wiring.clock_accuracy_ppm:g} ppm{assumed} (--clock-ppm, rig.wiring.clock_accuracy_ppm)"

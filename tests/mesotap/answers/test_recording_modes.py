@@ -38,7 +38,20 @@ def test_no_frequency_is_better_than_the_clock(tmp_path: Path, write: Writer) ->
     # 95 % of what lies evenly within +-50 ppm, and the noise
     assert half_width(assumed) == pytest.approx(np.hypot(47.5 * PPM, half_width(exact)), rel=0.03)
     (said,) = [note for note in assumed["notes"] if "clock" in note]
-    assert "to within 50 ppm, an NI 9234's, assumed for any other" in said
+    assert "to within 50 ppm, as an NI 9234's is and any other's is assumed to be" in said
+
+
+def test_a_channel_that_never_changes_leaves_the_others_what_they_tell(tmp_path: Path) -> None:
+    noisy = np.array([DECAY, 0.5 * DECAY]) + np.random.default_rng(4).normal(0, 1e-3, (2, DECAY.size))
+    still = analysed(as_uff(tmp_path, np.array([noisy[0], 0 * DECAY, noisy[1]])))
+    alone = analysed(as_csv(tmp_path, noisy))
+    (mode,), (same,) = still["modes"], alone["modes"]
+    for told in ("frequency_hz", "damping_ratio"):
+        assert list(mode[told].values()) == pytest.approx(list(same[told].values()), rel=1e-5)
+    assert mode["amplitude"] == pytest.approx([same["amplitude"][0], 0.0, same["amplitude"][1]], rel=1e-6)
+    assert len(mode["along_decay"]) == len(same["along_decay"]) > 2
+    assert len(mode["shape"]) == 3
+    assert any("zero throughout" in remark for remark in still["notes"])
 
 
 def test_the_configuration_says_how_good_the_clock_is_too(tmp_path: Path) -> None:

@@ -29,10 +29,11 @@ LONGEST_SETTLING_S = 8.0
 the analysis takes to begin beside a session in simulated time, over by then. On the bench it has long begun."""
 
 SETTLING = "the surfaces are apart; working out the latest tap"
-BAR = 40  # letters from no load to the limit
+BAR, SHORTEST_BAR = 40, 8  # letters from no load to the limit; the screen may be narrow
 BLOCKS = " ▁▂▃▄▅▆▇█"
-BINS, LOWEST_HZ, HIGHEST_HZ, RANGE_DB = 56, 100.0, 10_000.0, 60.0
-"""Of the small spectrum: letters, ends of its logarithmic frequency axis, and what is shown below its peak."""
+BINS, FEWEST_BINS, LOWEST_HZ, HIGHEST_HZ, RANGE_DB = 56, 16, 100.0, 10_000.0, 60.0
+"""Of the small spectrum: letters, the fewest of a narrow screen, ends of its logarithmic frequency axis, and what is
+shown below its peak."""
 
 
 class SessionScreen(SessionLines, GaugeWatch):
@@ -102,7 +103,9 @@ class SessionScreen(SessionLines, GaugeWatch):
         """See a tap and its verdict."""
         self._last, self._accepted, self._wanted, self._load_set = impact, accepted, wanted, impact.load_set
         self._done += impact.accepted
-        self._spectrum = sparkline(impact.acceleration.mean(axis=0)[impact.pretrigger :], impact.sample_rate_hz)
+        self._spectrum = sparkline(
+            impact.acceleration.mean(axis=0)[impact.pretrigger :], impact.sample_rate_hz, self._console.width
+        )
         if impact.force is not None:
             self._see_hammer(impact)
         if self._analysis is not None:
@@ -134,11 +137,13 @@ class SessionScreen(SessionLines, GaugeWatch):
     def _loaded(self) -> Text:
         target = self._plan[self._load_set] if self._load_set < len(self._plan) else 0.0
         load = "   –" if self._load_mn is None else f"{max(self._load_mn, 0.0) + 0.0:4.0f}"
-        filled = round(BAR * min(1.0, max(0.0, self._load_mn or 0.0) / (self._limit_mn or 1.0)))
-        bar = "━" * filled + "·" * (BAR - filled)
-        at = min(BAR - 1, round(BAR * target / (self._limit_mn or 1.0)))
+        now, limits = f"{load} mN ", f" target {target:.0f}, limit {self._limit_mn:.0f} mN"
+        letters = max(SHORTEST_BAR, min(BAR, self._console.width - len(now) - len(limits)))
+        filled = round(letters * min(1.0, max(0.0, self._load_mn or 0.0) / (self._limit_mn or 1.0)))
+        bar = "━" * filled + "·" * (letters - filled)
+        at = min(letters - 1, round(letters * target / (self._limit_mn or 1.0)))
         bar = f"{bar[:at]}┃{bar[at + 1 :]}"
-        return Text.assemble((f"{load} mN ", "bold"), bar, f" target {target:.0f}, limit {self._limit_mn:.0f} mN")
+        return Text.assemble((now, "bold"), bar, limits)
 
     def _row(self) -> Text:
         boxes = "■" * min(self._accepted, self._wanted) + "□" * max(0, self._wanted - self._accepted)
@@ -181,8 +186,10 @@ def _value(estimate: Any) -> float:
     )
 
 
-def sparkline(y: NDArray[np.float64], rate_hz: float) -> str:
+def sparkline(y: NDArray[np.float64], rate_hz: float, width: int = 80) -> str:
     """Return the amplitude spectrum of a transient (n,) in a line of letters, dB below its peak, with its ends in Hz.
+
+    On a screen of less than 70 letters there are fewer of them.
 
     Examples
     --------
@@ -194,9 +201,11 @@ def sparkline(y: NDArray[np.float64], rate_hz: float) -> str:
     """
     amplitude = np.abs(np.fft.rfft(y))
     hz = np.fft.rfftfreq(y.size, 1 / rate_hz)
-    edges = np.geomspace(LOWEST_HZ, min(HIGHEST_HZ, rate_hz / 2), BINS + 1)
+    ends = LOWEST_HZ, min(HIGHEST_HZ, rate_hz / 2)
+    number = max(FEWEST_BINS, min(BINS, width - len(f"{ends[0]:.0f}  {ends[1]:.0f} Hz")))
+    edges = np.geomspace(*ends, number + 1)
     bins = np.searchsorted(edges, hz) - 1
-    peaks = np.array([amplitude[bins == i].max(initial=0.0) for i in range(BINS)])
+    peaks = np.array([amplitude[bins == i].max(initial=0.0) for i in range(number)])
     for i in np.flatnonzero(peaks == 0.0):  # narrower than the lines of the spectrum
         peaks[i] = np.interp(np.sqrt(edges[i] * edges[i + 1]), hz, amplitude)
     largest = peaks.max(initial=0.0)

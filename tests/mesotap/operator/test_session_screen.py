@@ -72,6 +72,19 @@ def test_load_taps_and_what_the_last_came_to(screen):
     assert spectrum.startswith("100 ")
 
 
+@pytest.mark.parametrize("width", [48, 60, 69, 80])
+def test_load_and_spectrum_fit_a_narrow_screen(width):
+    narrow = SessionScreen(Console(force_terminal=True, width=width, record=True), keys=True)
+    narrow._plan, narrow._limit_mn, narrow._wanted = [300.0, 900.0], 1100.0, 8
+    narrow.load(550.0)
+    narrow.impact(TAP, 1, 8)
+    _, load, _, _, spectrum, _ = (line.rstrip() for line in lines(narrow))
+    assert max(len(load), len(spectrum)) <= width
+    assert load.endswith("target 300, limit 1100 mN")
+    assert spectrum.endswith(" 10000 Hz")
+    assert "█" in spectrum
+
+
 def test_the_last_tap_that_is_analysed_is_shown_with_its_number(screen):
     screen.impact(TAP, 1, 8)
     screen._found(TAP.number, MODES)

@@ -13,9 +13,13 @@ Examples
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+# numba marks its messages with colours, where colorama is installed, and wraps sys.stdout anew for each of thousands
+os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
 
 if TYPE_CHECKING:
     from mesotap.api import (

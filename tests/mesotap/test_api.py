@@ -43,6 +43,24 @@ def test_importing_it_imports_nothing_heavy() -> None:
     assert done.stdout.strip() == "[]"
 
 
+WRAPPING = """
+import os, sys
+os.environ.pop("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", None)
+import colorama, colorama.initialise
+wrapped = []
+colorama.init = colorama.initialise.init = lambda *more, **settings: wrapped.append(1)
+import mesotap
+mesotap.simulate(load_mn=500.0, seed=1)
+print(len(wrapped))
+"""
+
+
+def test_standard_output_is_left_as_it_is() -> None:
+    pytest.importorskip("colorama")  # with it numba wraps sys.stdout for each message that it marks
+    done = subprocess.run([sys.executable, "-c", WRAPPING], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "0"
+
+
 @pytest.mark.parametrize("kind", [str, Path])
 def test_a_path_is_a_text_or_a_path(kind, session: mesotap.Session, tmp_path: Path) -> None:
     file = tmp_path / "one.h5"

@@ -1,9 +1,13 @@
-"""The notebooks of the documentation, as they are stored; `make docs` executes them."""
+"""The notebooks of the documentation, as they are stored, and their code; `make docs` executes them as notebooks."""
 
 from __future__ import annotations
 
 import ast
 import json
+import os
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -59,3 +63,20 @@ def test_they_use_the_public_face_alone(file: Path) -> None:
     }
     assert used
     assert used <= set(mesotap.__all__)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
+def test_their_code_runs_and_finds_what_the_text_promises(file: Path, tmp_path: Path) -> None:
+    """In one process and without a kernel, as far as that shows it; the site executes them as notebooks."""
+    (tmp_path / "cells.py").write_text(code(file), encoding="utf-8")
+    settings = {"MPLBACKEND": "agg", "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, "cells.py"], cwd=tmp_path, env={**os.environ, **settings}, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    promised = {
+        "own-rig": r"tube_spring_cubic in the spring, probability 0\.9",
+        "session": r"mN, 4 taps: +\d\.\d+ +\(\d",
+    }
+    assert re.search(promised[file.stem], done.stdout), done.stdout

@@ -109,13 +109,17 @@ class Mode:
 
 @dataclass(frozen=True, slots=True)
 class RecordingModes:
-    """All that `analyze` answers about any other ring-down; ``diagram`` is its stabilisation diagram."""
+    """All that `analyze` answers about any other ring-down; ``diagram`` is its stabilisation diagram.
+
+    ``channels`` are the name and the unit, "" where none is stated, of each entry of an amplitude and of a shape.
+    """
 
     source: str
     method: str
     modes: tuple[Mode, ...]
     notes: tuple[str, ...] = ()
     diagram: tuple[StablePole, ...] = ()
+    channels: tuple[tuple[str, str], ...] = ()
 
     def shapes(self) -> NDArray[np.complex128]:
         """Shapes (c, m) of the modes, a column a mode; (0, m) where they were not kept."""

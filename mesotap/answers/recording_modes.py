@@ -69,6 +69,7 @@ def modes_of(recording: Recording, method: str, wiring: Wiring | None = None) ->
             *([_of_the_clock(wiring)] if found.modes else []),
         ),
         diagram=found.diagram,
+        channels=tuple(zip(recording.names, recording.units or [recording.unit] * len(recording.names), strict=True)),
     )
 
 

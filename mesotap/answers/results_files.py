@@ -50,6 +50,7 @@ def modes_json(modes: RecordingModes) -> dict[str, Any]:
         "version": VERSION,
         "source": modes.source,
         "method": modes.method,
+        "channels": [{"name": name, "unit": unit} for name, unit in modes.channels],
         "modes": [
             {
                 "frequency_hz": _estimate(mode.frequency_hz),

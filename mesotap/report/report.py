@@ -295,11 +295,14 @@ def recording_report(
     mac = modes.mac() if len(modes.modes) > 1 and len(modes.modes[0].shape) > 1 else None
     data = np.atleast_2d(np.asarray(recording.data))
     names = [str(recording.names[c]) if c < len(recording.names) else f"channel {c}" for c in range(data.shape[0])]
+    own = [unit for _, unit in modes.channels]
+    stated = own if len(own) == len(names) else [recording.unit] * len(names)
+    units = [unit.replace("m/s2", "m/s²") for unit in stated]
     html = environment().get_template("recording.html").render(
         recording=recording,
         mac=None if mac is None else mac.tolist(),
         compared=compared,
-        unit=recording.unit.replace("m/s2", "m/s²"),
+        units=units,
         names=names,
         duration_s=data.shape[1] / recording.rate_hz,
         modes=modes,

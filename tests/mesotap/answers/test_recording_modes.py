@@ -67,6 +67,22 @@ def test_the_configuration_says_how_good_the_clock_is_too(tmp_path: Path) -> Non
     assert half_width(analysed(file, "--clock-ppm", 500)) == half_width(declared)
 
 
+def test_each_channel_has_its_own_unit_in_the_answer_and_on_the_page(tmp_path: Path) -> None:
+    head = "time [s],top [m/s^2],laser [um/s],plain"
+    columns = np.array([T, DECAY, 3 * DECAY, -2 * DECAY]).T
+    np.savetxt(tmp_path / "mixed.csv", columns, delimiter=",", header=head, comments="")
+    channels = analysed(tmp_path / "mixed.csv", "--report", tmp_path / "page")["channels"]
+    assert channels == [
+        {"name": "top", "unit": "m/s2"},
+        {"name": "laser", "unit": "um/s"},
+        {"name": "plain", "unit": ""},
+    ]
+    page = (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
+    assert "<dt>Unit</dt><dd>m/s², um/s, not stated</dd>" in page
+    assert "<th>top<small>m/s²</small></th><th>laser<small>um/s</small></th><th>plain<small></small></th>" in page
+    assert all(file.name in page for file in (tmp_path / "page").glob("*.pdf"))
+
+
 def test_an_answer_holds_date_hash_versions_and_configuration(tmp_path: Path) -> None:
     file = as_csv(tmp_path, np.array([DECAY, 0.5 * DECAY]))
     origin = analysed(file, "--clock-ppm", 7, "--report", tmp_path / "page")["provenance"]

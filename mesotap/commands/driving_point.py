@@ -6,11 +6,10 @@ from typing import Any
 
 from rich.console import Console
 
-from analysis.frequency_response.driving_point import two_masses
+from analysis.frequency_response.driving_point import TRIED, DrivingPoint, two_masses
 from analysis.frequency_response.estimators import ForceError
 from analysis.frequency_response.hits import is_lasting
 from analysis.frequency_response.impacts import of_each_hit
-from analysis.frequency_response.two_mass import TwoMassFit
 from analysis.moving_masses import moving_masses
 from daq.errors import RecordingError
 from daq.exchange import Recording
@@ -37,7 +36,7 @@ SHOWN = (
 )
 
 
-def by_driving_point(recording: Recording, options: ForceOptions, config: Config) -> tuple[TwoMassFit, str, str]:
+def by_driving_point(recording: Recording, options: ForceOptions, config: Config) -> tuple[DrivingPoint, str, str]:
     """Return Eq. 9 fitted to both masses' responses, and the names of the struck one's channel and of the other's.
 
     Masses and springs of the configuration are where the fit begins.
@@ -76,32 +75,40 @@ def by_driving_point(recording: Recording, options: ForceOptions, config: Config
     try:
         rows = recording.data[[driving, *others]]
         measured = of_each_hit(pushed, rows, recording.rate_hz, names, "m/s2/N", True, options.segment_s)
-        return two_masses(measured, rig, moving, 0, 1), names[0], names[1]
+        split = config.analysis.spring_asymmetry_percent / 100
+        return two_masses(measured, rig, moving, 0, 1, split_error=split), names[0], names[1]
     except ForceError as error:
         raise RecordingError(f"{source}: --driving-point: {error}") from error
 
 
-def show_driving_point(found: tuple[TwoMassFit, str, str], console: Console) -> None:
+def show_driving_point(found: tuple[DrivingPoint, str, str], console: Console) -> None:
     """Print masses, contact and springs with their 95 % intervals."""
-    fit, driving, other = found
+    answer, driving, other = found
     shown = Table(title=f"Eq. 9 by the hammer: {escape(driving)} on the mass struck, {escape(other)} on the other")
     for heading, _, _ in SHOWN:
         shown.add_column(heading, justify="right")
-    shown.add_row(*(with_uncertainty(getattr(fit, name), scale) for _, name, scale in SHOWN))
+    shown.add_row(*(with_uncertainty(getattr(answer.fit, name), scale) for _, name, scale in SHOWN))
     console.print(shown)
-    for said in said_of(fit):
+    for said in said_of(answer):
         console.print(f"- {escape(said)}", highlight=False, soft_wrap=True)
 
 
-def said_of(fit: TwoMassFit) -> list[str]:
+def said_of(answer: DrivingPoint) -> list[str]:
     """Return what is to be known of such a fit, in sentences."""
+    fit, (struck, other, stiffness) = answer.fit, (100 * change for change in answer.changes)
     hits = f"{fit.repeats} hits; the model misses {100 * fit.misfit:.2g} % of both responses (rms)"
-    return [hits, *([fit.not_identified] if fit.not_identified else []), SENSITIVITIES]
+    springs = (
+        "the responses hardly tell k1 from k2, only their sum: their ratio is the declared one (rig.springs), known as "
+        f"well as analysis.spring_asymmetry_percent says; with k1 {100 * TRIED:g} % stiffer against k2 the mass struck "
+        f"would come out {struck:+.2g} %, the other {other:+.2g} %, k_c {stiffness:+.2g} %"
+    )
+    return [hits, springs, SENSITIVITIES]
 
 
-def driving_point_json(found: tuple[TwoMassFit, str, str]) -> dict[str, Any]:
+def driving_point_json(found: tuple[DrivingPoint, str, str]) -> dict[str, Any]:
     """Return the same as JSON types."""
-    fit, driving, other = found
+    answer, driving, other = found
+    fit = answer.fit
     return {
         "channel": driving,
         "other": other,
@@ -112,5 +119,5 @@ def driving_point_json(found: tuple[TwoMassFit, str, str]) -> dict[str, Any]:
         "spring_sum_n_per_m": estimate_json(fit.spring_sum),
         "misfit": fit.misfit,
         "hits": fit.repeats,
-        "notes": said_of(fit),
+        "notes": said_of(answer),
     }

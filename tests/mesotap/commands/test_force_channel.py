@@ -234,6 +234,21 @@ def test_the_driving_point_tells_both_masses_apart(both_seen, tmp_path):
     assert "the uncertainty of the sensitivities is not in these intervals" in said
 
 
+def test_the_unknown_ratio_of_the_springs_is_in_the_intervals_of_the_masses(both_seen, tmp_path):
+    truth = {"struck_mass_kg": 0.15, "other_mass_kg": 0.08, "contact_stiffness_n_per_m": 7e6}
+
+    def holding(percent: float) -> list[str]:
+        springs = ("--set", "rig.springs={k1_n_per_m: 470000, k2_n_per_m: 606000}")  # in truth they are alike
+        changes = (*springs, "--set", f"analysis.spring_asymmetry_percent={percent}")
+        mesotap("analyze", both_seen, "--driving-point", "up", *changes, "--json", tmp_path / "a.json")
+        found = json.loads((tmp_path / "a.json").read_text())["driving_point"]
+        assert any("with k1 10 % stiffer against k2 the mass struck would come out" in n for n in found["notes"])
+        return [name for name, true in truth.items() if found[name]["low"] < true < found[name]["high"]]
+
+    assert not {"struck_mass_kg", "other_mass_kg"} & set(holding(0))
+    assert holding(15) == list(truth)
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

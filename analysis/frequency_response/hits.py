@@ -89,8 +89,8 @@ def hits_in(force: Real, rate_hz: float, source: str = "the force channel", leas
     peak = float(f.max())
     if peak < NOISE_MULTIPLE * noise:
         raise ForceError(
-            f"{source} shows no hit: its largest value is {peak:.3g}, its noise {noise:.3g}; check the hammer's cable, "
-            "its input and its sensitivity"
+            f"{source} shows no hit: its largest value is {peak:.3g} N, its noise {noise:.3g} N; check the hammer's "
+            "cable, its input and its sensitivity"
         )
     over = f > max((least or HIT_SHARE) * peak, NOISE_MULTIPLE * noise)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], over.astype(np.int8), [0]])))

@@ -37,7 +37,7 @@ def test_a_dead_channel_is_told(good: list[HitRecord]) -> None:
 
 def test_a_channel_with_noise_alone_is_told(good: list[HitRecord]) -> None:
     noise = np.random.default_rng(2).standard_normal(good[0].force.size)
-    with pytest.raises(ForceError, match="shows no hit"):
+    with pytest.raises(ForceError, match=r"shows no hit: its largest value is \d\.\d+ N, its noise \d\.\d+ N;"):
         of_hits([_changed(good[0], noise)], RATE, ["x"])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 
@@ -11,6 +12,8 @@ from tests.mesotap.console.consoles import PATIENCE_MS, console_in, journal_of, 
 from tests.mesotap.console.pages import begin, opened, reach
 
 pytestmark = needs_chromium
+
+RESPONSE_DRAWN = "() => document.querySelectorAll('.responses canvas')[1].toDataURL()"
 
 LONG_DIAGNOSIS = ("--set", "mesotap.diagnose=true", "--set", "mesotap.impacts_per_load=8")
 """Of 16 taps: ten seconds of an idle machine, in which a page is looked at ten times a second."""
@@ -136,7 +139,8 @@ def test_the_space_bar_on_a_checkbox_is_stop_and_leaves_it_as_it_is(chromium, tm
 def test_a_surplus_of_taps_and_the_hammer_are_shown_on_the_smallest_screen_too(chromium, tmp_path):
     from playwright.sync_api import expect
 
-    changes = ("mesotap.surplus_impacts=2", "rig.wiring.hammer={input: 3}", "mesotap.load_plan_mn=[400]")
+    hammer = ("rig.wiring.hammer={input: 3}", "sim_backend.hammer={noise_n: 0.01}")
+    changes = ("mesotap.surplus_impacts=2", "mesotap.load_plan_mn=[400]", *hammer)
     options = [part for change in changes for part in ("--set", change)]
     with console_in(tmp_path, "--speed", "20", *options) as console:
         page = opened(chromium, console)
@@ -150,6 +154,17 @@ def test_a_surplus_of_taps_and_the_hammer_are_shown_on_the_smallest_screen_too(c
         expect(page.locator("#hammer")).to_contain_text("excites to", timeout=PATIENCE_MS)
         expect(page.locator("#tap-force")).to_contain_text("N")
         expect(page.locator("#force canvas")).to_have_count(2)
+        expect(page.locator(".response-taps")).to_contain_text(re.compile("[2-9] taps"), timeout=PATIENCE_MS)
+        drawn = []
+        for how, words in (
+            ("h1", "H1 takes noise"),
+            ("h2", "It is H1 over the coherence"),
+            ("hv", "halfway between H1"),
+        ):
+            page.select_option(".responses select", how)
+            expect(page.locator(".responses")).to_contain_text(words)
+            drawn.append(page.evaluate(RESPONSE_DRAWN))
+        assert len(set(drawn)) == 3
         assert page.evaluate("() => document.documentElement.scrollWidth <= document.documentElement.clientWidth")
         reach(page, "done")
         assert page.faults == []

@@ -59,6 +59,8 @@ class Element:
         Name of the group of equal elements that it belongs to, if any: a mechanism acts alike in all of them.
     preload
         Whether it is the contact that carries the load.
+    load_scale
+        Name of the constant by which the load has to be multiplied, if it is known to within an uncertainty only.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Element:
     damping: str | None = None
     alike: str | None = None
     preload: bool = False
+    load_scale: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +108,11 @@ class Arrangement:
     def element(self, name: str) -> Element:
         """Return the element of this name."""
         return next(e for e in self.elements if e.name == name)
+
+    @property
+    def force_scales(self) -> tuple[str, ...]:
+        """Names of the constants that say how large forces are: the masses, and the scale of the load."""
+        return *self.masses, *(e.load_scale for e in self.elements if e.load_scale is not None)
 
     def vector(self, row: Row, values: Mapping[str, float] | Mapping[str, Real]) -> Real:
         """Return (..., n) the coefficients of a row in the order of the bodies, for values of any one shape."""

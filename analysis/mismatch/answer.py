@@ -19,8 +19,10 @@ Symmetry = Literal["odd", "even", "none"]
 
 TESTER: Final = "two-mass tester"
 """Name of the rig of Eq. 9."""
-TESTER_MASSES: Final = frozenset({"m1", "m2"})
-"""Names of its masses."""
+LOAD_SCALE: Final = "load_scale"
+"""Constant by which all loads of sessions have to be multiplied: what they have in common may be wrong."""
+TESTER_SCALES: Final = frozenset({"m1", "m2", LOAD_SCALE})
+"""Constants of the tester that say how large forces are."""
 LOAD_CELL: Final = "load cell"
 """Component whose mechanisms are no part of a ring-down."""
 

@@ -10,13 +10,14 @@ import numpy as np
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
-from analysis.mismatch.answer import TESTER_MASSES, ContactAtRest
+from analysis.mismatch.answer import TESTER_SCALES, ContactAtRest
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.ring_downs.corrected import augmented, contact_at_rest
 from analysis.mismatch.ring_downs.fit import fit
 from analysis.mismatch.ring_downs.sessions import ring_downs
 from daq.records import Session
 from mesotap.answers.adoption import AdoptedModel
+from mesotap.answers.diagnosis_text import constant_words
 from mesotap.answers.rounding import with_uncertainty
 from mesotap.configuration.config import ConfigError
 from mesotap.configuration.declared import header_uncertainty
@@ -57,11 +58,11 @@ class Correction:
     @property
     def doubt(self) -> str:
         """What to think of the corrected values where the diagnosis moved declared constants far; else nothing."""
-        moved = " and ".join(f"{name} by {by:.0f}" for name, by in self.off.items())
+        moved = " and ".join(f"{constant_words(name)} by {by:.0f}" for name, by in self.off.items())
         so = (
             "the corrected k_c and c_c may be wrong by far more than their intervals"
-            if TESTER_MASSES.isdisjoint(self.off)
-            else "the intervals of the corrected k_c and c_c reach to what the masses as declared give"
+            if TESTER_SCALES.isdisjoint(self.off)
+            else "their intervals reach to what masses as declared and loads as measured give"
         )
         return f"The diagnosis moved {moved} declared uncertainties: {so}." if moved else ""
 

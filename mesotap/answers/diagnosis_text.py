@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from rich.console import Console
 
-from analysis.mismatch.answer import LOAD_CELL, TESTER, TESTER_MASSES, Answer, LawKind, Named, NextExperiment
+from analysis.mismatch.answer import (
+    LOAD_CELL,
+    LOAD_SCALE,
+    TESTER,
+    TESTER_SCALES,
+    Answer,
+    LawKind,
+    Named,
+    NextExperiment,
+)
 from analysis.mismatch.remainder import SEEN, p_words, place_words
 from mesotap.answers.rounding import counted, significant, unit
 from mesotap.operator.tables import Table
@@ -35,6 +44,11 @@ SMALL = 0.1  # share of what the linear rig misses, up to which a remainder is c
 def words(mechanism_id: str) -> str:
     """Return a mechanism's id as words."""
     return mechanism_id.replace("_", " ")
+
+
+def constant_words(name: str) -> str:
+    """Return how a constant of the rig is called in a sentence."""
+    return "the loads" if name == LOAD_SCALE else name
 
 
 def linear_rig(answer: Answer) -> str:
@@ -110,15 +124,14 @@ def _constants_in_doubt(answer: Answer) -> list[str]:
     if not off:
         return []
     most = sorted(off, key=lambda k: -off[k])[:MOST_NAMED]
-    names = " and ".join(", ".join(f"{k} by {off[k]:.0f}" for k in most).rsplit(", ", 1))
+    names = " and ".join(", ".join(f"{constant_words(k)} by {off[k]:.0f}" for k in most).rsplit(", ", 1))
     others = f" (and {len(off) - len(most)} more)" if len(off) > len(most) else ""
-    loads = " or the loads" if answer.loads_n else ""
     said = (
-        f"It moves {names} declared uncertainties{others}: either they{loads} were declared wrongly, or they make up "
+        f"It moves {names} declared uncertainties{others}: either they were declared wrongly, or they make up "
         "for a law that is not quite right"
     )
-    if answer.rig == TESTER and not TESTER_MASSES.isdisjoint(off):
-        return [f"{said}. The intervals of k_c and c_c reach to what the masses as declared give."]
+    if answer.rig == TESTER and not TESTER_SCALES.isdisjoint(off):
+        return [f"{said}. The intervals of k_c and c_c reach to what masses as declared and loads as measured give."]
     stiffness = "k_c and c_c" if answer.rig == TESTER else "the other constants"
     return [f"{said}, and {stiffness} may then be wrong by far more than their intervals."]
 

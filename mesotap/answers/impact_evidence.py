@@ -8,6 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from analysis.mismatch.account import FAR_OFF, far_off
+from analysis.mismatch.answer import LOAD_SCALE
 from analysis.mismatch.evidence.excess import by_impact, map_by_frequency, map_by_time, spectrum
 from analysis.mismatch.evidence.reconstruction import law_along, reconstruct, stitched, telling_impacts
 from analysis.mismatch.evidence.varying import contact_by_amplitude, contact_in_time
@@ -19,7 +20,7 @@ from analysis.results import SessionResults
 from calibration.estimate import Estimate
 from mesotap.answers.candidates import candidate_table, considered
 from mesotap.answers.diagnosis_page import C_C, K_C, ZETA_2, Evidence, Picture, Table
-from mesotap.answers.diagnosis_text import words
+from mesotap.answers.diagnosis_text import constant_words, words
 from mesotap.answers.rounding import significant, with_uncertainty
 from mesotap.report import figures
 from sim_backend.arrangement import Parameter
@@ -192,8 +193,8 @@ def _contact(selection: RingDownSelection) -> Table:
     )
     mean = ", of the mean of a load's impacts where these scatter" if selection.best.problem.scattered else ""
     caption = Markup(
-        "{} and {} by Eq. 9{}; ± is half of the 95 % interval of the joint fit{}. Where a mass ends far from what was "
-        "declared, it reaches to what the masses as declared give."
+        "{} and {} by Eq. 9{}; ± is half of the 95 % interval of the joint fit{}. Where a mass or the scale of "
+        "the loads ends far from what was declared, it reaches to what masses as declared and loads as measured give."
     ).format(K_C, ZETA_2, beside, mean)
     found = ", corrected" if selection.chosen is not None else ", with it"
     models = (", Eq. 9", found) if after else (", Eq. 9",)
@@ -207,13 +208,19 @@ def _against_declared(value: float, declared: Parameter) -> Markup:
     return Markup("{}{}").format(significant(value, 5), mark)
 
 
+def _constant_title(p: Parameter) -> Markup:
+    if p.name == LOAD_SCALE:
+        return Markup("{} [1]").format(constant_words(p.name))
+    return Markup("<i>{}</i><sub>{}</sub> [{}]").format(p.name[0], p.name[1:], p.unit)
+
+
 def _constants(selection: RingDownSelection) -> Table:
     """List the rig's declared constants with what the fits made of them."""
     fits = (selection.baseline, selection.best) if selection.best.terms else (selection.baseline,)
     values = [dict(zip(f.constants.names()[0], f.constants.rig.tolist(), strict=True)) for f in fits]
     rows = tuple(
         (
-            Markup("<i>{}</i><sub>{}</sub> [{}]").format(p.name[0], p.name[1:], p.unit),
+            _constant_title(p),
             with_uncertainty(Estimate(p.value, p.uncertainty)),
             *(_against_declared(v[p.name], p) for v in values),
         )

@@ -8,6 +8,9 @@ from collections.abc import Mapping
 
 import yaml
 
+from analysis.mismatch.answer import LOAD_SCALE
+from calibration.gauge import GaugeHistory
+from calibration.settings import CalibrationSettings
 from daq.records import Session
 from mesotap.configuration.config import ConfigError, parse_config
 from mesotap.configuration.yaml_text import NOT_YAML
@@ -42,14 +45,36 @@ def rig_settings(session: Session) -> RigSettings:
 
 
 def header_uncertainty(session: Session) -> Mapping[str, float]:
-    """Return the standard errors of the masses (kg) and springs (N/m) in a session's header, by its names."""
+    """Return the standard errors of the masses (kg) and springs (N/m) in a session's header, by its names.
+
+    Beside these, where the gauge was calibrated, the relative one that all loads have in common.
+    """
     rig = rig_settings(session)
     share = rig.springs.uncertainty_percent / 100
     inertia = rig.springs.inertia()
     mass = math.hypot(rig.masses.uncertainty_kg, 0.0 if inertia is None else inertia.uncertainty_kg)
+    load = _error_of_loads(session)
     return {
         "m1_kg": mass,
         "m2_kg": mass,
         "k1_n_per_m": share * session.rig.k1_n_per_m,
         "k2_n_per_m": share * session.rig.k2_n_per_m,
-    }
+    } | ({} if load is None else {LOAD_SCALE: load})
+
+
+def _error_of_loads(session: Session) -> float | None:
+    """Return the relative standard error of the largest load by the session's calibrations; None without one."""
+    try:
+        settings = parse_config(session.config).calibration if session.config.strip() else CalibrationSettings()
+    except ConfigError:
+        settings = CalibrationSettings()
+    history = GaugeHistory(session.pre, session.post, settings, session.zeros)
+    read = [(i.load_before_mn, i.time) for i in session.impacts if i.accepted and math.isfinite(i.load_before_mn)]
+    if not read:
+        return None
+    largest, time = max(read)
+    line = history.scale_at(time)
+    if line is None:
+        return None
+    load = history.load_at(line.offset_mv + line.sensitivity_mv_per_mn * largest, time)
+    return None if load is None or load.value <= 0 else load.standard_error / load.value

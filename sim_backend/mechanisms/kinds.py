@@ -61,9 +61,10 @@ class AtRest:
 
     @classmethod
     def of(cls, element: Element, constants: Values, preload: float) -> AtRest:
-        """Return it for a rig with these constants at a preload (N)."""
+        """Return it for a rig with these constants at a preload (N) as it was measured."""
+        scale = constants[element.load_scale] if element.load_scale else 1.0
         return cls(
-            preload if element.preload else 0.0,
+            scale * preload if element.preload else 0.0,
             constants[element.stiffness] if element.stiffness else 0.0,
             constants[element.damping] if element.damping else 0.0,
         )

@@ -17,7 +17,7 @@ from analysis.mismatch.ring_downs.continuation import (
     continued,
     each_alone,
     lengthened,
-    masses_kept,
+    scales_kept,
 )
 from analysis.mismatch.ring_downs.coordinates import admissible
 from analysis.mismatch.ring_downs.fit import (
@@ -188,17 +188,17 @@ def converged(fitted: RingDownFit) -> RingDownFit:
             if abs(objective_with(finer, found.terms) - found.objective) < STEPPED:
                 break
             found = fit(found.problem, found.terms, finer, Start(amplitudes=found.amplitudes))
-        return _with_masses_found_again(found)
+        return _with_scales_found_again(found)
     found = fit(fitted.problem, fitted.terms, fitted)
     return found if found.objective < fitted.objective else fitted
 
 
-def _with_masses_found_again(fitted: RingDownFit) -> RingDownFit:
-    """Return the better of a fit that moved masses far and one that begins again with these as declared.
+def _with_scales_found_again(fitted: RingDownFit) -> RingDownFit:
+    """Return the better of a fit that moved masses or loads far and one that begins again with these as declared.
 
-    Recordings hardly tell masses, so that what moved them once, a fit of another model or a coarser one, may stay.
+    Recordings hardly tell them, so that what moved them once, a fit of another model or a coarser one, may stay.
     """
-    kept = masses_kept(fitted) if fitted.only_laws else None
+    kept = scales_kept(fitted) if fitted.only_laws else None
     if kept is None:
         return fitted
     again = fit(fitted.problem, kept.terms, kept, Start(amplitudes=kept.amplitudes))

@@ -47,7 +47,7 @@ def beginnings(problem: RingDowns, seconds: float) -> RingDowns:
 
 
 def linear_at_first(problem: RingDowns, begin: RingDownFit) -> RingDownFit:
-    """Return the linear rig fitted to the first milliseconds, its masses as declared.
+    """Return the linear rig fitted to the first milliseconds, its masses and loads as declared.
 
     What a fit to whole segments makes of them stands in for a strong effect, and so may what it makes of the rest.
 
@@ -56,38 +56,38 @@ def linear_at_first(problem: RingDowns, begin: RingDownFit) -> RingDownFit:
     begin
         A fit of the linear rig to the same loads.
     """
-    short, start = beginnings(problem, FIRST_S), Start(kept=tuple(problem.arrangement.masses))
-    begins = declared_masses(begin), declared_constants(problem, begin)
+    short, start = beginnings(problem, FIRST_S), Start(kept=problem.arrangement.force_scales)
+    begins = declared_scales(begin), declared_constants(problem, begin)
     fits = [fit(short, begin=one, start=start, stop=_ON_THE_WAY) for one in begins]
     return min(fits, key=lambda one: one.objective)
 
 
 def declared_constants(problem: RingDowns, begin: RingDownFit) -> RingDownFit:
-    """Return a fit with the masses as declared, and the constants of each load that a problem starts with."""
-    declared = declared_masses(begin)
+    """Return a fit with masses and loads as declared, and the constants of each load that a problem starts with."""
+    declared = declared_scales(begin)
     return replace(declared, constants=replace(declared.constants, load=problem.start.copy()))
 
 
-def declared_masses(begin: RingDownFit) -> RingDownFit:
-    """Return a fit with the rig's masses as declared, all else as it is."""
+def declared_scales(begin: RingDownFit) -> RingDownFit:
+    """Return a fit with the rig's masses as declared and loads as measured, all else as it is."""
     rig = begin.problem.arrangement
-    declared = {p.name: p.value for p in rig.parameters if p.name in rig.masses}
+    declared = {p.name: p.value for p in rig.parameters if p.name in rig.force_scales}
     values = [declared.get(n, v) for n, v in zip(begin.constants.names()[0], begin.constants.rig, strict=True)]
     return replace(begin, constants=replace(begin.constants, rig=np.array(values)))
 
 
-def masses_kept(fitted: RingDownFit) -> RingDownFit | None:
-    """Return the fit that keeps the rig's masses as declared; None where they are not moved far.
+def scales_kept(fitted: RingDownFit) -> RingDownFit | None:
+    """Return the fit that keeps masses as declared and loads as measured; None where none of them is moved far.
 
-    What moves them may be a force scale: a load that is a little wrong, or a law that is not quite right. Then what
-    the frequencies say with the masses as declared is right.
+    What moves them may be a law that is not quite right. Then what the frequencies say with the masses as declared is
+    right.
     """
     rig = fitted.problem.arrangement
     known = dict(zip(fitted.constants.names()[0], fitted.constants.rig, strict=True))
-    if not far_off(known, [p for p in rig.parameters if p.name in rig.masses]):
+    if not far_off(known, [p for p in rig.parameters if p.name in rig.force_scales]):
         return None
-    start = Start(amplitudes=fitted.amplitudes if fitted.nonlinear else (), kept=tuple(rig.masses))
-    return fit(fitted.problem, fitted.terms, declared_masses(fitted), start)
+    start = Start(amplitudes=fitted.amplitudes if fitted.nonlinear else (), kept=rig.force_scales)
+    return fit(fitted.problem, fitted.terms, declared_scales(fitted), start)
 
 
 def each_alone(problem: RingDowns, terms: Sequence[Term], begin: RingDownFit) -> list[Complex]:
@@ -124,8 +124,8 @@ def lengthened(
     """Fit the rig with force laws to ever longer beginnings of the segments, at last to the whole.
 
     A constant that is a little off is out of phase at the end of a segment, where a fit to the whole is lost; it is not
-    within the first periods. Masses stay until the last fit: recordings of the motion alone hardly tell them, and far
-    from where they were declared there is no quick way back.
+    within the first periods. Masses and the scale of the loads stay until the last fit: recordings of the motion alone
+    hardly tell them, and far from where they were declared there is no quick way back.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def lengthened(
     """
     whole = max(r.y.shape[1] for r in problem.experiment.segments) / problem.experiment.sample_rate_hz
     amplitudes = each_alone(beginnings(problem, FIRST_S), terms, begin)
-    seconds, current, start = FIRST_S, begin, Start(kept=tuple(problem.arrangement.masses), amplitudes=amplitudes)
+    seconds, current, start = FIRST_S, begin, Start(kept=problem.arrangement.force_scales, amplitudes=amplitudes)
     coarse = stop.competing
     while LONGER * seconds < whole:
         part, on_the_way = beginnings(problem, seconds), replace(_ON_THE_WAY, competing=coarse)

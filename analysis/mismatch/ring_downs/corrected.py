@@ -11,10 +11,11 @@ import numpy as np
 from analysis.mismatch.answer import ContactAtRest
 from analysis.mismatch.intervals import NORMAL_95
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.ring_downs.continuation import continued, lengthened, linear_at_first, masses_kept
+from analysis.mismatch.ring_downs.continuation import continued, lengthened, linear_at_first, scales_kept
 from analysis.mismatch.ring_downs.fit import Start, fit
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.score_test import screen
+from analysis.stiffness import contact_from_pole, pole
 from calibration.estimate import Estimate
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import ForceLaw, SecondImpact
@@ -32,31 +33,55 @@ def contact_at_rest(found: RingDownFit) -> tuple[ContactAtRest, ...]:
     mechanisms' parameters are left free in them. Where impacts have a contact of their own, a load has their mean, and
     their scatter counts. The errors of the loads themselves are not included.
 
-    Where a fit moved a mass far, so much counts in addition that a 95 % interval contains what the masses as declared
-    give: which of both is right the recordings do not say.
+    Where a fit moved a mass or the scale of the loads far, 95 % intervals reach to the ends of those that masses and
+    loads as declared give: which of both is right the recordings do not say.
     """
     loads = found.problem.groups_by_load
     each = tuple(_at_rest(found, groups) for groups in loads)
-    kept = masses_kept(found)
+    kept = scales_kept(found)
     return (
         each
         if kept is None
-        else tuple(_with(one, _at_rest(kept, groups)) for one, groups in zip(each, loads, strict=True))
+        else tuple(_reaching(one, _by_masses(kept, groups)) for one, groups in zip(each, loads, strict=True))
     )
 
 
-def _with(one: ContactAtRest, other: ContactAtRest) -> ContactAtRest:
-    """Return a contact whose 95 % intervals contain another one's values, too."""
+def _reaching(one: ContactAtRest, other: ContactAtRest) -> ContactAtRest:
+    """Return a contact whose 95 % intervals contain another one's, too."""
     return ContactAtRest(
         one.load_n,
-        _containing(one.stiffness, other.stiffness.value),
-        _containing(one.damping, other.damping.value),
-        _containing(one.damping_ratio, other.damping_ratio.value),
+        _containing(one.stiffness, other.stiffness),
+        _containing(one.damping, other.damping),
+        _containing(one.damping_ratio, other.damping_ratio),
     )
 
 
-def _containing(own: Estimate, other: float) -> Estimate:
-    return replace(own, standard_error=math.hypot(own.standard_error, (other - own.value) / NORMAL_95))
+def _containing(own: Estimate, other: Estimate) -> Estimate:
+    farthest = abs(other.value - own.value) / NORMAL_95 + other.standard_error
+    return replace(own, standard_error=max(own.standard_error, farthest))
+
+
+def _by_masses(kept: RingDownFit, groups: Sequence[int]) -> ContactAtRest:
+    """Return the contact of a fit that keeps the masses, with what their declared errors leave it: its poles are known.
+
+    Both tube springs grow with the masses, as the system resonance asks for. The damping ratio is a pole's own.
+    """
+    own = _at_rest(kept, groups)
+    values = kept.constants.at(groups[0]) | {"kc": own.stiffness.value, "cc": own.damping.value}
+    m1, m2, k1, k2, kc, cc = (values[n] for n in (*BODY, *CONTACT))
+    _, _, f2, zeta2 = TwoMass(m1, m2, k1, k2, kc, cc).modes()
+    errors = {p.name: p.uncertainty for p in kept.arrangement.parameters}
+    changes = []
+    for more1, more2 in ((errors["m1"], 0.0), (0.0, errors["m2"])):
+        heavier = 1 + (more1 + more2) / (m1 + m2)
+        other = contact_from_pole(pole(f2, zeta2), m1 + more1, m2 + more2, heavier * k1, heavier * k2)
+        changes.append((other[0] - kc, other[1] - cc))
+    stiffer, lossier = np.hypot(*np.array(changes)).tolist()
+    return replace(
+        own,
+        stiffness=replace(own.stiffness, standard_error=math.hypot(own.stiffness.standard_error, stiffer)),
+        damping=replace(own.damping, standard_error=math.hypot(own.damping.standard_error, lossier)),
+    )
 
 
 def _at_rest(found: RingDownFit, groups: Sequence[int]) -> ContactAtRest:

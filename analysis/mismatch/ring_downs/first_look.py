@@ -91,7 +91,7 @@ def first_look(current: RingDownFit, by_key: Mapping[Key, Sequence[Score]]) -> F
 
 def _soon(linear: RingDownFit, term: Term) -> list[RingDownFit]:
     """Return the fits of a law: from the linear rig's, and where that is lost, from the declared rig."""
-    masses, problem = Start(kept=tuple(linear.arrangement.masses)), linear.problem
+    masses, problem = Start(kept=linear.arrangement.force_scales), linear.problem
     fits: list[RingDownFit] = []
     with suppress(ValueError, np.linalg.LinAlgError):
         fits.append(fit(problem, [term], linear, masses, _SOON))

@@ -28,7 +28,7 @@ from analysis.mismatch.ring_downs.candidates import (
     with_stiffness,
     without_idle_ones,
 )
-from analysis.mismatch.ring_downs.continuation import declared_masses
+from analysis.mismatch.ring_downs.continuation import declared_scales
 from analysis.mismatch.ring_downs.first_look import FirstLook, Key, first_look
 from analysis.mismatch.ring_downs.fit import Start, fit
 from analysis.mismatch.ring_downs.held_out import held_out_afterwards, held_out_fit, split
@@ -142,8 +142,8 @@ class ImpactJudge(Judge[RingDownFit]):
         current = state.current
         if not (state.first and self.learns) or current.reduced_chi_squared < self.problem.policy.strong:
             return current
-        masses = Start(kept=tuple(current.arrangement.masses))
-        return fit(current.problem, begin=declared_masses(current), start=masses)
+        masses = Start(kept=current.arrangement.force_scales)
+        return fit(current.problem, begin=declared_scales(current), start=masses)
 
     def _by_continuation(
         self, current: RingDownFit, candidates: list[Candidate[RingDownFit]], look: FirstLook

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.mismatch.answer import LOAD_SCALE
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.ring_downs.experiment import channel_noise, joined, segments_of
 from analysis.mismatch.ring_downs.modes import slow_filter_poles
@@ -31,6 +32,7 @@ FEWEST_IMPACTS = 4
 HELD = 1e-6  # relative standard error of a constant that is declared as exact
 NOWHERE = 1e-12  # the same of one that is zero
 TUBE_MODE = ("mt", "kt", "ct")  # constants of the tube springs' declared own mode
+LOAD_ERROR = 0.005  # relative standard error common to all loads where no calibration says it: assumed
 TUBE_MODE_ERROR = 0.1  # relative standard error of its mass and stiffness: wall, seats, plane strain or stress
 
 
@@ -100,7 +102,17 @@ def _declared(rig: DescribedRig, session: Session, uncertainty: Mapping[str, flo
             raise AnalysisError(f"{name}: {rig.name} does not say {p.name}, which impacts alone cannot tell; give it")
         else:
             found.append(replace(p, uncertainty=max(p.uncertainty, HELD * abs(p.value), NOWHERE)))
-    return _with_tube_mode(replace(rig.arrangement, parameters=tuple(found)), rig, session.rig.tube_mode)
+    declared = replace(rig.arrangement, parameters=tuple(found))
+    if not rig.preload_n:  # each session tells it
+        declared = _with_load_scale(declared, uncertainty.get(LOAD_SCALE, LOAD_ERROR))
+    return _with_tube_mode(declared, rig, session.rig.tube_mode)
+
+
+def _with_load_scale(arrangement: Arrangement, error: float) -> Arrangement:
+    """Return the rig whose measured loads are right up to a common factor with this relative standard error."""
+    loaded = {e.name: replace(e, load_scale=LOAD_SCALE) for e in arrangement.elements if e.preload}
+    scale = Parameter(LOAD_SCALE, "1", 1.0, max(error, HELD))
+    return arrangement.extended(changed=loaded, parameters=(scale,) if loaded else ())
 
 
 def _with_tube_mode(arrangement: Arrangement, rig: DescribedRig, own: OwnMode | None) -> Arrangement:

@@ -12,7 +12,7 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import POLICY
 from analysis.mismatch.ring_downs import candidates
 from analysis.mismatch.ring_downs.candidates import (
-    _with_masses_found_again,
+    _with_scales_found_again,
     competing,
     looked_for_again,
     stiffness_evidence,
@@ -116,7 +116,7 @@ def test_masses_that_a_fit_moved_far_are_sought_again_from_where_they_were_decla
         moved[right.constants.names()[0].index("m1")] *= 1.03
         begin = replace(right, constants=replace(right.constants, rig=moved))
         off = fit(problem, right.terms, begin, Start(amplitudes=right.amplitudes, kept=masses))
-        found = _with_masses_found_again(off)
+        found = _with_scales_found_again(off)
     assert off.objective > right.objective + 100
     assert found.objective < right.objective + 1
-    assert _with_masses_found_again(right) is right
+    assert _with_scales_found_again(right) is right

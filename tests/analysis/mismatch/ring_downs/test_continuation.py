@@ -9,7 +9,7 @@ from analysis.mismatch.ring_downs.continuation import (
     FIRST_S,
     beginnings,
     continued,
-    declared_masses,
+    declared_scales,
     each_alone,
     earlier,
     lengthened,
@@ -104,7 +104,7 @@ def test_amplitudes_of_a_tap_are_found_from_its_first_periods() -> None:
     short = beginnings(whole, FIRST_S)
     laws = (at_work("contact_loss", {}),)
     fitted = lengthened(whole, laws, linear_at_first(whole, linear))
-    alone = each_alone(short, laws, declared_masses(fitted))
+    alone = each_alone(short, laws, declared_scales(fitted))
     assert len(alone) == len(whole.experiment.segments)
     for found, true in zip(alone, fitted.amplitudes, strict=True):
         assert np.abs(found - true).max() < 0.01 * np.abs(true).max()

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from analysis.mismatch.intervals import NORMAL_95
-from analysis.mismatch.ring_downs.continuation import masses_kept
+from analysis.mismatch.ring_downs.continuation import scales_kept
 from analysis.mismatch.ring_downs.corrected import augmented, contact_at_rest
 from analysis.mismatch.ring_downs.fit import fit
-from tests.analysis.ring_downs import problem_of, session_of, two_mass, with_law
+from mesotap.configuration.declared import header_uncertainty
+from tests.analysis.ring_downs import M1, M2, problem_of, session_of, two_mass, with_law
 from tests.analysis.terms import at_work
 
 
@@ -45,17 +46,29 @@ def test_where_impacts_have_a_contact_of_their_own_a_load_has_their_mean() -> No
         assert contact.stiffness.standard_error >= np.std(own, ddof=1) / np.sqrt(len(own))
 
 
+MASS_ERROR = header_uncertainty(session_of(with_law()))["m1_kg"]
+
+
 @pytest.mark.slow
-def test_where_a_wrong_load_moved_a_mass_the_interval_reaches_to_what_the_declared_masses_give() -> None:
+@pytest.mark.parametrize(
+    ("load", "masses", "far"),
+    [(1.005, (0.0, 0.0), False), (0.992, (-0.9, -0.9), False), (1.04, (0.0, 0.0), True), (0.96, (-0.9, 0.9), True)],
+)
+def test_loads_and_masses_that_are_a_little_wrong_leave_the_contact_within_its_intervals(
+    load: float, masses: tuple[float, float], far: bool
+) -> None:
     session = session_of(with_law("hertz_stiffness"), noise=0.002, ratios=(0.6, 0.9))
     impacts = tuple(
-        replace(i, **{name: 1.005 * getattr(i, name) for name in ("load_before_mn", "load_after_mn")})
+        replace(i, **{name: load * getattr(i, name) for name in ("load_before_mn", "load_after_mn")})
         for i in session.impacts
     )
-    problem = problem_of(replace(session, impacts=impacts))
+    m1, m2 = (m + off * MASS_ERROR for m, off in zip((M1, M2), masses, strict=True))
+    problem = problem_of(replace(session, impacts=impacts, rig=replace(session.rig, m1_kg=m1, m2_kg=m2)))
     with np.errstate(all="ignore"):  # of a trial step
         found = augmented(fit(problem), [at_work("hertz_stiffness")])
-    assert masses_kept(found) is not None
+    assert (scales_kept(found) is not None) == far
     for contact in contact_at_rest(found):
-        off = abs(contact.stiffness.value - two_mass(contact.load_n / 1.005).kc)
-        assert 5e-4 * contact.stiffness.value < off < NORMAL_95 * contact.stiffness.standard_error
+        true = two_mass(contact.load_n / load)
+        for estimate, value in ((contact.stiffness, true.kc), (contact.damping, true.cc)):
+            assert abs(estimate.value - value) < NORMAL_95 * estimate.standard_error
+            assert estimate.standard_error < (0.02 if far else 1e-3) * value

@@ -16,7 +16,9 @@ ANY_RIG = tester(0.107, 0.108, 5e5, 5e5, 1e7, 1.0, mass_uncertainty=0.0, spring_
 WHOLE_SESSION = "of_session"  # a value that a single tap cannot know
 
 
-def adopted(mechanism_id: str, parameters: Mapping[str, float], folders: Sequence[str | Path] = ()) -> Acting:
+def adopted(
+    mechanism_id: str, parameters: Mapping[str, float], folders: Sequence[str | Path] = (), at: str | None = None
+) -> Acting:
     """Check a mechanism's name and values.
 
     Parameters
@@ -27,12 +29,20 @@ def adopted(mechanism_id: str, parameters: Mapping[str, float], folders: Sequenc
         parameters is meant.
     folders
         Of a user's own mechanisms.
+    at
+        Name of the body or element that it acts on; the first that it can act on where it is left out.
 
     Raises
     ------
     ValueError
-        A sentence: no such mechanism, none that acts in a ring-down, or a parameter that is missing, unknown or out of
-        its range.
+        A sentence: no such mechanism, none that acts in a ring-down or there, or a parameter that is missing, unknown
+        or out of its range.
+
+    Examples
+    --------
+    >>> part = {"attached_mass_kg": 5e-4, "mount_stiffness_n_per_m": 2e5, "mount_damping_n_s_per_m": 0.2}
+    >>> adopted("attached_mass", part, at="lower mass").place
+    (1,)
     """
     known = family(mechanism_id, folders)
     if known is None:
@@ -40,6 +50,12 @@ def adopted(mechanism_id: str, parameters: Mapping[str, float], folders: Sequenc
     acting = placed(known, ANY_RIG)
     if not acting:
         raise ValueError(f"{mechanism_id} does not act in a ring-down, so it cannot be simulated in one")
+    if at is not None:
+        named = [(m.named(ANY_RIG, place), m, place) for m, place in acting]
+        acting = [(m, place) for name, m, place in named if name == at]
+        if not acting:
+            where = ", ".join(dict.fromkeys(name for name, *_ in named))
+            raise ValueError(f"{mechanism_id} cannot act at {at!r}, only at: {where}")
     meant = [(m, place) for m, place in acting if {q.name for q in m.parameters} <= set(parameters)]
     mechanism, place = (meant or acting)[0]
     return Acting(mechanism, _checked(mechanism, parameters), place)

@@ -86,9 +86,13 @@ class SimulatedPulse(Section):
 
 
 class SimulatedMechanism(Section):
-    """Physics beyond Eq. 9: a mechanism's id and its parameters (`mesotap mechanisms` lists both)."""
+    """Physics beyond Eq. 9: a mechanism's id and its parameters (`mesotap mechanisms` lists both).
+
+    ``at`` names the body or element that it acts on, where it can act on several; the first where it is left out.
+    """
 
     id: str
+    at: str | None = None
     parameters: dict[str, Finite] = Field(default_factory=dict)
 
     _folders: tuple[str, ...] = PrivateAttr(default=())
@@ -103,7 +107,7 @@ class SimulatedMechanism(Section):
         """Return it as the simulation takes it."""
         from sim_backend.adopted import adopted  # compiles force laws: only where there are any
 
-        return adopted(self.id, self.parameters, self._folders)
+        return adopted(self.id, self.parameters, self._folders, self.at)
 
 
 class BadTaps(Section):

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Final, Literal
 
 from calibration.estimate import Estimate
+from sim_backend.arrangement import LOWER, UPPER
 from sim_backend.arrays import Real
 
 Verdict = Literal["consistent", "missing_physics", "new_physics", "unexplained"]
@@ -119,7 +120,8 @@ class Named:
     Attributes
     ----------
     where, element
-        Class of the component, and the rig's own name of the element that it acts in; None where it is in none.
+        Class of the component, and the rig's own name of the element that it acts in or the body that it is on; None
+        where it is in none.
     fixed
         Values in it that were not fitted.
     law
@@ -136,6 +138,13 @@ class Named:
     element: str | None = None
     learned: bool = False
     law: Law | None = None
+
+    @property
+    def place(self) -> str:
+        """Where it acts, in words: the class of the component with the rig's own name, or the body that it is on."""
+        if self.element in (None, self.where):
+            return self.where
+        return str(self.element) if self.element in (UPPER, LOWER) else f"{self.where}: {self.element}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ from daq.json_text import GivenTwice, parsed_once
 from daq.regular import read_regular
 from mesotap.configuration.config import Config, ConfigError, effective_text, validated
 from mesotap.configuration.yaml_text import sentence
+from sim_backend.arrangement import LOWER, UPPER
 
 FORMAT, VERSIONS = "mesotap-diagnosis", (1, 2)
 FITTED = {1: "adopted", 2: "fitted"}  # key of the fitted rig, by version
@@ -47,6 +48,8 @@ class AdoptedModel:
         m1, m2 (kg), k1, k2 (N/m) as fitted, by name; empty where the file has none.
     off
         Declared uncertainties by which the fit moved some of them far.
+    at
+        Body that a mechanism acts on, by its id, of those that the diagnosis found on one of several.
     """
 
     source: str
@@ -54,6 +57,7 @@ class AdoptedModel:
     loads: tuple[AdoptedLoad, ...]
     rig: dict[str, float]
     off: dict[str, float] = field(default_factory=dict)
+    at: dict[str, str] = field(default_factory=dict)
 
 
 def read_diagnosis(path: Path) -> AdoptedModel:
@@ -79,6 +83,7 @@ def read_diagnosis(path: Path) -> AdoptedModel:
             | {k: finite_number(v) for k, v in m.get("fixed", {}).items()}
             for m in acting
         }
+        at = {str(m["id"]): str(m["element"]) for m in acting if m.get("element") in (UPPER, LOWER)}
         augmented = content.get(FITTED[content["version"]]) or {"loads": [], "rig": {}}
         loads = [_load(entry) for entry in augmented["loads"]]
         rig = {name: finite_number(known["value"]) for name, known in augmented["rig"].items()}
@@ -97,7 +102,7 @@ def read_diagnosis(path: Path) -> AdoptedModel:
             f"{path}: names no mechanism that acts in a ring-down (verdict {content.get('verdict')!r}), so there is "
             "nothing to adopt"
         )
-    return AdoptedModel(str(path), found, tuple(sorted(loads, key=lambda p: p.load_mn)), rig, off)
+    return AdoptedModel(str(path), found, tuple(sorted(loads, key=lambda p: p.load_mn)), rig, off, at)
 
 
 def diagnosis_in(path: Path) -> dict[str, Any]:
@@ -172,7 +177,7 @@ def with_model(config: Config, model: AdoptedModel) -> Config:
     """
     content = config.model_dump(mode="json")
     simulated = content["sim_backend"]
-    simulated["mechanisms"] = [{"id": k, "parameters": v} for k, v in model.mechanisms.items()]
+    simulated["mechanisms"] = [{"id": k, "at": model.at.get(k), "parameters": v} for k, v in model.mechanisms.items()]
     # the fitted model has no scatter from impact to impact, no dampers beside the springs
     scatter = {"stiffness_scatter_percent": 0.0, "damping_scatter_percent": 0.0}
     simulated["contact"] |= scatter

@@ -83,7 +83,7 @@ def correct(session: Session, model: AdoptedModel, folders: Sequence[str] = ()) 
         The session cannot carry such a fit.
     """
     try:
-        found = [adopted(name, values, folders) for name, values in model.mechanisms.items()]
+        found = [adopted(name, v, folders, model.at.get(name)) for name, v in model.mechanisms.items()]
     except ValueError as error:
         raise ConfigError(f"{model.source}: {error}") from error
     with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):

@@ -222,8 +222,7 @@ def next_words(answer: Answer, then: NextExperiment) -> str:
 def _print_mechanism(m: Named, console: Console) -> None:
     others = ", ".join(m.indistinguishable_from)
     alike = f"; these data cannot tell it from {others}" if others else ""
-    place = m.where if m.element in (None, m.where) else f"{m.where}: {m.element}"
-    console.print(f"  {escape(m.id)} ({escape(place)}, probability {m.probability:.2f}{escape(alike)})")
+    console.print(f"  {escape(m.id)} ({escape(m.place)}, probability {m.probability:.2f}{escape(alike)})")
     console.print(f"    {escape(m.statement)}")
     for formula in () if m.law is None else m.law.formulas:
         console.print(f"    {escape(formula.text)}  (evidence {formula.evidence:+.1f} over a force of any shape)")

@@ -21,7 +21,7 @@ from analysis.mismatch.answer import (
 from analysis.mismatch.chi_squared import odds_of_nothing
 from analysis.mismatch.evidence.excess import excess_by_frequency, excess_by_time
 from analysis.mismatch.intervals import NORMAL_95
-from analysis.mismatch.parameters import lines_of
+from analysis.mismatch.parameters import Term, lines_of
 from analysis.mismatch.remainder import count_words, frequency_words, spread_of
 from analysis.mismatch.ring_downs.candidates import stiffness_evidence, with_stiffness
 from analysis.mismatch.ring_downs.corrected import contact_at_rest
@@ -30,6 +30,7 @@ from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.score_test import Screening
 from analysis.mismatch.selection import Candidate, SelectionStep
 from sim_backend.arrays import Real
+from sim_backend.mechanisms.kinds import AddedBody
 
 STRONGER_TAP = 1.5  # over the strongest so far, for the next experiment
 MOST_FORCE_RATIO = 0.9  # of the preload: beyond, the surfaces would part
@@ -261,6 +262,11 @@ class ImpactAccount(Account[RingDownFit]):
             "standard deviations an impact at the taps made; a stronger one parts them further.",
             ("load", "tap"),
         )
+
+    def element(self, term: Term, name: str) -> str | None:
+        """Return the body that carries what a term adds to it."""
+        mechanism = term.mechanism
+        return name if isinstance(mechanism, AddedBody) and mechanism.on_body else None
 
     def fitted(self) -> FittedRig | None:
         """Return the rig as fitted with what was left out."""

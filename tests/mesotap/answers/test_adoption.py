@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from daq.errors import RecordingError
-from mesotap.answers.adoption import read_diagnosis
+from mesotap.answers.adoption import read_diagnosis, with_model, write_adopted
+from mesotap.configuration.config import ConfigError, load_config
 
 MECHANISM = {"id": "hertz_stiffness", "where": "contact", "parameters": {}}
 
@@ -25,6 +26,26 @@ def edited(folder: Path, mechanisms: list[Any], loads: tuple[float, ...]) -> Pat
     }
     path.write_text(json.dumps(content))
     return path
+
+
+@pytest.mark.parametrize(("body", "place"), [("upper mass", (0,)), ("lower mass", (1,))])
+def test_a_part_is_simulated_on_the_body_that_it_was_found_on(
+    body: str, place: tuple[int, ...], tmp_path: Path
+) -> None:
+    values = {"attached_mass_kg": 5e-4, "mount_stiffness_n_per_m": 2e5, "mount_damping_n_s_per_m": 0.2}
+    parameters = {name: {"value": value} for name, value in values.items()}
+    part = {"id": "attached_mass", "where": "lower mass", "element": body, "parameters": parameters}
+    config = with_model(load_config(None), read_diagnosis(edited(tmp_path, [MECHANISM, part], (200.0, 400.0))))
+    write_adopted(tmp_path / "adopted.yaml", config)
+    _, simulated = load_config(tmp_path / "adopted.yaml").sim_backend.mechanisms
+    assert simulated.adopted().place == place
+
+
+def test_a_place_where_a_mechanism_cannot_act_is_refused(tmp_path: Path) -> None:
+    config = tmp_path / "my.yaml"
+    config.write_text("sim_backend: {mechanisms: [{id: hertz_stiffness, at: upper mass}]}")
+    with pytest.raises(ConfigError, match="hertz_stiffness cannot act at 'upper mass', only at: contact"):
+        load_config(config)
 
 
 def test_loads_are_adopted_in_their_order(tmp_path: Path) -> None:

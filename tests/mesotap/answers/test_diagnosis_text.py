@@ -145,7 +145,7 @@ def test_constants_that_end_far_from_what_was_declared_are_told_with_the_verdict
     assert ANSWER.fitted is not None
     moved = replace(ANSWER, fitted=replace(ANSWER.fitted, off={"m1": 38.2, "m2": 115.0}))
     assert "It moves m2 by 115 and m1 by 38 declared uncertainties" in verdict_sentence(moved)
-    assert "k_c and c_c reach to what the masses as declared give" in verdict_sentence(moved)
+    assert "k_c and c_c reach to what masses as declared and loads as measured give" in verdict_sentence(moved)
     springs = replace(moved, fitted=replace(ANSWER.fitted, off={"k1": 38.2}))
     assert "k_c and c_c may then be wrong by far more" in verdict_sentence(springs)
     assert diagnosis_json(moved, 1.0)["fitted"]["off_declared"] == {"m1": 38.2, "m2": 115.0}

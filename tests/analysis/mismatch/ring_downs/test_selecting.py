@@ -69,7 +69,9 @@ def test_a_small_part_beside_a_strong_law_is_named() -> None:
     laws = ("hertz_stiffness", "attached_mass", "rough_surface_stiffness", "squeeze_film", "tube_mode")
     answer = diagnosed([session], [listed(name) for name in laws]).answer
     assert {m.id for m in answer.mechanisms} == {"hertz_stiffness", "attached_mass"}
-    intervals = next(m.parameters for m in answer.mechanisms if m.id == "attached_mass")
+    named = next(m for m in answer.mechanisms if m.id == "attached_mass")
+    assert (named.element, named.place) == ("lower mass", "lower mass")
+    intervals = named.parameters
     for name, true in zip(names, values, strict=True):
         assert intervals[name].low < true < intervals[name].high, name
 

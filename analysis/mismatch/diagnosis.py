@@ -84,9 +84,20 @@ def diagnose(
             return Diagnosis(replace(answer, set_aside=set_aside), selection)
         judge = BlockJudge.of(problem, known, on_progress, sweeps)
         found = select(judge, screened_baseline(judge))
-        found = with_learned(found) if learn else found
+        found = with_learned(found) if learn and _described_rightly(BlockAccount(found)) else found
         on_progress("comparing with what was held out")
         return Diagnosis(answer_of(BlockAccount(found), recordings), found)
+
+
+def _described_rightly(account: BlockAccount) -> bool:
+    """Whether no other constant of the rig, and no other hold of its inputs, explains what nothing listed does.
+
+    A law that is learned would take the place of what was described wrongly.
+    """
+    selection = account.selection
+    if selection.chosen is not None or selection.p_value >= selection.problem.policy.level:
+        return True
+    return not account.far_off and account.described_otherwise() is None
 
 
 def diagnose_sessions(

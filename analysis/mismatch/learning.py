@@ -27,13 +27,13 @@ def is_learned(term: Term) -> bool:
 def with_learned(selection: Selection[Any]) -> Selection[Any]:
     """Return the selection of learned laws where it explains better than what is listed, else the selection itself.
 
-    Nothing is learned where the linear rig leaves nothing beyond noise, nor yet of recordings whose noise is not known:
-    their evidence has not been held against laws that are there; nor where what is named leaves too little for a law to
-    come near to replacing it. What is named counts as less likely the nearer a learned law comes to that.
+    Nothing is learned where the linear rig leaves nothing beyond noise, nor where what is named leaves too little for a
+    law to come near to replacing it. What is named counts as less likely the nearer a learned law comes to that. In
+    recordings whose noise is not known a law is learned where nothing is named; it does not contest what is.
     """
     judge, policy = selection.judge, selection.problem.policy
     named = selection.chosen
-    if selection.p_value >= policy.level or not selection.problem.noise_known:
+    if selection.p_value >= policy.level or (named is not None and not selection.problem.noise_known):
         return selection
     explained = judge.evidence_of(selection)
     least = max(policy.unnamed, policy.learned_share * explained)

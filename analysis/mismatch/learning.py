@@ -28,12 +28,12 @@ def with_learned(selection: Selection[Any]) -> Selection[Any]:
     """Return the selection of learned laws where it explains better than what is listed, else the selection itself.
 
     Nothing is learned where the linear rig leaves nothing beyond noise, nor where what is named leaves too little for a
-    law to come near to replacing it. What is named counts as less likely the nearer a learned law comes to that. In
-    recordings whose noise is not known a law is learned where nothing is named; it does not contest what is.
+    law to come near to replacing it. What is named counts as less likely the nearer a learned law comes to that. Of
+    recordings whose noise is not known, what is named is contested only where it leaves errors far over it.
     """
     judge, policy = selection.judge, selection.problem.policy
     named = selection.chosen
-    if selection.p_value >= policy.level or (named is not None and not selection.problem.noise_known):
+    if selection.p_value >= policy.level or (named is not None and not judge.doubtful(named)):
         return selection
     explained = judge.evidence_of(selection)
     least = max(policy.unnamed, policy.learned_share * explained)

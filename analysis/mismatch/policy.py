@@ -92,6 +92,9 @@ class SelectionPolicy:
     left_over_held_out: float = _chosen(
         0.1, "share of what the linear rig misses on held-out impacts that may be missed there still", "1", STRONG, 137
     )
+    doubtful_over_noise: float = _chosen(
+        2.0, "errors of what is named, over the noise, from which on a learned law contests it", "1", RECORDED, 140
+    )
     left_over_blocks: float = _chosen(
         0.05, "share of what the linear rig missed that a free force may still take away", "1", RECORDED, 50
     )

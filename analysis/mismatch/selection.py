@@ -199,6 +199,10 @@ class Judge(ABC, Generic[FitOf]):
     def gained(self, before: FitOf, after: FitOf, parameters: int) -> float:
         """Return the evidence of a fit over one before that has so many parameters less."""
 
+    def doubtful(self, named: FitOf) -> bool:
+        """Whether what is named leaves so much that a learned law contests it; everything is, if it is not told."""
+        return True
+
     @abstractmethod
     def evidence_of(self, selection: Selection[FitOf]) -> float:
         """Return the evidence of all mechanisms that a selection accepted, over the linear rig."""

@@ -69,6 +69,16 @@ def noise_rms(fitted: SimulatedFit) -> Real:
     return np.asarray(np.sqrt(np.average(np.array(found) ** 2, axis=0, weights=lengths)), np.float64)
 
 
+def over_noise(fitted: SimulatedFit) -> float:
+    """Return the errors of a fit where they are not held out, of the channel with most, over what noise makes."""
+    total, count = np.zeros(len(fitted.problem.rig.seen)), 0
+    for number, recorded in enumerate(fitted.problem.recordings):
+        off, at = fitted.error(number)
+        kept = recorded.part[at] != HELD
+        total, count = total + np.sum(off[:, kept] ** 2, axis=1), count + int(kept.sum())
+    return float(np.max(np.sqrt(total / count) / noise_rms(fitted)))
+
+
 def together(fitted: SimulatedFit, rms: Real) -> float:
     """Return the rms (channels,) of all channels that have the first one's unit as one."""
     seen = fitted.problem.rig.seen

@@ -16,7 +16,7 @@ from scipy.stats import t as student
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import OnProgress, silent
-from analysis.mismatch.recordings.blocks import independent_samples, likelihood_ratio, mean_of
+from analysis.mismatch.recordings.blocks import independent_samples, likelihood_ratio, mean_of, over_noise
 from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit, linear_fit
 from analysis.mismatch.recordings.free_force import free_loss
 from analysis.mismatch.recordings.held_out import FinalFits
@@ -77,6 +77,10 @@ class BlockJudge(Judge[SimulatedFit]):
     def gained(self, before: SimulatedFit, after: SimulatedFit, parameters: int) -> float:
         """Return the evidence of a fit with so many parameters more than the one before."""
         return likelihood_ratio(before, after, after) - self.problem.policy.parameter_cost * parameters
+
+    def doubtful(self, named: SimulatedFit) -> bool:
+        """Whether what is named leaves errors far over the noise."""
+        return over_noise(named) > self.problem.policy.doubtful_over_noise
 
     def evidence_of(self, selection: Selection[SimulatedFit]) -> float:
         """Return the evidence of all that a selection accepted."""

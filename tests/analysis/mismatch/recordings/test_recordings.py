@@ -47,8 +47,10 @@ def u() -> Real:
     return noise_input(SAMPLES, RATE, 2, 25, seed=3)
 
 
-def answer_of(rig: DescribedRig, recordings: Sequence[Recording], known: Sequence[Mechanism]) -> Answer:
-    return diagnose_recordings(recordings, rig, known).answer
+def answer_of(
+    rig: DescribedRig, recordings: Sequence[Recording], known: Sequence[Mechanism], learn: bool = True
+) -> Answer:
+    return diagnose_recordings(recordings, rig, known, learn=learn).answer
 
 
 def named(answer: Answer) -> list[str]:
@@ -82,10 +84,43 @@ def test_a_cubic_spring_seen_by_its_velocity_under_a_measured_force_is_named_alo
 @pytest.mark.slow
 def test_without_the_true_mechanism_nothing_is_named(u: Real) -> None:
     rest = [m for m in KNOWN if m.id != "tube_spring_cubic"]
-    found = answer_of(parse_rig(SPRING + INPUT + sensor("velocity")), [duffing(u)], rest)
+    found = answer_of(parse_rig(SPRING + INPUT + sensor("velocity")), [duffing(u)], rest, learn=False)
     assert found.verdict == "unexplained"
     assert found.mechanisms == ()
     assert found.location is not None
+
+
+@pytest.mark.long
+def test_without_the_true_mechanism_its_law_is_learned(u: Real) -> None:
+    rest = [m for m in KNOWN if m.id != "tube_spring_cubic"]
+    found = answer_of(parse_rig(SPRING + INPUT + sensor("velocity")), [duffing(u)], rest)
+    assert found.verdict == "new_physics"
+    (learned,) = found.mechanisms
+    assert learned.law is not None
+    assert (learned.element, learned.law.kind, learned.law.symmetry) == ("spring", "static", "odd")
+    exponent = learned.law.exponents["deflection"]
+    assert exponent is not None
+    assert exponent.value == pytest.approx(3.0, abs=0.02)  # the force between samples was a spline, no band-limited one
+    assert exponent.high - exponent.low < 0.1
+    assert found.fit.heldout_rms_after is not None
+    assert found.fit.heldout_rms_after < 0.03 * found.fit.heldout_rms_before
+
+
+@pytest.mark.long
+def test_a_name_that_leaves_far_more_than_noise_gives_way_to_a_law_that_does_not(u: Real) -> None:
+    def between_square_and_cube(s: float, x: Real, v: Real) -> Real:
+        return 100 * s - OMEGA**2 * x * (1 + 3 * np.abs(x) ** 1.4) - 0.04 * OMEGA * v
+
+    y = motion(between_square_and_cube, [0.0, 0.0], SAMPLES, RATE, u)
+    found = answer_of(parse_rig(SPRING + INPUT + sensor("displacement")), [recorded([u, y[0]], RATE, 0.005)], KNOWN)
+    assert found.verdict == "new_physics"
+    (learned,) = found.mechanisms
+    assert learned.law is not None
+    exponent = learned.law.exponents["deflection"]
+    assert exponent is not None
+    assert exponent.low < 2.4 < exponent.high
+    assert exponent.high - exponent.low < 0.2
+    assert found.remainder.p_value > 0.01
 
 
 @pytest.mark.long

@@ -29,11 +29,13 @@ def with_learned(selection: Selection[Any]) -> Selection[Any]:
 
     Nothing is learned where the linear rig leaves nothing beyond noise, nor where what is named leaves too little for a
     law to come near to replacing it. What is named counts as less likely the nearer a learned law comes to that. Of
-    recordings whose noise is not known, what is named is contested only where it leaves errors far over it.
+    recordings whose noise is not known, what is named is contested only where it leaves something beyond it and errors
+    far over it, and gives way only to laws that leave nothing: a real rig's law is never quite that of any formula.
     """
     judge, policy = selection.judge, selection.problem.policy
     named = selection.chosen
-    if selection.p_value >= policy.level or (named is not None and not judge.doubtful(named)):
+    noise_known = selection.problem.noise_known
+    if selection.p_value >= policy.level or (named is not None and not noise_known and not judge.doubtful(selection)):
         return selection
     explained = judge.evidence_of(selection)
     least = max(policy.unnamed, policy.learned_share * explained)
@@ -60,6 +62,8 @@ def with_learned(selection: Selection[Any]) -> Selection[Any]:
         return selection
     if named is None:
         return _beside(found, selection)
+    if not noise_known and found.left.p_value < policy.level:
+        return selection
     lead = judge.evidence_of(found) - explained
     if lead > least:
         return _beside(found, selection)

@@ -95,6 +95,13 @@ class SelectionPolicy:
     doubtful_over_noise: float = _chosen(
         2.0, "errors of what is named, over the noise, from which on a learned law contests it", "1", RECORDED, 140
     )
+    far_over_noise: float = _chosen(
+        5.0,
+        "errors of what is named, over the noise, from which on all of them count as left",
+        "1",
+        RECORDED,
+        141,
+    )
     left_over_blocks: float = _chosen(
         0.05, "share of what the linear rig missed that a free force may still take away", "1", RECORDED, 50
     )

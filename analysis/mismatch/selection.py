@@ -199,9 +199,9 @@ class Judge(ABC, Generic[FitOf]):
     def gained(self, before: FitOf, after: FitOf, parameters: int) -> float:
         """Return the evidence of a fit over one before that has so many parameters less."""
 
-    def doubtful(self, named: FitOf) -> bool:
-        """Whether what is named leaves so much that a learned law contests it; everything is, if it is not told."""
-        return True
+    def doubtful(self, selection: Selection[FitOf]) -> bool:
+        """Whether what is named leaves so much that a learned law contests it."""
+        return selection.left.p_value < self.problem.policy.level
 
     @abstractmethod
     def evidence_of(self, selection: Selection[FitOf]) -> float:

@@ -16,7 +16,14 @@ from scipy.stats import t as student
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import OnProgress, silent
-from analysis.mismatch.recordings.blocks import independent_samples, likelihood_ratio, mean_of, over_noise
+from analysis.mismatch.recordings.blocks import (
+    independent_samples,
+    likelihood_ratio,
+    mean_of,
+    missed_still,
+    over_noise,
+    predicts_no_better,
+)
 from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit, linear_fit
 from analysis.mismatch.recordings.free_force import free_loss
 from analysis.mismatch.recordings.held_out import FinalFits
@@ -78,9 +85,10 @@ class BlockJudge(Judge[SimulatedFit]):
         """Return the evidence of a fit with so many parameters more than the one before."""
         return likelihood_ratio(before, after, after) - self.problem.policy.parameter_cost * parameters
 
-    def doubtful(self, named: SimulatedFit) -> bool:
-        """Whether what is named leaves errors far over the noise."""
-        return over_noise(named) > self.problem.policy.doubtful_over_noise
+    def doubtful(self, selection: Selection[SimulatedFit]) -> bool:
+        """Whether what is named leaves something beyond noise, and errors far over it."""
+        policy = self.problem.policy
+        return selection.left.p_value < policy.level and over_noise(selection.best) > policy.doubtful_over_noise
 
     def evidence_of(self, selection: Selection[SimulatedFit]) -> float:
         """Return the evidence of all that a selection accepted."""
@@ -300,10 +308,12 @@ class BlockJudge(Judge[SimulatedFit]):
         if fitted.terms and (lost or self._otherwise_explained(baseline.current, current, final)):
             current, fitted, steps = baseline.current, final, ()
         last = self.tested(current, self.screen(fitted))
-        chosen = fitted if fitted.terms and share <= policy.left_over_blocks else None
+        named = fitted.terms and share <= policy.left_over_blocks and not predicts_no_better(final, fitted)
+        chosen = fitted if named else None
         if not share and steps:  # so little that forces of any shape were not fitted: their score test tells
             taken = -math.expm1(-last.unexplained / max(self.problem.samples * len(self.problem.rig.seen), 1))
             share = best * taken / max(base - best * (1 - taken), 1e-300)
+        share = max(share, missed_still(final, fitted) if steps else 0.0)
         over = LeftOver(last.unexplained, last.p_value, share)
         return Selection(self, final, baseline.screening, steps, chosen, fitted, last, over)
 

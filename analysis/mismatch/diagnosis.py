@@ -23,6 +23,7 @@ from analysis.mismatch.recordings.account import BlockAccount
 from analysis.mismatch.recordings.fit import SimulatedRecordings, problem_of
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.recorded import prepare
+from analysis.mismatch.recordings.start_check import frame_remark
 from analysis.mismatch.recordings.steady import Sweep
 from analysis.mismatch.remainder import remainder_statement
 from analysis.mismatch.rig_description import DescribedRig
@@ -168,6 +169,8 @@ def diagnose_recordings(
     try:
         with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
             problem = problem_of(rig, [prepare(r, rig) for r in recordings])
+            if remark := frame_remark(rig, recordings):
+                raise AnalysisError(f"{source}: {remark}")
         return diagnose(problem, known, on_progress, files, sweeps, learn)
     except (np.linalg.LinAlgError, ArithmeticError) as error:
         raise AnalysisError(

@@ -92,7 +92,7 @@ def remainder_statement(
         percent = 100 * share
         part = f"{percent:.2g} %" if percent >= LEAST_PERCENT else f"less than {LEAST_PERCENT:g} %"
         said = (
-            f"Something is left beyond noise ({p_words(p_value)}): forces or channels of any shape would take away a "
-            f"chi-squared of {count_words(chi_squared)} beyond chance, {part} of what {linear} misses"
+            f"Something is left beyond noise ({p_words(p_value)}), {part} of what {linear} misses: forces or channels "
+            f"of any shape would take away a chi-squared of {count_words(chi_squared)} beyond chance"
         )
     return f"{said}; it lies {place_words(where)}.{held_out}"

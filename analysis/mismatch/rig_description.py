@@ -41,13 +41,17 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """A recorded channel: ``gain`` times what the sensor sees, plus ``offset``; ``unit`` of the recording."""
+    """A recorded channel: ``gain`` times what the sensor sees, plus ``offset``; ``unit`` of the recording.
+
+    ``absolute`` is an acceleration that the base's is part of, as an accelerometer on a shaken rig shows it.
+    """
 
     sensor: Sensor
     channel: str | int
     gain: str
     offset: str
     unit: str
+    absolute: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from analysis.mismatch.answer import (
     Named,
     NextExperiment,
 )
+from analysis.mismatch.policy import POLICY
 from analysis.mismatch.remainder import SEEN, p_words, place_words
 from mesotap.answers.rounding import counted, significant, unit
 from mesotap.operator.tables import Table
@@ -38,6 +39,7 @@ FAR_BEYOND = 3.0
 """Times the noise: larger errors on held-out impacts leave the name in doubt. Chosen by hand: right names had at most
 1.014 times the error of a fit that knows (docs/proof), Hertz' law named for a rough surface 28 (one session)."""
 
+MATTERS = 0.01  # share of what the linear rig misses of a recording, from which on a name that leaves it is in doubt
 SMALL = 0.1  # share of what the linear rig misses, up to which a remainder is called small
 
 
@@ -164,11 +166,15 @@ def _what_remains(answer: Answer) -> str:
 
 
 def _over_noise(answer: Answer) -> float:
-    """Return the error on held-out impacts with what is named, over the noise, where it is far beyond; 0 elsewhere."""
+    """Return the held-out error with what is named, over the noise, where it is far beyond; 0 elsewhere.
+
+    What is read from errors as the noise of a recording may be less than it is: there they must matter, too.
+    """
     after, noise = answer.fit.heldout_rms_after, answer.fit.noise_rms
-    if after is None or not answer.loads_n or not after > FAR_BEYOND * noise > 0:
+    beyond = FAR_BEYOND if answer.loads_n else POLICY.far_over_noise
+    if after is None or not after > beyond * noise > 0:
         return 0.0
-    return after / noise
+    return after / noise if answer.loads_n or answer.remainder.share > MATTERS else 0.0
 
 
 def _percent(share: float) -> str:

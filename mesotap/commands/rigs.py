@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from analysis.mismatch.recordings.determined import Undetermined, undetermined, unknown
 from analysis.mismatch.recordings.first_look import first_look
 from analysis.mismatch.recordings.recorded import prepare
-from analysis.mismatch.recordings.start_check import HELPS, NOISE, StartCheck, start_check
+from analysis.mismatch.recordings.start_check import HELPS, NOISE, StartCheck, frame_remark, start_check
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.session import AnalysisError
 from daq.errors import RecordingError
@@ -89,7 +89,9 @@ def check_rig(file: Path, recordings: Sequence[Path], json: Path | None, console
     lines = [f"{file}: valid; {_counted(rig)}", *(u.statement for u in left_open)]
     if not left_open:
         lines.append("every unknown constant can be told from such channels")
-    lines += _of_start(started) if started is not None else []
+    if started is not None:
+        with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
+            lines += [*_of_start(started), *filter(None, [frame_remark(rig, read)])]
     for line in lines:
         console.print(escape(line), highlight=False, soft_wrap=True)
     write_json(json, _content(left_open, started) | ({"remarks": unusual} if unusual else {}))

@@ -142,6 +142,13 @@ class Sees(Section):
     offset: Constant = "unknown"
     unit: Unit = ""
     name: str | None = None
+    absolute: bool = False
+
+    @model_validator(mode="after")
+    def _absolute_is_an_acceleration(self) -> Sees:
+        if self.absolute and self.shows != "acceleration":
+            raise ValueError(f"only an acceleration can be absolute, and channel {self.channel} shows {self.shows}")
+        return self
 
     @model_validator(mode="after")
     def _unit_is_of_the_quantity(self) -> Sees:
@@ -251,6 +258,23 @@ class RigFile(Section):
             self._check("sweeps", self.sweeps.of)
         if self.tapped is not None:
             self._check("tapped", self.tapped)
+        return self
+
+    @model_validator(mode="after")
+    def _base_is_known(self) -> RigFile:
+        for i, s in enumerate(self.sensors):
+            if not s.absolute:
+                continue
+            base = [u for u in self.inputs if u.base_acceleration]
+            if not base:
+                raise ValueError(f"sensors.{i} is absolute, and no input is a base_acceleration; leave 'absolute' out")
+            if "unknown" in [s.gain, *(u.gain for u in base)]:
+                raise ValueError(
+                    f"sensors.{i} is absolute: what the base adds to it is subtracted, so its gain and the base's "
+                    "have to be known"
+                )
+            if not isinstance(s.of, str):
+                raise ValueError(f"sensors.{i} is absolute and shows a sum of bodies; name one body")
         return self
 
     @model_validator(mode="after")
@@ -396,7 +420,9 @@ def described(file: RigFile) -> DescribedRig:
         row = ((s.of, 1.0),) if isinstance(s.of, str) else tuple(s.of.items())
         gain = constant(f"gain of sensor {i + 1}", "1", s.gain)
         offset = constant(f"offset of sensor {i + 1}", "", 0.0 if banded else s.offset)
-        seen.append(Seen(Sensor(s.name or f"sensor {i + 1}", row, s.shows), s.channel, gain, offset, s.unit))
+        seen.append(
+            Seen(Sensor(s.name or f"sensor {i + 1}", row, s.shows), s.channel, gain, offset, s.unit, s.absolute)
+        )
     sweeps = None
     if file.sweeps is not None:
         q = file.sweeps

@@ -14,10 +14,11 @@ import numpy as np
 from analysis.mismatch.least_squares import covariance
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, problem_of
 from analysis.mismatch.recordings.model import Point, SimulationModel, residual
-from analysis.mismatch.recordings.recorded import FIT, UNUSED, Recorded, level
+from analysis.mismatch.recordings.recorded import FIT, UNUSED, Recorded, level, prepare
 from analysis.mismatch.recordings.simulation import Simulation
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.session import AnalysisError
+from daq.exchange import Recording
 from sim_backend.arrays import Real
 
 POOR: Final = 0.7  # of a channel's rms: a linear rig that misses more has hardly begun
@@ -83,6 +84,41 @@ def better_unknown(problem: SimulatedRecordings) -> dict[str, float]:
         if after < MUCH_BETTER * before:
             freed[name] = after / math.sqrt(len(problem.rig.seen))
     return dict(sorted(freed.items(), key=lambda item: item[1]))
+
+
+def frame_remark(rig: DescribedRig, recordings: Sequence[Recording]) -> str:
+    """Say that accelerations of a rig on a shaken base are absolute, or relative, where the file says otherwise.
+
+    The linear rig with constants from the spectra then misses far less. Empty where it does not, and where no base is
+    shaken.
+    """
+    other = _in_the_other_frame(rig)
+    if other is None:
+        return ""
+    try:
+        here, there = (max(_missed(problem_of(r, [prepare(one, r) for one in recordings]))) for r in (rig, other))
+    except (AnalysisError, ArithmeticError, np.linalg.LinAlgError):
+        return ""
+    if there > min(MUCH_BETTER * here, HELPS):
+        return ""
+    changed = [new for old, new in zip(rig.seen, other.seen, strict=True) if old.absolute != new.absolute]
+    names = ", ".join(str(s.channel) for s in changed)
+    what, to_write = ("absolute", "true") if changed[0].absolute else ("relative to the base", "false")
+    return (
+        f"the linear rig misses {100 * there:.3g} % of the channels instead of {100 * here:.3g} % where accelerations "
+        f"are {what}: write 'absolute: {to_write}' in the sensors of {names}"
+    )
+
+
+def _in_the_other_frame(rig: DescribedRig) -> DescribedRig | None:
+    """Return the rig whose accelerations are absolute instead of relative to the base, or the other way round."""
+    known = {p.name for p in rig.arrangement.parameters if math.isfinite(p.value)}
+    base = [d.gain for d in rig.drives if d.base]
+    able = [s.sensor.quantity == "acceleration" and s.gain in known and len(s.sensor.row) == 1 for s in rig.seen]
+    if not base or not known.issuperset(base) or not any(able):
+        return None
+    seen = tuple(replace(s, absolute=s.absolute != can) for s, can in zip(rig.seen, able, strict=True))
+    return replace(rig, seen=seen)
 
 
 def _missed(problem: SimulatedRecordings) -> list[float]:

@@ -1,0 +1,75 @@
+"""A rig on a shaken base whose accelerometers are on the bodies: they show the base's acceleration too."""
+
+from __future__ import annotations
+
+import functools
+import re
+
+import numpy as np
+import pytest
+
+from analysis.mismatch.diagnosis import diagnose_recordings
+from analysis.mismatch.recordings.recorded import prepare
+from analysis.mismatch.recordings.start_check import frame_remark
+from analysis.session import AnalysisError
+from daq.exchange import Recording
+from mesotap.configuration.config import ConfigError
+from mesotap.configuration.rig_files import parse_rig
+from sim_backend.mechanisms.catalogue import catalogue, variants
+from tests.analysis.mismatch.recordings.described_rigs import OMEGA, RATE, SAMPLES, motion, noise_input
+
+RIG = """
+bodies: {mass: 1}
+springs: [{between: [mass, ground], damping: unknown}]
+inputs: [{channel: base, base_acceleration: true}]
+sensors: [{channel: body, of: mass, shows: acceleration, unit: m/s2}]
+"""
+ABSOLUTE = RIG.replace("unit: m/s2", "unit: m/s2, absolute: true")
+DAMPING = 0.08 * OMEGA
+
+
+@functools.cache
+def shaken() -> Recording:
+    """Return the recording of a mass on a spring, its base shaken, with an accelerometer on each."""
+    u = noise_input(SAMPLES, RATE, 0.5, 40, seed=9)
+    x, v = motion(lambda s, x, v: -s - OMEGA**2 * x - DAMPING * v, [0.0, 0.0], SAMPLES, RATE, u)
+    absolute = -(OMEGA**2) * x - DAMPING * v
+    absolute += 0.01 * absolute.std() * np.random.default_rng(2).normal(size=absolute.size)
+    return Recording(np.array([u, absolute]), RATE, ("base", "body"), "", "simulated")
+
+
+def test_the_acceleration_of_the_base_is_subtracted_from_absolute_channels() -> None:
+    given, relative = (prepare(shaken(), parse_rig(rig)).outputs for rig in (RIG, ABSOLUTE))
+    assert np.allclose(given - relative, shaken().data[0][-given.shape[1] :], rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_an_accelerometer_on_a_shaken_body_leaves_nothing_once_it_is_said_to_be_absolute() -> None:
+    answer = diagnose_recordings([shaken()], parse_rig(ABSOLUTE), variants(catalogue())).answer
+    assert answer.verdict == "consistent"
+    assert answer.fitted is not None
+    for name, true in (("stiffness of spring", OMEGA**2), ("damping of spring", DAMPING)):
+        found = answer.fitted.constants[name]
+        assert found.low < true < found.high
+
+
+def test_a_channel_in_the_other_frame_is_told_before_anything_is_fitted() -> None:
+    with pytest.raises(AnalysisError, match=re.escape("write 'absolute: true' in the sensors of body")):
+        diagnose_recordings([shaken()], parse_rig(RIG), [])
+    moved = Recording(shaken().data - [[0.0], [1.0]] * shaken().data[0], RATE, ("base", "body"), "", "simulated")
+    assert "write 'absolute: false' in the sensors of body" in frame_remark(parse_rig(ABSOLUTE), [moved])
+    assert not frame_remark(parse_rig(ABSOLUTE), [shaken()])
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        (("shows: acceleration, unit: m/s2", "shows: velocity"), "only an acceleration can be absolute"),
+        (("base_acceleration: true", "force_on: mass"), "no input is a base_acceleration"),
+        (("base_acceleration: true", "base_acceleration: true, gain: unknown"), "have to be known"),
+        (("of: mass", "of: {mass: 2}"), "name one body"),
+    ],
+)
+def test_what_cannot_be_subtracted_is_refused(changed: tuple[str, str], said: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        parse_rig(ABSOLUTE.replace(*changed))

@@ -420,9 +420,8 @@ def described(file: RigFile) -> DescribedRig:
         row = ((s.of, 1.0),) if isinstance(s.of, str) else tuple(s.of.items())
         gain = constant(f"gain of sensor {i + 1}", "1", s.gain)
         offset = constant(f"offset of sensor {i + 1}", "", 0.0 if banded else s.offset)
-        seen.append(
-            Seen(Sensor(s.name or f"sensor {i + 1}", row, s.shows), s.channel, gain, offset, s.unit, s.absolute)
-        )
+        name = s.name or (s.channel if isinstance(s.channel, str) else f"sensor {i + 1}")
+        seen.append(Seen(Sensor(name, row, s.shows), s.channel, gain, offset, s.unit, s.absolute))
     sweeps = None
     if file.sweeps is not None:
         q = file.sweeps

@@ -323,7 +323,7 @@ def element_name(rig: Arrangement, place: Place) -> str:
 
 
 def _channel_name(name: str) -> str:
-    return f"channel {name}" if len(name) == 1 else name
+    return name if name.startswith(("sensor ", "channel ")) else f"channel {name}"
 
 
 def geometric(low: float, high: float, count: int) -> list[float]:

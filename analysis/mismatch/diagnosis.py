@@ -23,6 +23,7 @@ from analysis.mismatch.recordings.account import BlockAccount
 from analysis.mismatch.recordings.fit import SimulatedRecordings, problem_of
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.recorded import prepare
+from analysis.mismatch.recordings.selecting import select_for_recordings
 from analysis.mismatch.recordings.start_check import frame_remark
 from analysis.mismatch.recordings.steady import Sweep
 from analysis.mismatch.remainder import remainder_statement
@@ -33,7 +34,7 @@ from analysis.mismatch.ring_downs.problem import RingDowns
 from analysis.mismatch.ring_downs.selecting import select_for_impacts
 from analysis.mismatch.ring_downs.sessions import ring_downs
 from analysis.mismatch.rivals import rivals_of
-from analysis.mismatch.selection import Selection, screened_baseline, select
+from analysis.mismatch.selection import Selection
 from analysis.session import AnalysisError
 from daq.exchange import Recording
 from daq.records import Session
@@ -84,7 +85,7 @@ def diagnose(
             answer = answer_of(ImpactAccount(selection), recordings)
             return Diagnosis(replace(answer, set_aside=set_aside), selection)
         judge = BlockJudge.of(problem, known, on_progress, sweeps)
-        found = select(judge, screened_baseline(judge))
+        found = select_for_recordings(judge)
         found = with_learned(found) if learn and _described_rightly(BlockAccount(found)) else found
         on_progress("comparing with what was held out")
         return Diagnosis(answer_of(BlockAccount(found), recordings), found)

@@ -69,19 +69,9 @@ def noise_rms(fitted: SimulatedFit) -> Real:
     return np.asarray(np.sqrt(np.average(np.array(found) ** 2, axis=0, weights=lengths)), np.float64)
 
 
-def _fitted_rms(fitted: SimulatedFit) -> Real:
-    """Return (channels,) the errors of a fit where they are not held out."""
-    total, count = np.zeros(len(fitted.problem.rig.seen)), 0
-    for number, recorded in enumerate(fitted.problem.recordings):
-        off, at = fitted.error(number)
-        kept = recorded.part[at] != HELD
-        total, count = total + np.sum(off[:, kept] ** 2, axis=1), count + int(kept.sum())
-    return np.asarray(np.sqrt(total / count), np.float64)
-
-
 def over_noise(fitted: SimulatedFit) -> float:
-    """Return the errors of a fit where they are not held out, of the channel with most, over what noise makes."""
-    return float(np.max(_fitted_rms(fitted) / noise_rms(fitted)))
+    """Return the errors of a fit on what was held out, of the channel with most, over what noise makes."""
+    return float(np.max(held_out_rms(fitted)[0] / noise_rms(fitted)))
 
 
 def predicts_no_better(before: SimulatedFit, after: SimulatedFit) -> bool:
@@ -90,14 +80,14 @@ def predicts_no_better(before: SimulatedFit, after: SimulatedFit) -> bool:
 
 
 def missed_still(before: SimulatedFit, after: SimulatedFit) -> float:
-    """Return the share of the mean square of one fit's errors that another one's have, which are far over the noise.
+    """Return the share of the mean square of one fit's held-out errors that another one's have, far over the noise.
 
-    Zero where they are not: by itself noise may be as slow as the rig is. What was held out takes no part.
+    Zero where they are not far over it: by itself noise may be as slow as the rig is.
     """
-    if over_noise(after) < after.problem.policy.far_over_noise:
+    if not over_noise(after) > after.problem.policy.far_over_noise:
         return 0.0
-    beyond = np.maximum(_fitted_rms(after) ** 2 - noise_rms(after) ** 2, 0.0)
-    return float(np.mean(beyond / _fitted_rms(before) ** 2))
+    beyond = np.maximum(held_out_rms(after)[0] ** 2 - noise_rms(after) ** 2, 0.0)
+    return float(np.mean(beyond / held_out_rms(before)[0] ** 2))
 
 
 def together(fitted: SimulatedFit, rms: Real) -> float:

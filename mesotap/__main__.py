@@ -22,8 +22,6 @@ def main() -> None:
 def _command() -> None:
     # the matrices here are small: a second BLAS thread only gets in the way of the first
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # where colorama is installed, numba wraps standard output anew for each of its messages, until none can be printed
-    os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
     from mesotap.cli import app
     from mesotap.operator.completion import ASKED, INSTALL, NO_SHELL, complete_at_the_first_tab, completed_for
     from mesotap.operator.terminal import complain, let_go_of_the_dead, survive_any_text

@@ -247,9 +247,9 @@ class BlockAccount(Account[SimulatedFit]):
         channels = tuple(n for n, s in zip(seen, shares, strict=False) if s > SEEN * shares.max())
         if named:
             element, component = named[0].element, named[0].where
-            missed = mean_of(base.by_block(CHOOSE))
-            left = mean_of(self.selection.best.by_block(CHOOSE))
-            what = f"what is named explains {min(100 * (1 - left / missed), 99.99):.4g} % of it"
+            left = mean_of(best.by_block(CHOOSE)) / mean_of(base.by_block(CHOOSE))
+            explained = 1 - max(left, self.selection.left.share)
+            what = f"what is named explains {min(100 * explained, 99.99):.4g} % of it"
         else:
             element, component = self._suspected(self.selection.screening)
             what = "nothing listed explains it" + not_tried(self.judge, element)

@@ -48,7 +48,8 @@ def free_model(name: str) -> tuple[AddedResponse, Variant]:
     problem = problem_of(session_of(with_law(), ratios=(0.5, 0.7)))
     rigs = [two_mass(load) for load in LOADS_N]
     load = np.array([[rig.kc, rig.cc] for rig in rigs])
-    constants = Constants(problem.arrangement, np.array([rigs[0].m1, rigs[0].m2, rigs[0].k1, rigs[0].k2]), load)
+    rig = np.array([rigs[0].m1, rigs[0].m2, rigs[0].k1, rigs[0].k2, 1.0])  # the last: loads as measured
+    constants = Constants(problem.arrangement, rig, load)
     found = adopted(name, VALUES[name])
     term = Term(found.mechanism, VALUES[name], found.place)
     model = AddedResponse(problem, (term,), SUBSTEPS)

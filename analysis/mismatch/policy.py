@@ -111,6 +111,9 @@ class SelectionPolicy:
     learned_share: float = _chosen(
         0.001, "of what is named explains, by which a learned law must lead to replace it", "1", UNLISTED, 131
     )
+    learned_simpler: float = _chosen(
+        0.005, "share of a learned law's evidence that one with fewer parameters may lack", "1", RECORDED, 140
+    )
     learned_promise: float = _chosen(
         12.0, "evidence that a law must promise beside what is named to be fitted", "chi-squared", NAMED, 132
     )

@@ -28,7 +28,7 @@ from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, Simulate
 from analysis.mismatch.recordings.free_force import free_loss
 from analysis.mismatch.recordings.held_out import FinalFits
 from analysis.mismatch.recordings.otherwise import constant_explains, hold_that_explains
-from analysis.mismatch.recordings.ranking import Ranking, with_time
+from analysis.mismatch.recordings.ranking import Ranking, simplest, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.regression import regressed
 from analysis.mismatch.recordings.second_impact import where_it_fell
@@ -231,7 +231,7 @@ class BlockJudge(Judge[SimulatedFit]):
             best_few = allowed[: self.problem.policy.held_against_sweeps]
             steady = {candidates.index(c): self.against_sweeps(c.fit) for c in best_few}
             allowed = [candidates[max(steady, key=lambda i: candidates[i].evidence + steady[i])]]
-        best = allowed[0] if allowed else None
+        best = simplest(allowed, self.problem.policy.learned_simpler) if allowed else None
         if best is None or best.fit is None or not self._better(state, best):
             return None, steady
         return best, steady

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 from itertools import zip_longest
 
 from analysis.mismatch.policy import SelectionPolicy
+from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.score_test import Score
+from analysis.mismatch.selection import Candidate
+from sim_backend.learned.forms import FORM
 from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism
 
 VARIANTS = 3  # of a mechanism in a place, with other values of what is no parameter, that are fitted
@@ -48,6 +51,22 @@ class Ranking:
         for scores in (*in_turn, *a[self.finalists :], *b[other.finalists :]):
             found.setdefault(scores[0].term.key, scores)
         return Ranking(tuple(found.values()), min(len({scores[0].term.key for scores in in_turn}), most))
+
+
+def simplest(candidates: Sequence[Candidate[SimulatedFit]], share: float) -> Candidate[SimulatedFit]:
+    """Return the best candidate; of learned laws the one with the fewest parameters that explains nearly as much.
+
+    No formula is quite the law of a real rig, so that one with more parameters always explains a little more.
+    """
+    best = candidates[0]
+    if best.fit is None or FORM not in best.fit.terms[-1].values:
+        return best
+    alike = [
+        c
+        for c in candidates
+        if c.fit is not None and FORM in c.fit.terms[-1].values and c.evidence > (1 - share) * best.evidence
+    ]
+    return min(alike, key=lambda c: (len(c.mechanism.parameters), -c.evidence))
 
 
 def _another_start(score: Score, better: Score, share: float) -> bool:

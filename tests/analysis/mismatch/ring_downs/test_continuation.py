@@ -15,7 +15,7 @@ from analysis.mismatch.ring_downs.continuation import (
     lengthened,
     linear_at_first,
 )
-from analysis.mismatch.ring_downs.fit import COMPETING_ITERATIONS, RingDowns, Stop, fit
+from analysis.mismatch.ring_downs.fit import RingDowns, fit
 from tests.analysis.practice import needs_data, practice, truth
 from tests.analysis.ring_downs import LOADS_N, problem_of, session_of, two_mass, with_law
 from tests.analysis.terms import at_work
@@ -70,14 +70,12 @@ def test_surfaces_that_part_are_fitted_without_any_recording() -> None:
     ("law", "other"),
     [("rough_surface_stiffness", "hertz_stiffness"), ("hertz_stiffness", "rough_surface_stiffness")],
 )
-def test_a_law_that_a_fit_to_whole_segments_loses_is_fitted_from_their_beginnings(law: str, other: str) -> None:
+def test_a_strong_law_is_fitted_from_the_beginnings_of_the_segments_on(law: str, other: str) -> None:
     ratios = (0.5, 0.7, 0.9) if law == "rough_surface_stiffness" else (0.5, 0.7, 0.95)
     problem = problem_of(session_of(with_law(law), noise=5e-4, ratios=ratios)).only((*range(7), 8))
     linear = fit(problem)
-    at_once = fit(problem, (at_work(law, {}),), linear, stop=Stop(COMPETING_ITERATIONS, competing=True))
     early = linear_at_first(problem, linear)
     found = lengthened(problem, (at_work(law, {}),), early)
-    assert at_once.reduced_chi_squared > 50  # it is lost
     assert found.reduced_chi_squared < 1.5
     true = [two_mass(load).kc for load in LOADS_N]
     assert found.constants.load[:, 0] == pytest.approx(true, rel=1e-3)

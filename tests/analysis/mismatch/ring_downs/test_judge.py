@@ -289,4 +289,5 @@ def test_beneath_a_strong_law_the_model_leaves_no_error_of_its_own(
     assert [t.mechanism.id for t in found.chosen.terms] == [law]
     assert found.left.p_value > 0.01
     true = [two_mass(load).kc for load in LOADS_N]
-    assert found.chosen.constants.load[:, 0] == pytest.approx(true, rel=1e-4)
+    # masses are declared, and loads measured, to within what makes 6e-4 of k_c
+    assert found.chosen.constants.load[:, 0] == pytest.approx(true, rel=5e-4)

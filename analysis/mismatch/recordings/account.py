@@ -19,7 +19,7 @@ from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.held_out import beyond_noise, channel_errors
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.otherwise import hold_that_explains
-from analysis.mismatch.recordings.ranking import with_time
+from analysis.mismatch.recordings.ranking import lead_of, with_time
 from analysis.mismatch.recordings.reasons import decided, not_tried, reason
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.residual_band import residual_band
@@ -155,10 +155,10 @@ class BlockAccount(Account[SimulatedFit]):
         for i, c in enumerate(step.candidates):
             if c.fit is None or (by_itself and with_time(c.mechanism)):
                 continue  # time is weighed by itself
-            if step.steady and i not in step.steady:
-                continue  # too far behind to be held against the steady responses
-            value = c.evidence - accepted.evidence + (step.steady[i] - own_steady if step.steady else 0.0)
-            found[c.id] = max(value, found.get(c.id, -math.inf))
+            if step.steady and i not in step.steady:  # too far behind to be held against the steady responses
+                continue
+            lead = lead_of(c, accepted, self.judge.problem.policy.learned_simpler)
+            found[c.id] = max(lead + step.steady.get(i, 0.0) - own_steady, found.get(c.id, -math.inf))
         return found
 
     def _alike(self, step: SelectionStep[SimulatedFit], evidence: dict[str, float], number: int) -> tuple[str, ...]:
@@ -167,10 +167,10 @@ class BlockAccount(Account[SimulatedFit]):
         if accepted is None:
             return ()
         policy = self.judge.problem.policy
-        own = mean_of(accepted.losses)
+        most = policy.alike_losses * mean_of(accepted.losses)
         found = {
             c.id for c in step.candidates
-            if c.fit is not None and c.id != accepted.id and mean_of(c.losses) < policy.alike_losses * own
+            if c.fit is not None and c.id != accepted.id and mean_of(c.losses) < most
             and evidence.get(c.id, -math.inf) > policy.temperature * policy.told_apart
         }  # fmt: skip
         if rival is not None and accepted.id != rival.id and number == 0 and self._as_well(accepted, rival):

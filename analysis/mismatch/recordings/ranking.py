@@ -59,14 +59,21 @@ def simplest(candidates: Sequence[Candidate[SimulatedFit]], share: float) -> Can
     No formula is quite the law of a real rig, so that one with more parameters always explains a little more.
     """
     best = candidates[0]
-    if best.fit is None or FORM not in best.fit.terms[-1].values:
+    if not _learned(best):
         return best
-    alike = [
-        c
-        for c in candidates
-        if c.fit is not None and FORM in c.fit.terms[-1].values and c.evidence > (1 - share) * best.evidence
-    ]
+    alike = [c for c in candidates if (_learned(c) and lead_of(best, c, share) <= 0) or c is best]
     return min(alike, key=lambda c: (len(c.mechanism.parameters), -c.evidence))
+
+
+def lead_of(one: Candidate[SimulatedFit], other: Candidate[SimulatedFit], share: float) -> float:
+    """Return the evidence of one candidate over another, less what more parameters of a learned law always explain."""
+    more = len(one.mechanism.parameters) > len(other.mechanism.parameters)
+    always = share * one.evidence if more and _learned(one) and _learned(other) else 0.0
+    return one.evidence - other.evidence - max(always, 0.0)
+
+
+def _learned(candidate: Candidate[SimulatedFit]) -> bool:
+    return candidate.fit is not None and FORM in candidate.fit.terms[-1].values
 
 
 def _another_start(score: Score, better: Score, share: float) -> bool:

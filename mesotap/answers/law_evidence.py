@@ -34,14 +34,15 @@ def evidence_of_laws(found: Diagnosis) -> tuple[tuple[Picture, ...], tuple[Table
         if m.law.table is not None:
             listed = _nearest(found, m.law, number)
             drawn = figures.law_figure(m.law.table, listed)
+            at_load = ", at the load that is nearest to its reference" if found.answer.loads_n else ""
             dashed = " Dashed: the listed laws that come nearest, as fitted." if listed else ""
             pictures.append(
                 Picture(
                     f"law-{number}",
                     drawn,
                     f"Force of the learned law in the {m.element or m.where} with its 95 % band",
-                    f"Force that acts in the {m.element or m.where} beside its linear stiffness and damping, at the "
-                    f"load that is nearest to its reference, over what the recordings cover; shaded: 95 %.{dashed}",
+                    f"Force that acts in the {m.element or m.where} beside its linear stiffness and damping{at_load}, "
+                    f"over what the recordings cover; shaded: 95 %.{dashed}",
                 )
             )
     return tuple(pictures), tuple(tables)

@@ -37,12 +37,6 @@ def adopted(
     ValueError
         A sentence: no such mechanism, none that acts in a ring-down or there, or a parameter that is missing, unknown
         or out of its range.
-
-    Examples
-    --------
-    >>> part = {"attached_mass_kg": 5e-4, "mount_stiffness_n_per_m": 2e5, "mount_damping_n_s_per_m": 0.2}
-    >>> adopted("attached_mass", part, at="lower mass").place
-    (1,)
     """
     known = family(mechanism_id, folders)
     if known is None:

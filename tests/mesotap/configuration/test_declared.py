@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
-from daq.records import RigDescription, Session
+from analysis.mismatch.answer import LOAD_SCALE
+from daq.records import CalibrationPoints, Impact, RigDescription, Session
 from mesotap.configuration.config import Config, effective_text
 from mesotap.configuration.declared import header_uncertainty, rig_settings
 from rig.settings import RigSettings
@@ -45,6 +48,21 @@ def test_what_is_not_known_of_the_tube_springs_is_not_known_of_the_masses() -> N
     content = whole()
     content["rig"]["springs"] |= {"added_mass_kg": 0.003, "added_mass_uncertainty_percent": 50.0}
     assert header_uncertainty(session(yaml.safe_dump(content)))["m1_kg"] == pytest.approx(0.0025)
+
+
+def test_loads_are_as_uncertain_in_common_as_the_calibrations_leave_them() -> None:
+    weights = np.linspace(0.0, 1000.0, 11)
+    points = CalibrationPoints(weights, 0.35 + 0.042 * weights, "2026-01-01T00:00:00Z")
+    later = replace(points, time="2026-01-01T02:00:00Z")
+    tap = Impact(
+        0, 0, 500.0, 500.0, 500.0, "2026-01-01T01:00:00Z", 25000.0, 100, np.zeros((2, 400)), True
+    )  # fmt: skip
+    calibrated = replace(session(""), impacts=(tap,), pre=points, post=later)
+    # gravity is not declared: it differs by 0.5 % from the equator to the poles
+    assert 1e-3 < header_uncertainty(calibrated)[LOAD_SCALE] < 3e-3
+    here = yaml.safe_dump(whole(calibration={"gravity_m_s2": 9.81}))
+    assert header_uncertainty(replace(calibrated, config=here))[LOAD_SCALE] < 1e-3
+    assert LOAD_SCALE not in header_uncertainty(replace(calibrated, pre=None, post=None))
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """What holds for every test: one BLAS thread, as the program itself runs, and the same drawn inputs each time."""
 
 import os
+import signal
 from collections.abc import Iterator
 
 import pytest
@@ -8,6 +9,10 @@ import pytest
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported anywhere
 
 from hypothesis import HealthCheck, settings
+
+# what a shell starts in the background ignores Ctrl-C, and so would every process that a test ends with it
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # HYPOTHESIS_PROFILE=searching draws other inputs at each run; neither depends on how quick the machine is
 untimed = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
-from analysis.mismatch.recordings.blocks import missed_still
+from analysis.mismatch.recordings.blocks import likelihood_ratio, missed_still
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.selection import Selection, screened_baseline, select
@@ -15,16 +16,33 @@ def select_for_recordings(judge: BlockJudge) -> Selection[SimulatedFit]:
 
     Mechanisms are added one by one. Of two that are at work, a third that resembles both comes first; beside it neither
     gains enough. So where what is named leaves errors far over the noise, the selection is made once more without the
-    first of the names, and what explains better counts.
+    first of the names, and again without all that explain as much as it; what explains better counts.
     """
     found = select(judge, screened_baseline(judge))
     if found.chosen is None or not missed_still(found.baseline, found.chosen):
         return found
-    first = found.chosen.terms[0].mechanism.id
-    judge.on_progress(f"beginning again without {first.replace('_', ' ')}, which leaves much")
-    others = judge.knowing([m for m in judge.known if m.id != first], judge.problem.policy)
-    other = select(others, screened_baseline(others))
-    lead = judge.evidence_of(other) - judge.evidence_of(found)
-    if other.chosen is None or lead < judge.problem.policy.certain_by_blocks:
-        return found
-    return replace(other, judge=judge)
+    certain = judge.problem.policy.certain_by_blocks
+    for left_out in _first_names(found, found.chosen.terms[0].mechanism.id, certain):
+        listed = " and ".join(sorted(left_out)).replace("_", " ")
+        judge.on_progress(f"beginning again without {listed}, beside which much is left")
+        others = judge.knowing([m for m in judge.known if m.id not in left_out], judge.problem.policy)
+        other = select(others, screened_baseline(others))
+        if other.chosen is not None and _lead(other.best, found.best, judge) >= certain:
+            return replace(other, judge=judge)
+    return found
+
+
+def _lead(one: SimulatedFit, other: SimulatedFit, judge: BlockJudge) -> float:
+    """Return the evidence of one fit over another, in samples as independent as those of what the better one leaves."""
+    more = sum(len(t.mechanism.parameters) for t in one.terms) - sum(len(t.mechanism.parameters) for t in other.terms)
+    return (
+        likelihood_ratio(other, one, min(one, other, key=lambda f: f.scatter))
+        - judge.problem.policy.parameter_cost * more
+    )
+
+
+def _first_names(found: Selection[SimulatedFit], first: str, certain: float) -> list[set[str]]:
+    """Return the mechanism that was named first, then with it those whose evidence is not certainly less."""
+    fitted = {c.id: c.evidence for c in reversed(found.steps[0].candidates) if c.fit is not None}
+    alike = {first, *(i for i, evidence in fitted.items() if evidence > fitted.get(first, math.inf) - certain)}
+    return [{first}] if alike == {first} else [{first}, alike]

@@ -32,7 +32,7 @@ bodies: {bob: 1}
 pendulums: [{name: pivot, between: [bob, ground]}]
 sensors: [{channel: 0, of: bob, shows: displacement}]
 """
-W, DAMPING, FRICTION = 5.65, 0.03, 0.1  # rad/s, N s/m, N
+W, DAMPING, FRICTION, DRAG = 5.65, 0.03, 0.1, 0.05  # rad/s, N s/m, N, N s2/m2
 SWINGS, SLOW = 0.8, 0.4
 STICKS = 2e-4  # m/s, over which the friction turns
 QUANTUM = 2 * math.pi / 4096
@@ -65,11 +65,11 @@ def test_a_fit_with_larger_held_out_errors_predicts_no_better() -> None:
     assert predicts_no_better(named, linear)
 
 
-def decay(begin: float) -> Recording:
-    """Return a pendulum of large swings that rubs, by an encoder."""
+def decay(begin: float, friction: float = 0.0, drag: float = 0.0) -> Recording:
+    """Return a pendulum of large swings that rubs or is held back by drag, by an encoder."""
 
     def rest(s: float, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return -(W**2) * np.sin(x) - DAMPING * v - FRICTION * np.tanh(v / STICKS)
+        return -(W**2) * np.sin(x) - DAMPING * v - friction * np.tanh(v / STICKS) - drag * v * np.abs(v)
 
     x, _ = motion(rest, [begin, 0.0], 3000, 100.0)
     return Recording(QUANTUM * np.round(x / QUANTUM)[None], 100.0, ("angle",), "", "simulated")
@@ -78,9 +78,22 @@ def decay(begin: float) -> Recording:
 @pytest.mark.long
 def test_two_effects_that_a_third_resembles_are_both_named() -> None:
     said: list[str] = []
-    found = diagnose_recordings([decay(SWINGS), decay(SLOW)], parse_rig(PENDULUM), variants(catalogue()), said.append)
+    recorded = [decay(SWINGS, friction=FRICTION), decay(SLOW, friction=FRICTION)]
+    found = diagnose_recordings(recorded, parse_rig(PENDULUM), variants(catalogue()), said.append)
     named = {m.id: m.parameters for m in found.answer.mechanisms}
     assert set(named) == {"tube_spring_cubic", "guide_friction"}
     (force,) = named["guide_friction"].values()
     assert force.value == pytest.approx(FRICTION, rel=0.02)
     assert [line for line in said if line.startswith("beginning again without")]
+
+
+@pytest.mark.long
+def test_two_effects_that_several_others_resemble_are_both_named() -> None:
+    said: list[str] = []
+    found = diagnose_recordings([decay(1.0, drag=DRAG)], parse_rig(PENDULUM), variants(catalogue()), said.append)
+    named = {m.id: m.parameters for m in found.answer.mechanisms}
+    assert set(named) == {"tube_spring_cubic", "quadratic_damping"}
+    (drag,) = named["quadratic_damping"].values()
+    assert drag.value == pytest.approx(DRAG, rel=0.03)
+    again = [line for line in said if line.startswith("beginning again without")]
+    assert any("attached mass" in line and "frame compliance" in line for line in again)

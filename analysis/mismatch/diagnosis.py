@@ -16,14 +16,14 @@ from threadpoolctl import threadpool_limits
 from analysis.mismatch.account import Account, beyond_noise
 from analysis.mismatch.answer import Answer, Named, RecordingFile, Remainder, UpperLimit, Verdict
 from analysis.mismatch.law_reading import law_of
-from analysis.mismatch.learning import is_learned, with_learned
+from analysis.mismatch.learning import is_learned, with_last_learned, with_learned
 from analysis.mismatch.limits import complete_probability, upper_limits
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.account import BlockAccount
-from analysis.mismatch.recordings.fit import SimulatedRecordings, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, problem_of
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.recorded import prepare
-from analysis.mismatch.recordings.selecting import select_for_recordings
+from analysis.mismatch.recordings.selecting import leads, select_for_recordings
 from analysis.mismatch.recordings.start_check import frame_remark
 from analysis.mismatch.recordings.steady import Sweep
 from analysis.mismatch.remainder import remainder_statement
@@ -85,10 +85,28 @@ def diagnose(
             answer = answer_of(ImpactAccount(selection), recordings)
             return Diagnosis(replace(answer, set_aside=set_aside), selection)
         judge = BlockJudge.of(problem, known, on_progress, sweeps)
-        found = select_for_recordings(judge)
-        found = with_learned(found) if learn and _described_rightly(BlockAccount(found)) else found
+        found, *others = select_for_recordings(judge)
+        if learn and _described_rightly(BlockAccount(found)):
+            found = _with_learned_of_any(found, others)
         on_progress("comparing with what was held out")
         return Diagnosis(answer_of(BlockAccount(found), recordings), found)
+
+
+def _with_learned_of_any(
+    found: Selection[SimulatedFit], others: Sequence[Selection[SimulatedFit]]
+) -> Selection[SimulatedFit]:
+    """Return what learned laws make of what explains best; where much of it is left, of what else was named too.
+
+    What is named beside a law that nobody listed may explain less, without it, than something that resembles both.
+    """
+    best = with_learned(found)
+    for other in others:
+        if best.left.p_value >= best.problem.policy.level:
+            break
+        learned = with_last_learned(other)
+        if learned is not None and leads(learned, best):
+            best = learned
+    return best
 
 
 def _described_rightly(account: BlockAccount) -> bool:

@@ -12,7 +12,7 @@ from typing import Any
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.ring_downs.candidates import screened_evidence
 from analysis.mismatch.score_test import Screening
-from analysis.mismatch.selection import Selection, SelectionStep, State, go_on, screened_baseline, select
+from analysis.mismatch.selection import Judge, Selection, SelectionStep, State, go_on, screened_baseline, select
 from sim_backend.learned.families import learned_mechanisms
 from sim_backend.learned.forms import FORM
 
@@ -41,24 +41,20 @@ def with_learned(selection: Selection[Any]) -> Selection[Any]:
     least = max(policy.unnamed, policy.learned_share * explained)
     if named is not None and _most_lead(named) < policy.learned_near * least:
         return selection
-    judge.on_progress("learning a law that nobody listed")
-    judge.training.budget.spent = 0.0
-    # a single force without a name is one of the families: it is no reason to name none of them
-    anyhow = replace(policy, unnamed=math.inf)
-    learner = judge.knowing(learned_mechanisms(), anyhow, to_beat=named if _single(named) else None)
+    learner, begun = _learner(selection, to_beat=named if _single(named) else None)
     if named is not None and not _single(named) and _promised(learner.screen(named)) < policy.learned_promise:
         return selection  # what is named together leaves nothing to a law
-    fresh = screened_baseline(learner)
-    begun = State(fresh.current, replace(fresh.screening, p_value=selection.p_value))
-    first = learner.candidates(begun)
-    if _single(named) and max((c.evidence for c in first if c.fit is not None), default=-math.inf) < explained:
-        return selection
-    found = select(learner, begun, first)
+    found = None if named is None or _single(named) else _last_learned(learner, begun, selection)
+    if found is None:
+        first = learner.candidates(begun)
+        if _single(named) and max((c.evidence for c in first if c.fit is not None), default=-math.inf) < explained:
+            return selection
+        found = select(learner, begun, first)
     if found.chosen is None and selection.best.terms:
         beside = State(selection.best, learner.screen(selection.best), selection.steps)
         further = go_on(learner, begun, beside)
-        found = further if further.chosen is not None and any(map(is_learned, further.chosen.terms)) else found
-    if found.chosen is None or not any(map(is_learned, found.chosen.terms)):
+        found = further if _learned(further) else found
+    if not _learned(found):
         return selection
     if named is None:
         return _beside(found, selection)
@@ -69,6 +65,38 @@ def with_learned(selection: Selection[Any]) -> Selection[Any]:
         return _beside(found, selection)
     unnamed = max(selection.left.unnamed, policy.unnamed * lead / least)
     return replace(selection, left=replace(selection.left, unnamed=unnamed))
+
+
+def with_last_learned(selection: Selection[Any]) -> Selection[Any] | None:
+    """Return a selection with a learned law in place of the mechanism accepted last; None if that leaves something."""
+    if selection.chosen is None or _single(selection.chosen):
+        return None
+    found = _last_learned(*_learner(selection), selection)
+    return None if found is None else _beside(found, selection)
+
+
+def _learner(selection: Selection[Any], to_beat: Any = None) -> tuple[Judge[Any], State[Any]]:
+    """Return a judge that knows families of laws, and the linear rig screened by it."""
+    judge = selection.judge
+    judge.on_progress("learning a law that nobody listed")
+    judge.training.budget.spent = 0.0
+    # a single force without a name is one of the families: it is no reason to name none of them
+    anyhow = replace(selection.problem.policy, unnamed=math.inf)
+    learner = judge.knowing(learned_mechanisms(), anyhow, to_beat=to_beat)
+    fresh = screened_baseline(learner)
+    return learner, State(fresh.current, replace(fresh.screening, p_value=selection.p_value))
+
+
+def _last_learned(learner: Judge[Any], baseline: State[Any], selection: Selection[Any]) -> Selection[Any] | None:
+    """See `with_last_learned`."""
+    *before, last = selection.accepted
+    found = go_on(learner, baseline, State(last.before, learner.screen(last.before), tuple(before)))
+    return found if _learned(found) and found.left.p_value >= selection.problem.policy.level else None
+
+
+def _learned(selection: Selection[Any]) -> bool:
+    """Whether a selection names a learned law."""
+    return selection.chosen is not None and any(map(is_learned, selection.chosen.terms))
 
 
 def _most_lead(named: Any) -> float:

@@ -20,7 +20,7 @@ from analysis.mismatch.recordings.held_out import beyond_noise, channel_errors
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.otherwise import hold_that_explains
 from analysis.mismatch.recordings.ranking import lead_of, with_time
-from analysis.mismatch.recordings.reasons import decided, not_tried, reason
+from analysis.mismatch.recordings.reasons import decided, not_tried, reason, with_what_else
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.residual_band import residual_band
 from analysis.mismatch.recordings.second_impact import impulse_share, said_of, struck
@@ -287,7 +287,7 @@ class BlockAccount(Account[SimulatedFit]):
             )
         ratio = math.sqrt(mean_of(candidate.losses) / max(mean_of(best.losses), 1e-300))
         times = "as large as" if f"{ratio:.3g}" == "1" else f"{ratio:.3g} times"
-        said = f"Its error on the blocks that choose is {times} that of {best.id.replace('_', ' ')} alone"
+        said = f"Its error on the blocks that choose is {times} that of {with_what_else(candidate, best)}"
         despite = reason(self.judge, self.selection.steps[0], self.selection.best, candidate) if ratio < 1 else ""
         return f"{said}; {despite}." if despite else f"{said}."
 

@@ -31,6 +31,7 @@ from analysis.mismatch.recordings.otherwise import constant_explains, hold_that_
 from analysis.mismatch.recordings.ranking import Ranking, simplest, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.regression import regressed
+from analysis.mismatch.recordings.reweighing import exchanged, without_idle_ones
 from analysis.mismatch.recordings.second_impact import where_it_fell
 from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
 from analysis.mismatch.score_test import Score, Screening, screen
@@ -295,7 +296,7 @@ class BlockJudge(Judge[SimulatedFit]):
         rival = self.rival_in_time(steps)
         if rival is not None and rival.fit is not None and self._time_wins(current, rival):
             current, steps = rival.fit, (replace(steps[0], accepted=rival),)
-        current, steps = self._without_idle_ones(current, steps)
+        current, steps = exchanged(*without_idle_ones(current, steps))
         share = 0.0
         base, best = mean_of(baseline.current.by_block(CHOOSE)), mean_of(current.by_block(CHOOSE))
         if steps and best > policy.left_over_blocks * base and self.screen(current).p_value < policy.level:
@@ -320,19 +321,6 @@ class BlockJudge(Judge[SimulatedFit]):
     def _otherwise_explained(self, before: SimulatedFit, named: SimulatedFit, linear: SimulatedFit) -> bool:
         by_constant = constant_explains(before, named, self.on_progress)
         return by_constant or hold_that_explains(linear, self.screen, self.on_progress, named) is not None
-
-    def _without_idle_ones(
-        self, current: SimulatedFit, steps: tuple[SelectionStep[SimulatedFit], ...]
-    ) -> tuple[SimulatedFit, tuple[SelectionStep[SimulatedFit], ...]]:
-        """Leave out mechanisms that stood in for later ones: without them all blocks are predicted as well."""
-        taken = [k for k, step in enumerate(steps) if step.accepted is not None]
-        for i in range(len(current.terms) - 1):
-            lean = fit(self.problem, current.terms[:i] + current.terms[i + 1 :], current, fine=True)
-            if likelihood_ratio(lean, current, current) < self.problem.policy.certain_by_blocks:
-                kept = [step for k, step in enumerate(steps) if k != taken[i]]
-                kept[0] = replace(kept[0], before=steps[0].before)
-                return self._without_idle_ones(lean, tuple(kept))
-        return current, steps
 
     def rival_in_time(self, steps: Sequence[SelectionStep[SimulatedFit]]) -> Candidate[SimulatedFit] | None:
         """Return the best candidate that goes with time, where amplitude and time are confounded."""

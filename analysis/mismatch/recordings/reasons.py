@@ -37,6 +37,15 @@ def reason(judge: BlockJudge, step: Step, best: SimulatedFit, candidate: Tried) 
     return decided(judge, step, best, candidate) if mean_of(candidate.losses) < mean_of(accepted.losses) else ""
 
 
+def with_what_else(candidate: Tried, best: Tried) -> str:
+    """Name the best candidate, and say what else was at work where another one was compared with it."""
+    name = best.id.replace("_", " ")
+    alone, best_alone = (c.fit is None or len(c.fit.terms) < 2 for c in (candidate, best))
+    if best_alone:
+        return f"{name} alone"
+    return f"{name} and what else is named" if alone else f"{name}, both beside what else is named"
+
+
 def decided(judge: BlockJudge, step: Step, best: SimulatedFit, candidate: Tried) -> str:
     """Return what decided for the accepted candidate of a step and against another one."""
     accepted, policy = step.accepted, judge.problem.policy

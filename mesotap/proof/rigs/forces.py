@@ -100,6 +100,13 @@ def _stop(at: Setting) -> Drawn:
     )
 
 
+def _swing(at: Setting) -> Drawn:
+    def angle(s: float) -> float:  # over the deflection
+        return float(np.sqrt(s)) / at.scale.d
+
+    return Drawn(lambda s: (at.k, angle(s)), lambda s: {"arc_curvature_per_m2": angle(s) ** 2}, start=0.02, most=3.0)
+
+
 def _slip(at: Setting) -> Drawn:
     reach, spread = at.between(1.1, 4.0) * at.scale.d, at.between(-0.5, 0.5)
     return Drawn(lambda s: (s * at.k, reach, spread), most=0.9)
@@ -187,6 +194,7 @@ FORCES = (
     _force("quadratic_damping", laws.RATE_SQUARED, ANY, ALL, _power("quadratic_damping_n_s2_per_m2", 0, 2, False)),
     _force("spring_asymmetry", laws.SQUARE, ANY, STIFF, _power("quadratic_stiffness_n_per_m2", 2, 0, True)),
     _force("end_stop", laws.STOP, ANY, ("contact", "spring"), _stop),
+    _force("large_swing", laws.SWING, ANY, ("pendulum",), _swing),
     _force("micro_slip", laws.SLIP, ANY, ("joint", "contact", "spring"), _slip),
     _force("contact_creep", laws.SETTLING, OVER_TIME, STIFF, _settling),
     _force("hertz_stiffness", laws.HERTZ, LOADED, (), _hertz),
@@ -196,6 +204,7 @@ FORCES = (
     _force("menisci", laws.MENISCUS, LOADED, (), _meniscus),
     _force("rough_surface_stiffness", laws.ROUGH, LOADED, (), _hertz),
     _force("contact_creep", laws.LOG_CREEP, LOADED_OVER_TIME, (), _dwelling),
+    _force("large_swing", laws.SWING, ANY, ("pendulum",), _swing),
     _force("micro_slip", laws.SLIP, LOADED, (), _loaded(_slip)),
     _force(
         "quadratic_damping", laws.RATE_SQUARED, LOADED, (),

@@ -24,6 +24,7 @@ RATE_CUBED         p0 v^3
 REID               p0 |d| sign(v)                                                              Reid (1956)
 VAN_DER_POL        p0 d^2 v
 SHAKEN             p0 cos(p1 t + p2) d                                                         Mathieu (1868)
+SWING              p0 (sin(p1 d) / p1 - d)                                                     pendulum
 =================  ==========================================================================  ==================
 """
 
@@ -36,10 +37,11 @@ from numpy.typing import NDArray
 CODES = (
     "CUBIC", "SQUARE", "RATE_SQUARED", "FRICTION", "STOP", "SLIP", "SETTLING", "LOG_CREEP", "HERTZ", "ROUGH", "PARTING",
     "APPROACH_DAMPING", "FILM", "MENISCUS", "RATE_CUBED", "REID", "VAN_DER_POL", "SHAKEN",
+    "SWING",
 )  # fmt: skip
 (
     CUBIC, SQUARE, RATE_SQUARED, FRICTION, STOP, SLIP, SETTLING, LOG_CREEP, HERTZ, ROUGH, PARTING,
-    APPROACH_DAMPING, FILM, MENISCUS, RATE_CUBED, REID, VAN_DER_POL, SHAKEN,
+    APPROACH_DAMPING, FILM, MENISCUS, RATE_CUBED, REID, VAN_DER_POL, SHAKEN, SWING,
 ) = range(len(CODES))  # fmt: skip
 KINKED = (FRICTION, STOP, SLIP, PARTING, MENISCUS, REID)
 """Laws whose force, or its slope, jumps: the integration stops at the jump."""
@@ -117,6 +119,8 @@ def force(code: int, d: float, v: float, t: float, mode: float, p: Array, memory
         return p[0] * abs(d) * mode
     if code == VAN_DER_POL:
         return p[0] * d * d * v
+    if code == SWING:
+        return p[0] * (np.sin(p[1] * d) / p[1] - d)
     if code == SHAKEN:
         return p[0] * np.cos(p[1] * t + p[2]) * d
     return _of_contact(code, d, v, mode, p)

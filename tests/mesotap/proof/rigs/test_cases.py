@@ -60,6 +60,7 @@ def test_a_linear_rig_follows_the_matrix_exponential() -> None:
         (laws.HERTZ, (2.0, 4000.0), lambda d, v, t: 2.0 * (max(0.0, 1 + d / 7.5e-4) ** 1.5 - 1) - 4000.0 * d),
         (laws.SETTLING, (400.0, 0.1, 0.05), lambda d, v, t: (400.0 * d + 0.1 * v) * (1 - np.exp(-t / 0.05))),
         (laws.PARTING, (2.0, 4000.0, 0.8), lambda d, v, t: max(-2.0, 4000.0 * d + 0.8 * v) - (4000.0 * d + 0.8 * v)),
+        (laws.SWING, (4000.0, 900.0), lambda d, v, t: 4000.0 * (np.sin(900.0 * d) / 900.0 - d)),
         (laws.STOP, (8000.0, 5e-4), lambda d, v, t: 8000.0 * max(d - 5e-4, 0.0)),
     ],
 )

@@ -1,0 +1,41 @@
+"""A pendulum whose swings are large: its weight pulls it back with the sine of its angle."""
+
+from __future__ import annotations
+
+import math
+
+from sim_backend.force_law import STIFFNESS
+from sim_backend.mechanisms.kinds import ForceLaw, Quantity, law
+
+NAME = "arc_curvature_per_m2"
+
+
+@law
+def force_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
+    """k (sin(a) / a - 1) d, where a = d sqrt(p[4])."""
+    a = d * math.sqrt(max(p[4], 0.0))
+    if abs(a) < 1e-3:  # of the sine the cube
+        return force - p[STIFFNESS] * a * a / 6.0 * d
+    return force + p[STIFFNESS] * (math.sin(a) / a - 1.0) * d
+
+
+MECHANISM = ForceLaw(
+    id="large_swing",
+    component="contact",
+    summary="a restoring force that goes with the sine of a pendulum's angle",
+    source="pendulum of large swings",
+    parameters=(
+        Quantity(
+            NAME, "1/m2", 0.0, 1e25, "square of the angle over that of the deflection; 1 where that is in rad", log=True
+        ),
+    ),
+    strength=NAME,
+    trials=lambda scale: [{NAME: 0.018 / scale.deformation**2}],
+    law=force_law,
+    fits=("pendulum",),
+    constants=lambda values, rest: (values[NAME],),
+    statement=lambda values, name: (
+        f"The {name} swings far: its force goes with the sine of {math.sqrt(values[NAME]):.4g} times its deflection "
+        "(1 where that is an angle in rad, 1 / L where it is measured along an arc of radius L)."
+    ),
+)

@@ -16,7 +16,7 @@ from analysis.mismatch.answer import (
 )
 from analysis.mismatch.policy import POLICY
 from analysis.mismatch.remainder import SEEN, p_words, place_words
-from mesotap.answers.rounding import counted, significant, unit
+from mesotap.answers.rounding import counted, significant, unit, with_ends
 from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
 
@@ -233,8 +233,7 @@ def _print_mechanism(m: Named, console: Console) -> None:
     for formula in () if m.law is None else m.law.formulas:
         console.print(f"    {escape(formula.text)}  (evidence {formula.evidence:+.1f} over a force of any shape)")
     for name, v in m.parameters.items():
-        value, low, high = (significant(x, 4) for x in (v.value, v.low, v.high))
-        console.print(f"    {escape(name)} = {value} ({low} to {high}) {escape(unit(v.unit))}".rstrip())
+        console.print(f"    {escape(name)} = {with_ends(v.value, v.low, v.high)} {escape(unit(v.unit))}".rstrip())
 
 
 def _print_held_out(answer: Answer, console: Console) -> None:

@@ -14,7 +14,7 @@ from analysis.mismatch.law_reading import force_on
 from analysis.mismatch.learning import is_learned
 from mesotap.answers.diagnosis_page import Picture, Table
 from mesotap.answers.diagnosis_text import KINDS, words
-from mesotap.answers.rounding import significant
+from mesotap.answers.rounding import significant, with_ends
 from mesotap.report import figures
 from mesotap.report.typesetting import prose
 from sim_backend.mechanisms.kinds import ForceLaw
@@ -107,4 +107,4 @@ def _formulas(law: Law) -> Table:
 def _interval(v: Interval) -> str:
     if not math.isfinite(v.low + v.high) or v.low == v.high:
         return significant(v.value, 4)
-    return f"{v.value:.4g} ({v.low:.4g} to {v.high:.4g})"
+    return with_ends(v.value, v.low, v.high)

@@ -15,7 +15,7 @@ from analysis.mismatch.recordings.reasons import reason
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.selection import SelectionStep
 from mesotap.answers.diagnosis_page import Evidence, Picture, Table
-from mesotap.answers.rounding import significant
+from mesotap.answers.rounding import between, significant
 from mesotap.report import figures
 from sim_backend.arrangement import Parameter
 from sim_backend.mechanisms.catalogue import catalogue
@@ -64,7 +64,13 @@ def _constants(account: BlockAccount) -> Table:
     constants = {} if fitted is None else fitted.constants
     declared = {p.name: p for p in account.described.arrangement.parameters}
     rows = [
-        (n, significant(c.value, 5), _interval(c), "" if c.unit == "1" else c.unit, _declared(declared.get(n)))
+        (
+            n,
+            between(c.value, c.low, c.high, 5)[0],
+            _interval(c),
+            "" if c.unit == "1" else c.unit,
+            _declared(declared.get(n)),
+        )
         for n, c in constants.items()
     ]
     caption = (
@@ -80,7 +86,8 @@ def _interval(found: Interval) -> str:
         return "not fitted"
     if not (math.isfinite(found.low) and math.isfinite(found.high)):
         return "not determined by these recordings"
-    return f"{significant(found.low, 5)} to {significant(found.high, 5)}"
+    _, low, high = between(found.value, found.low, found.high, 5)
+    return f"{low} to {high}"
 
 
 def _declared(constant: Parameter | None) -> str:

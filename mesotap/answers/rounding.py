@@ -10,6 +10,7 @@ from calibration.estimate import Estimate
 UNKNOWN = "–"
 LARGEST_PLAIN = 1e7  # beyond, and below the smallest, powers of ten are split off
 SMALLEST_PLAIN = 1e-3
+MOST_DIGITS = 10
 EXACT = 1e-12  # an interval this much smaller than its value is only rounding error
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -60,6 +61,46 @@ def significant(value: float | None, digits: int = 3) -> str:
         return f"{mantissa} × 10{str(int(power)).translate(SUPERSCRIPTS)}"
     decimals = digits - 1 - (math.floor(math.log10(abs(rounded))) if rounded else 0)
     return f"{rounded:z.{max(decimals, 0)}f}"
+
+
+def between(value: float, low: float, high: float, digits: int = 4) -> tuple[str, str, str]:
+    """Write a number and the ends of its interval with as many decimals, so that two digits of its width are seen.
+
+    Parameters
+    ----------
+    digits
+        Significant digits of each at least; there are `MOST_DIGITS` at most.
+
+    Examples
+    --------
+    >>> between(1.0000872, 0.99998, 1.00019)
+    ('1.00009', '0.99998', '1.00019')
+    >>> between(0.2, 0.1, 0.4)
+    ('0.2000', '0.1000', '0.4000')
+    """
+    width = high - low
+    seen = math.isfinite(width) and width > EXACT * abs(value)
+    last = math.floor(math.log10(width)) - 1 if seen else 0  # power of ten of the last digit
+
+    def written(number: float) -> str:
+        if not (seen and math.isfinite(number) and number):
+            return significant(number, digits)
+        needed = math.floor(math.log10(abs(number))) - last + 1
+        return significant(number, max(digits, min(needed, MOST_DIGITS)))
+
+    return written(value), written(low), written(high)
+
+
+def with_ends(value: float, low: float, high: float) -> str:
+    """Write a number with its interval in brackets; see `between`.
+
+    Examples
+    --------
+    >>> with_ends(1.0000872, 0.99998, 1.00019)
+    '1.00009 (0.99998 to 1.00019)'
+    """
+    written, lower, upper = between(value, low, high)
+    return f"{written} ({lower} to {upper})"
 
 
 def _plain(value: float, half_width: float) -> str:

@@ -39,7 +39,7 @@ from mesotap.answers.results_files import (
     modes_json,
     results_json,
 )
-from mesotap.answers.rounding import UNKNOWN, significant, with_uncertainty
+from mesotap.answers.rounding import UNKNOWN, significant, with_ends, with_uncertainty
 from mesotap.answers.shapes import shown_shape
 from mesotap.answers.summary import summary
 from mesotap.answers.trust import trusted, what_next
@@ -423,6 +423,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     templates.filters["pm"] = lambda estimate, scale=1.0: _typographic(with_uncertainty(estimate, scale))
+    templates.filters["with_ends"] = lambda v: _typographic(with_ends(v.value, v.low, v.high))
     templates.filters["digits"] = lambda value, count=3: _typographic(significant(value, count))
     templates.filters["shape"] = shown_shape
     templates.filters["signed"] = _signed

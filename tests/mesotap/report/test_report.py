@@ -37,7 +37,7 @@ from calibration.gauge import GaugeResult
 from daq.records import CalibrationPoints, Impact, RigDescription, Session
 from mesotap.answers.comparison import recovered_against
 from mesotap.answers.results_files import impacts_csv, json_text, loads_csv, modes_json
-from mesotap.answers.rounding import significant
+from mesotap.answers.rounding import significant, with_ends
 from mesotap.answers.trust import DIAGNOSIS, DIAGNOSIS_PAGE
 from mesotap.report import figures
 from mesotap.report.figures._diagnosis import load_ticks
@@ -945,3 +945,18 @@ def test_how_the_hardware_behaved(
 def test_impacts_of_nearly_the_same_load_share_a_label_in_the_map_of_the_residual():
     places, labels = load_ticks([0.2639, 0.2640, 0.2642, 0.345, 0.346, 0.926])
     assert (places, labels) == ([1.5, 4.0, 5.5], ["264", "346", "926"])
+
+
+@pytest.mark.parametrize(
+    ("numbers", "text"),
+    [
+        ((1.0000872, 0.99998, 1.00019), "1.00009 (0.99998 to 1.00019)"),
+        ((0.2, 0.1, 0.4), "0.2000 (0.1000 to 0.4000)"),
+        ((-5.21, -5.226, -5.193), "-5.210 (-5.226 to -5.193)"),
+        ((1e17, 9.998e16, 1.0002e17), "1.00000 × 10¹⁷ (9.9980 × 10¹⁶ to 1.00020 × 10¹⁷)"),
+        ((1200.0, 0.0, math.inf), "1200 (0.000 to –)"),
+        ((2.0, 2.0, 2.0), "2.000 (2.000 to 2.000)"),
+    ],
+)
+def test_as_many_digits_as_an_interval_leaves(numbers: tuple[float, float, float], text: str) -> None:
+    assert with_ends(*numbers) == text

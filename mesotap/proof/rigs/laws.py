@@ -120,7 +120,7 @@ def force(code: int, d: float, v: float, t: float, mode: float, p: Array, memory
     if code == VAN_DER_POL:
         return p[0] * d * d * v
     if code == SWING:
-        return p[0] * (np.sin(p[1] * d) / p[1] - d)
+        return p[0] * (np.sin(p[1] * d) / p[1] - d) if p[1] else 0.0
     if code == SHAKEN:
         return p[0] * np.cos(p[1] * t + p[2]) * d
     return _of_contact(code, d, v, mode, p)

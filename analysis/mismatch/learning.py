@@ -44,17 +44,8 @@ def with_learned(selection: Selection[Any]) -> Selection[Any]:
     learner, begun = _learner(selection, to_beat=named if _single(named) else None)
     if named is not None and not _single(named) and _promised(learner.screen(named)) < policy.learned_promise:
         return selection  # what is named together leaves nothing to a law
-    found = None if named is None or _single(named) else _last_learned(learner, begun, selection)
-    if found is None:
-        first = learner.candidates(begun)
-        if _single(named) and max((c.evidence for c in first if c.fit is not None), default=-math.inf) < explained:
-            return selection
-        found = select(learner, begun, first)
-    if found.chosen is None and selection.best.terms:
-        beside = State(selection.best, learner.screen(selection.best), selection.steps)
-        further = go_on(learner, begun, beside)
-        found = further if _learned(further) else found
-    if not _learned(found):
+    found = _found(learner, begun, selection, explained)
+    if found is None or not _learned(found):
         return selection
     if named is None:
         return _beside(found, selection)
@@ -65,6 +56,32 @@ def with_learned(selection: Selection[Any]) -> Selection[Any]:
         return _beside(found, selection)
     unnamed = max(selection.left.unnamed, policy.unnamed * lead / least)
     return replace(selection, left=replace(selection.left, unnamed=unnamed))
+
+
+def _found(
+    learner: Judge[Any], begun: State[Any], selection: Selection[Any], explained: float
+) -> Selection[Any] | None:
+    """Return learned laws in place of the last name, else alone, else beside what is named; None if none comes near.
+
+    Beside what is named, of recordings whose noise is not known alone: what such a law must leave is nothing.
+    """
+    named, policy = selection.chosen, selection.problem.policy
+    if named is not None and not _single(named):
+        found = _last_learned(learner, begun, selection)
+        if found is not None:
+            return found
+    first = learner.candidates(begun)
+    hopeless = _single(named) and max((c.evidence for c in first if c.fit is not None), default=-math.inf) < explained
+    found = None if hopeless else select(learner, begun, first)
+    if named is None:
+        missing = found is not None and found.chosen is None
+    else:
+        explains = found is not None and _learned(found) and found.left.p_value >= policy.level
+        missing = not explains and not selection.problem.noise_known
+    if missing and selection.best.terms:
+        further = go_on(learner, begun, State(selection.best, learner.screen(selection.best), selection.steps))
+        return further if _learned(further) else found
+    return found
 
 
 def with_last_learned(selection: Selection[Any]) -> Selection[Any] | None:

@@ -39,7 +39,9 @@ FAR_BEYOND = 3.0
 """Times the noise: larger errors on held-out impacts leave the name in doubt. Chosen by hand: right names had at most
 1.014 times the error of a fit that knows (docs/proof), Hertz' law named for a rough surface 28 (one session)."""
 
-MATTERS = 0.01  # share of what the linear rig misses of a recording, from which on a name that leaves it is in doubt
+# share of what the linear rig misses of a recording, from which on a name that leaves it is in doubt: what is read from
+# errors as noise may be less than it is
+MATTERS = 0.01
 SMALL = 0.1  # share of what the linear rig misses, up to which a remainder is called small
 
 
@@ -156,25 +158,23 @@ def _what_remains(answer: Answer) -> str:
             f"{place_words(left.where)} ({p_words(left.p_value)})."
         )
     far = _over_noise(answer)
-    size = "something small remains" if left.share < SMALL and not far else "something remains"
+    doubted = far > 0 and (bool(answer.loads_n) or left.share > MATTERS)
+    size = "something small remains" if left.share < SMALL and not doubted else "something remains"
     said = (
         f"That explains {_percent(1 - left.share)} of what is missing; {size} {place_words(left.where)} "
         f"({p_words(left.p_value)})."
     )
-    doubt = f" What was held out is still missed by {far:.0f} times the noise: the right name may be another one."
-    return said + doubt if far else said
+    if not far:
+        return said
+    doubt = "the right name may be another one" if doubted else "more may be at work, which the intervals do not count"
+    return f"{said} What was held out is still missed by {far:.0f} times the noise: {doubt}."
 
 
 def _over_noise(answer: Answer) -> float:
-    """Return the held-out error with what is named, over the noise, where it is far beyond; 0 elsewhere.
-
-    What is read from errors as the noise of a recording may be less than it is: there they must matter, too.
-    """
+    """Return the held-out error with what is named, over the noise, where it is far beyond; 0 elsewhere."""
     after, noise = answer.fit.heldout_rms_after, answer.fit.noise_rms
     beyond = FAR_BEYOND if answer.loads_n else POLICY.far_over_noise
-    if after is None or not after > beyond * noise > 0:
-        return 0.0
-    return after / noise if answer.loads_n or answer.remainder.share > MATTERS else 0.0
+    return after / noise if after is not None and after > beyond * noise > 0 else 0.0
 
 
 def _percent(share: float) -> str:

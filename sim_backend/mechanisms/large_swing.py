@@ -36,6 +36,6 @@ MECHANISM = ForceLaw(
     constants=lambda values, rest: (values[NAME],),
     statement=lambda values, name: (
         f"The {name} swings far: its force goes with the sine of {math.sqrt(values[NAME]):.4g} times its deflection "
-        "(1 where that is an angle in rad, 1 / L where it is measured along an arc of radius L)."
+        "(1 where that is an angle in rad, pi / 180 in degrees, 1 / L along an arc of radius L)."
     ),
 )

@@ -52,6 +52,19 @@ def test_a_name_that_leaves_many_times_the_noise_is_in_doubt_and_what_remains_is
     assert "something small" in verdict_sentence(near)
 
 
+def test_errors_far_over_the_noise_are_told_of_a_described_rig_however_little_they_are_of_all() -> None:
+    far = replace(
+        ANSWER, rig="beam", loads_n={}, remainder=replace(LEFT, share=0.004),
+        fit=replace(ANSWER.fit, noise_rms=0.01, heldout_rms_after=0.13),
+    )  # fmt: skip
+    said = verdict_sentence(far)
+    assert "something small remains" in said
+    assert said.endswith("missed by 13 times the noise: more may be at work, which the intervals do not count.")
+    doubted = verdict_sentence(replace(far, remainder=replace(LEFT, share=0.02)))
+    assert doubted.endswith("missed by 13 times the noise: the right name may be another one.")
+    assert "something small" not in doubted
+
+
 def test_that_this_is_all_there_is_is_not_rounded_to_nothing() -> None:
     for probability, words in ((1.7e-294, "all there is: < 0.0001"), (0.93, "all there is: 0.93")):
         shown = Console(file=io.StringIO(), width=200)

@@ -88,7 +88,7 @@ def decays(what: str, begins: Sequence[float]) -> list[Recording]:
     ("what", "size", "begins"),
     [
         ("guide_friction", FRICTION, (0.8, 0.4)),
-        ("quadratic_damping", DRAG, (1.0,)),
+        ("quadratic_damping", DRAG, (1.0,)),  # in one decay a change with time resembles both
         ("learned_rate", CUBED, (1.0, 0.5)),
     ],
 )
@@ -112,3 +112,27 @@ def test_two_effects_that_another_resembles_are_both_named(what: str, size: floa
     else:
         assert [v.value for v in named[what].parameters.values()] == pytest.approx([size], rel=5e-3)
     assert [line for line in said if line.startswith("beginning again without")]
+
+
+@pytest.mark.long
+def test_a_law_that_is_not_listed_is_learned_beside_one_that_is() -> None:
+    cubic, unlisted = 1.25e6, 7500.0  # N/m3, N s/m3
+
+    def rest(force: float, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return force - 2500.0 * x - 1.7 * v - cubic * x**3 - unlisted * x**2 * v
+
+    force = 7.0 * noise_input(2400, 150.0, 1, 20, seed=11)
+    x, _ = motion(rest, [0.0, 0.0], force.size, 150.0, force)
+    seen = x + np.random.default_rng(5).normal(0.0, 1e-5, x.size)
+    recording = Recording(np.array([force, seen]), 150.0, ("force", "position"), "", "simulated")
+    rig = parse_rig(SPRING + INPUT.replace("gain: unknown", "offset: 0") + sensor("displacement"))
+    found = diagnose_recordings([recording], rig, variants(catalogue()), lambda _: None)
+    named = {m.id: m for m in found.answer.mechanisms}
+    assert set(named) == {"tube_spring_cubic", "learned_rate"}
+    (stiffness,) = named["tube_spring_cubic"].parameters.values()
+    assert stiffness.value == pytest.approx(cubic, rel=0.01)
+    law = named["learned_rate"].law
+    assert law is not None
+    power = law.exponents["deflection"]
+    assert power is not None
+    assert power.value == pytest.approx(2.0, abs=0.05)

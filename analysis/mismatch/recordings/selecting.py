@@ -10,7 +10,7 @@ from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.selection import Selection, screened_baseline, select
 
-AGAIN = 3  # selections without the first names, at most
+AGAIN = 2  # selections without the first names, at most
 
 
 def select_for_recordings(judge: BlockJudge) -> tuple[Selection[SimulatedFit], ...]:

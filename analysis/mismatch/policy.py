@@ -59,9 +59,7 @@ class SelectionPolicy:
     held_against_sweeps: int = _chosen(4, "of them, compared with steady responses", "candidates", RECORDED, 50)
     close: float = _chosen(0.25, "share of the best score's evidence that earns a full fit", "1", PRACTICE, 10)
     serious: float = _chosen(0.5, "share of the best evidence that a fit must be able to reach", "1", PRACTICE, 54)
-    hopeful: float = _chosen(
-        0.7, "share of the best evidence for further starts, or for its place", "1", PRACTICE, 54
-    )
+    hopeful: float = _chosen(0.7, "share of the best evidence for further starts, or for its place", "1", PRACTICE, 54)
     other_start: float = _chosen(0.2, "share of the best screened evidence of a further start", "1", PRACTICE, 54)
     starts: int = _chosen(5, "starts of the fit of an added body", "starts", PRACTICE, 54)
     phase_locked_most: float = _chosen(

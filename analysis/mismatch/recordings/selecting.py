@@ -41,9 +41,7 @@ def select_for_recordings(judge: BlockJudge) -> tuple[Selection[SimulatedFit], .
 
 def leads(one: Selection[SimulatedFit], other: Selection[SimulatedFit]) -> bool:
     """Whether one selection names what explains certainly better than what another one names."""
-    if one.chosen is None or not isinstance(one.judge, BlockJudge):
-        return False
-    return _lead(one.best, other.best) >= one.judge.problem.policy.certain_by_blocks
+    return one.chosen is not None and _lead(one.best, other.best) >= one.problem.policy.certain_by_blocks
 
 
 def _lead(one: SimulatedFit, other: SimulatedFit) -> float:

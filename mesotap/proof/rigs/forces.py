@@ -204,7 +204,6 @@ FORCES = (
     _force("menisci", laws.MENISCUS, LOADED, (), _meniscus),
     _force("rough_surface_stiffness", laws.ROUGH, LOADED, (), _hertz),
     _force("contact_creep", laws.LOG_CREEP, LOADED_OVER_TIME, (), _dwelling),
-    _force("large_swing", laws.SWING, ANY, ("pendulum",), _swing),
     _force("micro_slip", laws.SLIP, LOADED, (), _loaded(_slip)),
     _force(
         "quadratic_damping", laws.RATE_SQUARED, LOADED, (),

@@ -42,6 +42,7 @@ class Case:
     bump_mn: float = 0.0
     walk_mn: float = 0.0  # in a root hour
     zeros: bool = False  # read after each load
+    timed: bool = True  # the file has the times of the calibrations' readings
     declared: dict = field(default_factory=dict)
 
 
@@ -54,9 +55,13 @@ CASES = {
     "gravity anywhere on Earth": Case(anywhere=True, declared={"latitude_deg": None, "height_m": None}),
     "thermal bump 1.2 mN, zero read after each load": Case(bump_mn=1.2, zeros=True),
     "thermal bump 1.2 mN, nothing read or declared": Case(bump_mn=1.2),
+    "thermal bump 1.2 mN, 1 mN in a root hour declared": Case(
+        bump_mn=1.2, declared={"zero_drift_mn_per_root_hour": 1.0}
+    ),
     "random walk, zero read after each load": Case(walk_mn=0.6, zeros=True),
     "random walk, its size declared": Case(walk_mn=0.6, declared={"zero_drift_mn_per_root_hour": 0.6}),
     "random walk, nothing read or declared": Case(walk_mn=0.6),
+    "random walk, nothing read or declared, readings without times": Case(walk_mn=0.6, timed=False),
 }
 
 
@@ -105,14 +110,19 @@ def stamp(hour: float) -> str:
 
 
 def calibration(
-    gauge: Gauge, forces: np.ndarray, settings: CalibrationSettings, begins: float
+    case: Case, gauge: Gauge, forces: np.ndarray, settings: CalibrationSettings, begins: float
 ) -> tuple[CalibrationPoints, float]:
     """Hang the weights up and down; return the points and when that was over."""
     order = np.concatenate([np.arange(len(MASSES_G)), np.arange(len(MASSES_G))[::-1]])
     hours = begins + np.arange(len(order)) * CALIBRATION_MINUTES / 60 / len(order)
     way = np.repeat([-1.0, 1.0], len(MASSES_G))
     voltage = [gauge.voltage(forces[i], h, w) for i, h, w in zip(order, hours, way, strict=True)]
-    points = CalibrationPoints(np.array(settings.loads_mn)[order], np.array(voltage), stamp(float(np.mean(hours))))
+    points = CalibrationPoints(
+        np.array(settings.loads_mn)[order],
+        np.array(voltage),
+        stamp(float(np.mean(hours))),
+        elapsed_s=3600 * (hours - begins) if case.timed else None,
+    )
     return points, float(hours[-1])
 
 
@@ -121,7 +131,7 @@ def session(case: Case, seed: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng([seed, 20])
     settings = CalibrationSettings.model_validate({**DECLARED, **case.declared})
     gauge, forces = Gauge(case, rng), forces_mn(case, rng)
-    pre, hour = calibration(gauge, forces, settings, 0.0)
+    pre, hour = calibration(case, gauge, forces, settings, 0.0)
     plan = np.sort(rng.uniform(60, 950, LOADS))
     taps, zeros = [], []
     for load in plan:
@@ -131,7 +141,7 @@ def session(case: Case, seed: int) -> tuple[np.ndarray, np.ndarray]:
         hour += LOAD_MINUTES / 60
         if case.zeros:
             zeros.append(ZeroReading(gauge.voltage(0.0, hour, 0.0), stamp(hour)))
-    post, _ = calibration(gauge, forces, settings, hour + 0.05)
+    post, _ = calibration(case, gauge, forces, settings, hour + 0.05)
     history = GaugeHistory(pre, post, settings, zeros)
     found = [history.load_at(voltage, stamp(when), NOISE_MV) for _, when, voltage in taps]
     return np.array([e.value - p for e, p in zip(found, plan, strict=True)]), np.array([e.half_width for e in found])
@@ -147,7 +157,7 @@ def main() -> None:
     chosen = parser.parse_args()
     seeds = range(chosen.first, chosen.first + chosen.sessions)
     print(f"seeds {seeds[0]} to {seeds[-1]}, {LOADS} loads each")
-    print(f"{'':50s} {'inside':>9s} {'half-width':>11s} {'rms error':>10s}")
+    print(f"{'':62s} {'inside':>9s} {'half-width':>11s} {'rms error':>10s}")
     rows = {}
     for name in chosen.case or CASES:
         found = [session(CASES[name], seed) for seed in seeds]
@@ -161,7 +171,7 @@ def main() -> None:
         }
         row = rows[name]
         print(
-            f"{name:50s} {row['inside_percent']:5.1f} +-{row['standard_error_percent']:3.1f} "
+            f"{name:62s} {row['inside_percent']:5.1f} +-{row['standard_error_percent']:3.1f} "
             f"{row['median_half_width_mn']:8.2f} mN {row['rms_error_mn']:7.2f} mN"
         )
     if chosen.json:

@@ -25,7 +25,7 @@ from daq.records import CalibrationPoints
 
 FloatArray = NDArray[np.float64]
 
-_SAME_WEIGHT = 1e-6  # of the largest load: loads no further apart are one weight
+WEIGHT_STEP = 1e-6  # of the largest load: loads no further apart are one weight
 FEWEST_FOR_CURVATURE = 4  # weights: with three, a parabola would leave nothing to judge its fit by
 MISFIT_QUANTILE = 0.75  # of chi^2, which the residuals of sound gauges stay below: seeds 9001 to 9100 of the benchmark
 MOST_BENT = 0.5  # curvature over slope: with it, the slope at one end is half of that in the middle
@@ -114,16 +114,16 @@ def fit_curve(calibrations: Sequence[CalibrationPoints], settings: CalibrationSe
     load = np.concatenate([part[0] for part in parts])
     voltage = np.concatenate([part[1] for part in parts])
     which = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
-    direction = np.concatenate([_directions(part[0]) for part in parts])
+    direction = np.concatenate([directions(part[0]) for part in parts])
     largest = float(np.max(np.abs(load)))
     x = load / largest
-    weights, place = np.unique(np.round(x / _SAME_WEIGHT), return_inverse=True)
+    weights, place = np.unique(np.round(x / WEIGHT_STEP), return_inverse=True)
     hung = np.eye(len(weights))[place]
-    both = _reached_both_ways(place, direction, len(weights))
+    both = reached_both_ways(place, direction, len(weights))
     c = len(parts)
     design, gain, beta, curved = _monotonic(x, voltage, np.eye(c)[which], direction, len(weights), int(both.sum()))
     slope = float(np.mean(beta[c : 2 * c])) / largest
-    weight_std = settings.weight_errors_mn(weights * _SAME_WEIGHT * largest)
+    weight_std = settings.weight_errors_mn(weights * WEIGHT_STEP * largest)
     weight_std_mv = np.asarray(slope * weight_std, dtype=np.float64)
     scatter = _reading_scatter(voltage, hung, design, direction, both, c, weight_std_mv)
     misfit, misfit_dof = _misfit(voltage, hung, design, gain, scatter[0], weight_std_mv, curved)
@@ -144,7 +144,7 @@ def fit_curve(calibrations: Sequence[CalibrationPoints], settings: CalibrationSe
         reading_dof=scatter[1],
         misfit_mn=misfit / slope,
         misfit_dof=misfit_dof,
-        loop_load_mn=weights[both] * _SAME_WEIGHT * largest,
+        loop_load_mn=weights[both] * WEIGHT_STEP * largest,
         loop_half_width_mn=loop / slope,
         zero_mv=np.array([float(np.mean(voltage[e])) if e.any() else math.nan for e in empty]),
         zero_readings=np.array([int(e.sum()) for e in empty]),
@@ -172,7 +172,7 @@ def _monotonic(
     return design, gain, beta, curved
 
 
-def _directions(load: FloatArray) -> FloatArray:
+def directions(load: FloatArray) -> FloatArray:
     """(n,) -1 where a weight was reached from below, +1 from above: the gauge is empty before the first."""
     steps = np.sign(np.diff(load, prepend=0.0))
     for i in range(1, len(steps)):
@@ -184,7 +184,8 @@ def _directions(load: FloatArray) -> FloatArray:
     return np.where(steps < 0, 1.0, -1.0)
 
 
-def _reached_both_ways(place: NDArray[np.intp], direction: FloatArray, count: int) -> NDArray[np.bool_]:
+def reached_both_ways(place: NDArray[np.intp], direction: FloatArray, count: int) -> NDArray[np.bool_]:
+    """(w,) which of the weights were reached from below as well as from above."""
     up, down = (np.bincount(place[direction == d], minlength=count) for d in (-1.0, 1.0))
     return (up > 0) & (down > 0)
 

@@ -14,12 +14,17 @@ from calibration.line import CalibrationError, DriftVerdict, GaugeFit, compare, 
 from calibration.settings import CalibrationSettings
 from calibration.wander import Timeline, Wander
 from calibration.weights import Gravity
+from calibration.within import WithinCalibrations
 from daq.records import CalibrationPoints, ZeroReading
 from rig.readings import GaugeScale
 
 __all__ = ["CalibrationError", "DriftVerdict", "GaugeFit", "GaugeHistory", "GaugeResult", "compare", "fit_line"]
 
 MIDWAY = 0.5
+UNSEEN_DRIFT = (
+    "The gauge was not read without load between them: a drift of the zero that came and went is not in the intervals "
+    "of the loads (calibration.zero_every_loads reads it, calibration.zero_drift_mn_per_root_hour declares its size)."
+)
 LONGEST_TEST_H = 48.0  # from the only calibration of a test; a time beyond it is a clock set wrong
 BEYOND = 1.0  # a time farther from the calibrations than they are from each other is a clock set wrong
 
@@ -103,7 +108,7 @@ class GaugeHistory:
         self.notes = tuple(notes)
         used = [p for p, fit in ((pre, self.pre_fit), (post, self.post_fit)) if p is not None and fit is not None]
         self._quantum = max([settings.resolution_mv, *(p.quantum_mv for p in used)])
-        self._wander = Wander(fit_curve(used, settings), self._hours(used), zeros, settings) if used else None
+        self._wander = _wander(used, self._hours(used), zeros, settings) if used else None
 
     def of_written_load(self, load_mn: float, reading: Contribution) -> Budget:
         """Budget of a load that the file itself gives: what was read, and the gauge's sensitivity if never calibrated.
@@ -231,7 +236,16 @@ class GaugeHistory:
                     f" The calibration {which} the test is curved (p = {fit.curvature_p_value:.1g}), "
                     f"by up to {fit.nonlinearity_percent:.2f} % of its range."
                 )
+        unseen = self._wander is not None and not self._wander.zeros_used
+        if self.verdict is not None and unseen and self._settings.zero_drift_mn_per_root_hour is None:
+            sentence += f" {UNSEEN_DRIFT}"
         return " ".join([sentence.strip(), *(note[0].upper() + note[1:] + "." for note in self.notes)]).strip()
+
+
+def _wander(
+    used: Sequence[CalibrationPoints], timeline: Timeline, zeros: Sequence[ZeroReading], settings: CalibrationSettings
+) -> Wander:
+    return Wander(fit_curve(used, settings), timeline, zeros, settings, WithinCalibrations(used))
 
 
 def _usable(

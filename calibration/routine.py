@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 
@@ -67,6 +67,7 @@ def calibrate(
     """
     sequence = list(_sequence(settings))
     readings: list[LoadReading] = []
+    times: list[str] = []
     operator_say(
         f"Calibrating the strain gauge with {len(set(settings.loads_mn))} weights up to "
         f"{max(settings.loads_mn):g} mN, {len(sequence)} readings of {settings.averaging_s:g} s."
@@ -76,13 +77,16 @@ def calibrate(
         for done, load in enumerate(sequence):
             rig.weights.place(load)
             readings.append(_living_reading(rig, load, settings.averaging_s))
+            times.append(rig.clock.utc())
             if on_reading is not None:
                 on_reading(load, readings[-1])
             if on_progress is not None:
                 on_progress(done + 1, len(sequence))
         ended = rig.clock.utc()
     voltages, quantum = np.array([r.voltage_mv for r in readings]), max(r.quantum_mv for r in readings)
-    return CalibrationPoints(np.array(sequence, dtype=np.float64), voltages, _midway(begun, ended), quantum)
+    return CalibrationPoints(
+        np.array(sequence, dtype=np.float64), voltages, _midway(begun, ended), quantum, _elapsed(times)
+    )
 
 
 def read_empty(rig: Rig, settings: CalibrationSettings) -> LoadReading:
@@ -177,6 +181,16 @@ def _midway(begun: str, ended: str) -> str:
     except (TypeError, ValueError):
         return begun
     return middle.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def _elapsed(times: Sequence[str]) -> NDArray[np.float64] | None:
+    """Seconds from the first of ISO 8601 times to each; None if one cannot be read or the clock was set back."""
+    try:
+        moments = [datetime.fromisoformat(time) for time in times]
+        elapsed = np.array([round((moment - moments[0]).total_seconds(), 3) for moment in moments])
+    except (TypeError, ValueError):
+        return None
+    return elapsed if bool(np.all(np.diff(elapsed) >= 0)) else None
 
 
 def _repeats_are_copies(load: NDArray[np.float64], voltage: NDArray[np.float64]) -> bool:

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from calibration.budget import Budget, Contribution
 from calibration.curve import GaugeCurve
 from calibration.estimate import Estimate
-from calibration.random_walk import ASSUMED_DOF, DECLARED_DOF, RandomWalk
+from calibration.random_walk import DECLARED_DOF, RandomWalk
 from calibration.settings import CalibrationSettings
 from calibration.weights import buoyancy_half_width
+from calibration.within import WithinCalibrations
 from daq.records import ZeroReading
 
 FloatArray = NDArray[np.float64]
-ASSUMED_ZERO_DRIFT = 0.05  # mN in a root hour, of a gauge of which nothing is declared: 0.005 % of 1 N
+ASSUMED_ZERO_DRIFT = 0.1  # mN in a root hour, the order of a gauge of which nothing is declared: 0.01 % of 1 N
 ASSUMED_SENSITIVITY_DRIFT = 0.005  # % in a root hour
 LONGEST_SINCE_H = 48.0  # of a zero reading since the only calibration
 LEAST_SQUARES_SHARE = 1 / 6  # x^2 - x has the least-squares line -1/6 over 0 to 1
@@ -46,10 +47,17 @@ class Wander:
         Readings without load; those whose time cannot be read, or lies outside of the calibrations, are left out.
     settings
         What is declared of weights, gravity, temperature and drift.
+    within
+        What the readings of the calibrations tell of the drift of the zero.
     """
 
     def __init__(
-        self, curve: GaugeCurve, timeline: Timeline, zeros: Sequence[ZeroReading], settings: CalibrationSettings
+        self,
+        curve: GaugeCurve,
+        timeline: Timeline,
+        zeros: Sequence[ZeroReading],
+        settings: CalibrationSettings,
+        within: WithinCalibrations | None = None,
     ) -> None:
         self.curve, self.timeline, self._settings = curve, timeline, settings
         c = len(timeline.hours)
@@ -67,6 +75,7 @@ class Wander:
             [*curve.offset_mv, *(voltage + level for _, voltage in used)],
             [*variance[:c], *(noise for _ in used)],
             *_prior(settings.zero_drift_mn_per_root_hour, ASSUMED_ZERO_DRIFT, slope),
+            within.log_likelihood if within is not None and within.contrasts else None,
         )
         self._slope = RandomWalk(
             timeline.hours,
@@ -263,6 +272,6 @@ class Wander:
         return 100 * float(np.max(self.curve.loop_half_width_mn, initial=0.0)) / self.curve.largest_mn
 
 
-def _prior(declared: float | None, assumed: float, unit: float) -> tuple[float, float]:
-    """Rate of a drift, in the unit of what drifts, and its degrees of freedom."""
-    return (assumed * unit, ASSUMED_DOF) if declared is None else (declared * unit, DECLARED_DOF)
+def _prior(declared: float | None, assumed: float, unit: float) -> tuple[float, float | None]:
+    """Rate of a drift, in the unit of what drifts, and its degrees of freedom, if it is known at all."""
+    return (assumed * unit, None) if declared is None else (declared * unit, DECLARED_DOF)

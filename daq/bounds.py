@@ -78,3 +78,16 @@ BOUNDS = {
     "voltage_mv": VOLTAGE,
 }
 """By the names that the items of a session file have."""
+
+LONGEST_CALIBRATION_S = 172_800.0  # two days, as long as a test may last
+
+
+def elapsed_fault(elapsed_s: NDArray[np.float64], readings: int) -> str:
+    """Return what is wrong with the times of a calibration's readings since the first, s; empty if nothing is."""
+    if elapsed_s.shape != (readings,):
+        return f"has {elapsed_s.size} values for {readings} readings"
+    if not np.isfinite(elapsed_s).all() or elapsed_s[0] < 0 or bool(np.any(np.diff(elapsed_s) < 0)):
+        return "does not count seconds onwards from the first reading"
+    if elapsed_s[-1] > LONGEST_CALIBRATION_S:
+        return f"reaches {elapsed_s[-1]:g} s, expected at most {LONGEST_CALIBRATION_S:g} (two days)"
+    return ""

@@ -58,12 +58,14 @@ class CalibrationPoints:
     """Dead-weight calibration: ``load_mn`` (n,) against ``voltage_mv`` (n,), and when (ISO 8601 UTC).
 
     ``quantum_mv`` is the step of a gauge that rounds its voltages, known where they were just read; it is not kept.
+    ``elapsed_s`` (n,) are the times of the readings since the first, s; None where nobody noted them.
     """
 
     load_mn: NDArray[np.float64]
     voltage_mv: NDArray[np.float64]
     time: str
     quantum_mv: float = 0.0
+    elapsed_s: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True)

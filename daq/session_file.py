@@ -9,7 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from daq.bounds import BOUNDS
+from daq.bounds import BOUNDS, elapsed_fault
 from daq.durable import write_whole
 from daq.errors import RecordingError, StructureError
 from daq.hdf5 import CHECKSUMMED, Node, open_hdf5, refuse_non_finite
@@ -100,6 +100,8 @@ def _check_session(path: Path, session: Session) -> None:
         for name, values in (("load_mn", points.load_mn), ("voltage_mv", points.voltage_mv)):
             if fault := BOUNDS[name].fault_of_all(values):
                 raise RecordingError(f"{path}: /calibration/{when}/{name} {fault}")
+        if points.elapsed_s is not None and (fault := elapsed_fault(points.elapsed_s, points.load_mn.size)):
+            raise RecordingError(f"{path}: /calibration/{when}/elapsed_s {fault}")
         check_time(points.time, f"{path}: /calibration/{when}: time")
     if len({impact.number for impact in session.impacts}) < len(session.impacts):
         raise RecordingError(f"{path}: two impacts have the same number")
@@ -137,6 +139,8 @@ def _image(session: Session, compress: bool) -> bytes:
                 group = file.create_group(f"calibration/{when}")
                 group.create_dataset("load_mn", data=np.asarray(points.load_mn, dtype=np.float64))
                 group.create_dataset("voltage_mv", data=np.asarray(points.voltage_mv, dtype=np.float64))
+                if points.elapsed_s is not None:
+                    group.create_dataset("elapsed_s", data=np.asarray(points.elapsed_s, dtype=np.float64))
                 group.attrs["time"] = points.time
         impacts = file.create_group("impacts")
         for impact in session.impacts:
@@ -275,9 +279,11 @@ def _read_points(calibration: Node | None, when: str) -> CalibrationPoints | Non
     load, voltage = node.values("load_mn", (None,)), node.values("voltage_mv", (None,))
     if load.shape != voltage.shape:
         raise node.error(f": load_mn has {load.size} values but voltage_mv has {voltage.size}")
-    return CalibrationPoints(
-        load, voltage, check_time(node.text("time"), f"{node.path}: attribute time of {node.name}")
-    )
+    elapsed = None if node.child("elapsed_s") is None else node.values("elapsed_s", (None,))
+    if elapsed is not None and (fault := elapsed_fault(elapsed, load.size)):
+        raise node.error(f"/elapsed_s {fault}")
+    time = check_time(node.text("time"), f"{node.path}: attribute time of {node.name}")
+    return CalibrationPoints(load, voltage, time, elapsed_s=elapsed)
 
 
 class _OtherRate(RecordingError):

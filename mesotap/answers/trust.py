@@ -139,7 +139,9 @@ def _gauge(results: SessionResults) -> list[Trust]:
         lines.append(Trust("Drift of the gauge", Light.OPEN, "one calibration", untested, where, again))
     else:
         p = significant(gauge.drift_p_value, 2)
-        words = f"No drift between the calibrations (p = {p})."
+        words = f"The calibrations before and after agree (p = {p})."
+        if not gauge.zero_readings:
+            words += " What came and went between them was not read (calibration.zero_every_loads)."
         lines.append(Trust("Drift of the gauge", Light.GOOD, f"none (p = {p})", words, where))
     return lines
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from daq.bounds import LOAD, VOLTAGE
+from daq.bounds import LOAD, VOLTAGE, elapsed_fault
 from daq.errors import RecordingError, one_line
 from daq.impact_group import check_time
 from daq.journal import JOURNAL, SessionFolder
@@ -49,12 +50,15 @@ class _Calibrated(Entry):
     load_mn: Annotated[list[Load], Field(min_length=1)]
     voltage_mv: Annotated[list[Voltage], Field(min_length=1)]
     time: str
+    elapsed_s: list[float] | None = None
 
     @model_validator(mode="after")
     def _pairs(self) -> _Calibrated:
         check_time(self.time, "time")
         if len(self.load_mn) != len(self.voltage_mv):
             raise ValueError(f"{len(self.load_mn)} loads, but {len(self.voltage_mv)} voltages")
+        if self.elapsed_s is not None and (fault := elapsed_fault(np.array(self.elapsed_s), len(self.load_mn))):
+            raise ValueError(f"elapsed_s {fault}")
         return self
 
 

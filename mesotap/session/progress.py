@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daq.hits import with_chosen
 from daq.records import CalibrationPoints, Impact, RigDescription, Session, ZeroReading
@@ -28,6 +29,12 @@ NOTES = (NO_TAP, STARTED, HARDWARE, VERSION, BY_HAND)  # what changes nothing of
 
 
 REPETITION = tuple(item.name for item in fields(Repetition))
+
+
+def elapsed_of(entry: dict[str, Any]) -> NDArray[np.float64] | None:
+    """Return the times of the readings of a calibration's entry since the first, s; None if it has none."""
+    elapsed = entry.get("elapsed_s")
+    return None if elapsed is None else np.array(elapsed, dtype=np.float64)
 
 
 @dataclass(slots=True)
@@ -104,6 +111,7 @@ class Progress:
                 np.array(entry["load_mn"], dtype=np.float64),
                 np.array(entry["voltage_mv"], dtype=np.float64),
                 str(entry["time"]),
+                elapsed_s=elapsed_of(entry),
             )
             if self.state is State.PRE_CALIBRATION:
                 self.pre = points

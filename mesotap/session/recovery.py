@@ -35,7 +35,7 @@ from mesotap.configuration.yaml_text import NOT_YAML, parsed
 from mesotap.session.entries import fault_of, walk
 from mesotap.session.hand_verdicts import IMPACT, with_hand_verdicts
 from mesotap.session.header import header_fault, kept_config, physical_part
-from mesotap.session.progress import ZERO, Progress, chosen_of_surplus, describe_rig
+from mesotap.session.progress import ZERO, Progress, chosen_of_surplus, describe_rig, elapsed_of
 from mesotap.session.states import Event, State
 
 SESSION_FILE = "session.h5"
@@ -273,7 +273,10 @@ def _calibrations(
         if entry["event"] != Event.CALIBRATED.value:
             continue
         points = CalibrationPoints(
-            np.array(entry["load_mn"], np.float64), np.array(entry["voltage_mv"], np.float64), entry["time"]
+            np.array(entry["load_mn"], np.float64),
+            np.array(entry["voltage_mv"], np.float64),
+            entry["time"],
+            elapsed_s=elapsed_of(entry),
         )
         if tapped or _later(entry["time"], [impact.time for impact in impacts]):
             after = points

@@ -241,6 +241,7 @@ class SessionRunner:
             load_mn=points.load_mn.tolist(),
             voltage_mv=points.voltage_mv.tolist(),
             time=points.time,
+            **({} if points.elapsed_s is None else {"elapsed_s": points.elapsed_s.tolist()}),
         )
         if when == "before":
             self._use_scale(points)

@@ -169,6 +169,17 @@ def test_a_bump_is_followed_where_the_gauge_was_read_without_load():
     assert seeing.low < 500 < seeing.high
 
 
+@pytest.mark.parametrize(
+    ("zeros", "declared", "said"),
+    [((), None, True), ((ZeroReading(0.35, NINE),), None, False), ((), 0.3, False)],
+    ids=["nothing", "a reading", "declared"],
+)
+def test_it_is_said_where_a_drift_that_comes_and_goes_is_not_covered(zeros, declared, said):
+    settings = SETTINGS.model_copy(update={"zero_drift_mn_per_root_hour": declared})
+    statement = GaugeHistory(line(EIGHT), line(TEN), settings, zeros).result().statement
+    assert ("came and went" in statement) is said
+
+
 def test_zero_readings_whose_time_is_unknown_are_left_out():
     zeros = [ZeroReading(5.0, "noon"), ZeroReading(5.0, "2024-05-02T09:00:00Z"), ZeroReading(float("nan"), NINE)]
     history = GaugeHistory(line(EIGHT), line(TEN), SETTINGS, zeros)

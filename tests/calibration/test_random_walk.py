@@ -26,7 +26,7 @@ def test_its_rate_is_found_and_trusted_by_the_number_of_increments(n):
     rates, dofs = [], []
     for _ in range(400):
         values = np.cumsum(rng.normal(0, 0.5, n))
-        walk = RandomWalk(np.arange(n), values, np.zeros(n), 0.01, 0.25)
+        walk = RandomWalk(np.arange(n), values, np.zeros(n), 0.01, None)
         rates.append(walk.rate_variance)
         dofs.append(walk.dof)
     assert np.mean(rates) == pytest.approx(0.25, rel=0.25)
@@ -38,8 +38,24 @@ def test_what_is_declared_holds_until_more_is_seen():
     assert RandomWalk([0.0], [1.0], [0.0], 0.3, 10.0).variance(4.0) == pytest.approx(0.09 * 4)
 
 
+def test_one_increment_of_a_walk_of_which_nothing_is_known_is_as_good_as_one_degree_of_freedom():
+    walk = RandomWalk([0.0, 2.0], [0.0, 1.0], [0.0, 0.0], 1e-3, None)
+    # midway, rate 1 / 2 h and Student's t: 12.7 sqrt(0.5 x 0.5)
+    half_width = stats.t.ppf(0.975, walk.dof) * np.sqrt(walk.variance(1.0))
+    assert half_width == pytest.approx(12.7 * 0.5, rel=0.1)
+
+
+def test_what_was_seen_elsewhere_makes_its_rate_known():
+    def narrow(rates):
+        return -0.5 * (np.log(rates / 0.04) / 0.1) ** 2
+
+    walk = RandomWalk([0.0, 2.0], [0.0, 1.0], [0.0, 0.0], 1e-3, None, narrow)
+    assert walk.rate_variance == pytest.approx(0.04, rel=0.15)
+    assert walk.dof > 20
+
+
 def test_observations_at_one_time_are_no_reason_to_fail():
-    walk = RandomWalk([0.0, 0.0, 1.0], [1.0, 1.1, 1.0], [0.01, 0.01, 0.01], 0.1, 0.25)
+    walk = RandomWalk([0.0, 0.0, 1.0], [1.0, 1.1, 1.0], [0.01, 0.01, 0.01], 0.1, None)
     assert np.sum(walk.weights(0.5)) == pytest.approx(1.0)
 
 
@@ -59,7 +75,7 @@ def test_predictions_hold_for_a_walk_and_for_a_smooth_drift(smooth, low, high):
         if smooth:
             drift = 1.2 * np.exp(-0.5 * ((fine - rng.uniform(0.6, 1.4)) / 0.3) ** 2)
         at = np.arange(0, 201, 20)
-        walk = RandomWalk(fine[at], drift[at] + rng.normal(0, 0.01, at.size), np.full(at.size, 1e-4), 0.05, 0.25)
+        walk = RandomWalk(fine[at], drift[at] + rng.normal(0, 0.01, at.size), np.full(at.size, 1e-4), 0.05, None)
         i = int(rng.integers(0, 201))
         predicted = float(walk.weights(fine[i]) @ (drift[at]))
         width = stats.t.ppf(0.975, walk.dof) * np.sqrt(walk.variance(fine[i]) + 1e-4)

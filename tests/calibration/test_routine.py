@@ -67,6 +67,17 @@ def test_weights_go_up_then_down_and_come_off():
     assert bench.log == [0, 100, 500, 1000, 1000, 500, 100, 0, 0]
 
 
+def test_the_time_of_each_reading_is_kept():
+    points = calibrate(Bench(), SETTINGS, lambda text: None)  # readings of 0.5 s
+    assert points.elapsed_s == pytest.approx(0.5 * np.arange(8))
+
+
+def test_a_clock_that_is_set_back_gives_no_times(monkeypatch):
+    bench = Bench()
+    monkeypatch.setattr(bench.clock, "utc", lambda: f"2024-05-01T08:00:{59 - bench.now_s:06.3f}Z")
+    assert calibrate(bench, SETTINGS, lambda text: None).elapsed_s is None
+
+
 def test_the_gauge_is_recovered():
     points = calibrate(Bench(), SETTINGS, lambda text: None)
     fit = fit_line(points, 0.0)

@@ -37,6 +37,39 @@ def test_a_session_comes_back_as_it_was_written(file: Path, session: Session) ->
     assert same(read_session(file), replace(session, source=str(file)))
 
 
+def _timed(session: Session, seconds: list[float]) -> Session:
+    assert session.pre is not None
+    return replace(session, pre=replace(session.pre, elapsed_s=np.array(seconds)))
+
+
+def test_times_of_a_calibration_come_back(tmp_path: Path, session: Session) -> None:
+    assert session.pre is not None
+    timed = _timed(session, [1.5 * i for i in range(session.pre.load_mn.size)])
+    write_session(tmp_path / "timed.h5", timed)
+    assert same(read_session(tmp_path / "timed.h5"), replace(timed, source=str(tmp_path / "timed.h5")))
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [(lambda t: t[1:], "values for"), (lambda t: -t, "onwards"), (lambda t: t * 1e9, "two days")],
+    ids=["too few", "backwards", "years"],
+)
+def test_times_of_a_calibration_that_cannot_be_are_refused(
+    tmp_path: Path, session: Session, change: Callable[[Any], Any], fault: str
+) -> None:
+    assert session.pre is not None
+    good = _timed(session, [float(i) for i in range(session.pre.load_mn.size)])
+    write_session(tmp_path / "bad.h5", good)
+    with h5py.File(tmp_path / "bad.h5", "r+") as stored:
+        changed = change(stored["calibration/pre/elapsed_s"][()])
+        del stored["calibration/pre/elapsed_s"]
+        stored["calibration/pre/elapsed_s"] = changed
+    with pytest.raises(RecordingError, match=fault):
+        read_session(tmp_path / "bad.h5")
+    with pytest.raises(RecordingError, match=fault):
+        write_session(tmp_path / "never.h5", _timed(session, changed.tolist()))
+
+
 def test_a_session_without_calibration_strain_or_rig_comes_back(tmp_path: Path, session: Session) -> None:
     bare = replace(session, pre=None, rig=RigDescription(filter_family=""), impacts=session.impacts[:1], config="")
     path = tmp_path / "bare.h5"

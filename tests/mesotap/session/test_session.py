@@ -64,6 +64,9 @@ def test_the_gauge_is_read_without_load_between_loads_where_that_is_asked_for(tm
     assert len(session.zeros) == len(progress.zeros) == 1
     assert session.impacts[0].time < session.zeros[0].time < session.impacts[-1].time
     assert results.calibration.zero_readings == 1
+    for points in (session.pre, session.post):  # times of the readings, through the journal
+        assert points.elapsed_s[0] == 0.0
+        assert np.all(np.diff(points.elapsed_s) >= config.calibration.averaging_s)
     for load, truth in zip(results.loads, progress.truths, strict=True):
         assert load.load_mn.low < truth["load_mn"] < load.load_mn.high
 

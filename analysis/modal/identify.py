@@ -9,21 +9,20 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from analysis.modal.clipping import clipped_samples
-from analysis.modal.era import Realisation, hankel_svd, realise
 from analysis.modal.exponentials import ExponentialFit
 from analysis.modal.free_start import decay_start, from_the_impact_on
 from analysis.modal.likelihood_interval import widened, widening
 from analysis.modal.model_order import groups, modes_of
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
 from analysis.modal.noise import NoiseModel, noise_model
+from analysis.modal.realised_modes import realised_modes
 from analysis.modal.ring_down_model import Model, Record, fitted, unresolved, without_modes, without_weak
-from analysis.modal.stabilisation import COLUMNS, SAME_FREQUENCY, StablePole, lags_of, realisations, stable_poles
+from analysis.modal.stabilisation import COLUMNS, StablePole, realisations, stable_poles
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
 
 LARGEST_ORDER = 60
-NEAR = 1.0  # of a decay, by which that without noise may differ from it
 ITERATIONS = 300  # of the fit to a whole long record
 REPEATS = 8  # stretches of equal energy over which the scatter of a fit's score is taken
 GUARD = 8  # samples before the onset that may already belong to the impact
@@ -125,9 +124,10 @@ def identify_ring_down(
             return found
         if model.fit is not None:
             notes.append("the modes are those of ERA: least squares did not settle")
-    if chosen.size == 0:
+    modes, share = realised_modes(y[:, first:], chosen, realised, sample_rate_hz, largest_order)
+    if not modes:
         return RingDownModes((), diagram, first, 1.0, (*notes, "no mode stands out of the noise"), method)
-    return _as_realised(y[:, first:], chosen, realised, diagram, first, sample_rate_hz, notes)
+    return RingDownModes(modes, diagram, first, share, tuple(notes), "era")
 
 
 def _among(moving: NDArray[np.bool_], found: RingDownModes) -> RingDownModes:
@@ -272,43 +272,3 @@ def _robust_spread(record: Record, fit: ExponentialFit) -> Real:
         expected = float((weight * np.abs(fit.amplitudes[:, m]) ** 2).sum() * power.sum())
         factors[m] = max(1.0, float((np.abs(score) ** 2).sum()) / max(expected, 1e-300))
     return factors
-
-
-def _as_realised(
-    tail: Real,
-    chosen: Complex,
-    realised: list[Realisation],
-    diagram: tuple[StablePole, ...],
-    first: int,
-    sample_rate_hz: float,
-    notes: list[str],
-) -> RingDownModes:
-    """Poles of ERA; their covariance is the larger of first-order perturbation by the noise and scatter over orders."""
-    k = np.arange(tail.shape[1])
-    columns = np.concatenate([chosen[:, None] ** k, chosen.conj()[:, None] ** k])
-    amplitudes, *_ = np.linalg.lstsq(columns.T, tail.T.astype(np.complex128), rcond=None)
-    residual = tail - (amplitudes.T @ columns).real
-    scale = np.maximum(residual.std(axis=1), 1e-9 * tail.std(axis=1).max() + 1e-300)
-    decomposed = hankel_svd(tail[:, :COLUMNS] / scale[:, None], lags_of(tail))
-    noisy = [realise(decomposed, r.order, 1.0) for r in realised[:: max(1, len(realised) // 10)]]
-    modes = []
-    for i, z in enumerate(chosen):
-        own = np.log(z)
-        # with the noise taken off: what it adds to a decay grows with it
-        near = [
-            (complex(r.poles[m]), r.log_pole_covariance[m])
-            for r in noisy
-            for m in range(r.poles.size)
-            if abs(np.log(r.poles[m]) - own) < np.hypot(SAME_FREQUENCY * abs(own), NEAR * own.real)
-        ]
-        if not near:
-            continue
-        near.sort(key=lambda found: float(np.trace(found[1])))
-        pole, covariance = near[len(near) // 2]
-        if len(near) > 2:
-            logs = np.log([found[0] for found in near])
-            covariance = covariance + np.cov(np.array([logs.real, logs.imag]))
-        modes.append(mode_from_sampled_pole(pole, covariance, amplitudes[i], sample_rate_hz))
-    modes.sort(key=lambda mode: abs(mode.pole))
-    share = float((residual**2).sum() / max((tail**2).sum(), 1e-300))
-    return RingDownModes(tuple(modes), diagram, first, share, tuple(notes), "era")

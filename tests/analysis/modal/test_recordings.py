@@ -101,6 +101,24 @@ def test_era_says_so_and_covers_its_noise():
     assert np.mean(np.abs(off) < 1.96) > 0.8
 
 
+def test_era_invents_no_mode_in_noise():
+    rng = np.random.default_rng(17)
+    for _ in range(12):
+        y = noisy(decays([300.0], [0.002], [[1.0]]), 5, rng)
+        found = identify_ring_down(y, RATE, start=0, largest_order=24, method="era")
+        assert [m.frequency_hz.value for m in found.modes] == pytest.approx([300.0], rel=0.02)
+
+
+def test_era_finds_a_mode_that_is_over_long_before_the_record():
+    rng = np.random.default_rng(18)
+    off = []
+    for _ in range(6):
+        y = noisy(decays([520.0], [0.16], [[1.0], [0.6]]), 20, rng)
+        off += scores(identify_ring_down(y, RATE, start=0, largest_order=24, method="era"), [520.0], [0.16])
+    assert np.mean(np.abs(off) < 1.96) > 0.7
+    assert np.abs(off).max() < 5
+
+
 def test_clipped_samples_are_left_out():
     rng = np.random.default_rng(8)
     y = noisy(decays([300.0, 900.0], [0.01, 0.02], [[1.0, 0.8]]), 50, rng)

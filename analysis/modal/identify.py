@@ -10,7 +10,7 @@ from scipy import signal
 
 from analysis.modal.clipping import clipped_samples
 from analysis.modal.exponentials import ExponentialFit
-from analysis.modal.free_start import decay_start, from_the_impact_on
+from analysis.modal.free_start import absent_before, decay_start, explains_better, from_the_impact_on
 from analysis.modal.likelihood_interval import widened, widening
 from analysis.modal.model_order import groups, modes_of
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
@@ -111,6 +111,8 @@ def identify_ring_down(
         quiet = [c[: 0 if impact is None else max(0, impact[0] - GUARD)] for c in y]
         white = _whitened(y, [[q] for q in quiet], clipped)
         first, model, told = _counted(white, first, impact, sample_rate_hz)
+        if impact is None and start is None:
+            first, model, told = _from_a_faint_impact_on(white, model, sample_rate_hz)
         rest = None if impact is None else without_weak(_record(white.y, first, white.clipped), model)
         if rest is not None and impact is not None:
             # weak modes may be the colour of a noise of which too little was heard before the impact
@@ -161,6 +163,22 @@ def _counted(
     if impact is None:
         return first, modes_of(_record(white.y, first, white.clipped)), []
     return from_the_impact_on(white.y, *impact, white.clipped, sample_rate_hz, COLUMNS)
+
+
+def _from_a_faint_impact_on(white: _Whitened, model: Model, sample_rate_hz: float) -> tuple[int, Model, list[str]]:
+    """First sample used and the modes from there on, where they begin in the noise rather than with the record."""
+    counted = _record(white.y, 0, white.clipped)
+    faint = absent_before(counted, model, sample_rate_hz)
+    if faint is None:
+        return 0, model, []
+    onset, soon = faint
+    later = modes_of(_record(white.y, soon, white.clipped))
+    begun = _record(counted.y, onset, white.clipped)
+    whole = None if later.fit is None else fitted(begun, later.poles, without_modes(begun))
+    if whole is None or not explains_better(counted.y, onset, whole, model):
+        return 0, model, []
+    told = f"the modes begin {1e3 * onset / sample_rate_hz:.3g} ms into the record, in its noise"
+    return soon, later, [told]
 
 
 def _unfiltered(white: _Whitened, rest: Real) -> Real:

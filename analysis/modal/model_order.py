@@ -221,6 +221,11 @@ def _pruned(record: Record, model: Model, price: float) -> Model:
     return model
 
 
+def price_of_a_mode(channels: int, samples: int) -> float:
+    """Twice the rise of the log-likelihood that one mode more has to bring, wherever it is sought."""
+    return float(stats.chi2.isf(CHANCE / (samples * 4), 2 + 2 * channels))
+
+
 def modes_of(record: Record) -> Model:
     """Find how many modes a record holds, and fit them.
 
@@ -234,7 +239,7 @@ def modes_of(record: Record) -> Model:
     array([0.3, 0.7])
     """
     c, n = record.y.shape
-    price = float(stats.chi2.isf(CHANCE / (n * 4), 2 + 2 * c))
+    price = price_of_a_mode(c, n)
     model = _apart(record, without_modes(record), price)
     if model.poles.size < MOST:
         model = _with_pairs(record, _pruned(record, model, price), price)

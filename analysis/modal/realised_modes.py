@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from analysis.modal.era import HankelSvd, Realisation, hankel_svd, realise
-from analysis.modal.model_order import CHANCE
+from analysis.modal.model_order import price_of_a_mode
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
 from analysis.modal.ring_down_model import LEAST_LEFT
 from analysis.modal.stabilisation import COLUMNS, SAME_FREQUENCY, lags_of, realisations, stable_poles
@@ -105,7 +104,7 @@ def _explained(tail: Real, poles: Complex) -> tuple[Complex, Real]:
 def _worth_their_price(tail: Real, candidates: list[_Candidate]) -> list[_Candidate]:
     """Leave out, one after another, what raises the likelihood by no more than chance would anywhere in the record."""
     c, n = tail.shape
-    price = float(stats.chi2.isf(CHANCE / (4 * n), 2 + 2 * c))
+    price = price_of_a_mode(c, n)
     least = LEAST_LEFT * np.maximum((tail**2).sum(axis=1), 1e-300)
 
     def left(kept: list[_Candidate]) -> float:

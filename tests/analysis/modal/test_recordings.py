@@ -119,6 +119,27 @@ def test_era_finds_a_mode_that_is_over_long_before_the_record():
     assert np.abs(off).max() < 5
 
 
+def test_modes_that_begin_in_the_noise_are_not_taken_to_begin_with_the_record():
+    rng = np.random.default_rng(19)
+    off = []
+    for _ in range(8):
+        y = np.hstack([np.zeros((1, 400)), decays([281.0, 733.0], [0.002, 0.01], [[1.0, 1.0]])])
+        y += 0.75 * rng.standard_normal(y.shape)
+        assert decay_start(y - y.mean(), RATE) is None
+        found = identified(y)
+        assert found.start == pytest.approx(400, abs=60)
+        assert any("ms into the record" in note for note in found.notes)
+        off += scores(found, [281.0, 733.0], [0.002, 0.01])
+    assert np.mean(np.abs(off) < 1.96) > 0.8
+
+
+def test_modes_that_begin_with_the_record_are_left_there():
+    rng = np.random.default_rng(20)
+    for _ in range(8):
+        y = decays([281.0, 733.0], [0.002, 0.01], [[1.0, 1.0]])
+        assert identified(y + 0.9 * rng.standard_normal(y.shape)).start == 0
+
+
 def test_clipped_samples_are_left_out():
     rng = np.random.default_rng(8)
     y = noisy(decays([300.0, 900.0], [0.01, 0.02], [[1.0, 0.8]]), 50, rng)

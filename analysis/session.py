@@ -59,6 +59,9 @@ from rig.tube import OwnMode
 BUDGETED = ("load_mn", *QUANTITIES, "contact_stiffness_n_per_m", "contact_damping_n_s_per_m")
 CALM_SAMPLES = 5  # after the first one used, by which the last of the pulse and of the low-pass is gone
 GUARD_SAMPLES = 8  # before the trigger that may already belong to the tap
+FEW_QUIET = (
+    1000  # samples of noise: with 250 intervals of zeta1 hold 171 of 200, with 2000 91 of 96 (docs/uncertainty.md)
+)
 VARIES_LEVEL = 1e-5  # chance of calling a mode that is constant along its decay a changing one, each load
 SURE = 0.1  # relative standard error of the damping up to which a point is quoted
 SMALLEST_PROBABILITY = 1e-10
@@ -224,7 +227,7 @@ def analyse_session(
         impacts=tuple(impacts),
         calibration=history.result(),
         springs_n_per_m=(known.k1, known.k2),
-        notes=(*session.refused, *notes, *history.notes),
+        notes=(*session.refused, *notes, *history.notes, *_little_noise(session)),
         hammer=cross_checks(session, k_c, masses, springs, beside.wiring),
     )
 
@@ -276,11 +279,26 @@ def _taps(impacts: Sequence[Impact], modes: dict[int, ImpactModes]) -> dict[str,
     return taps
 
 
+def _quiet(session: Session) -> list[NDArray[np.float64]]:
+    """Mean of A and B of the accepted records before their triggers."""
+    good = [s for s in session.impacts if s.accepted]
+    return [s.acceleration[:, : max(0, s.pretrigger - GUARD_SAMPLES)].mean(axis=0) for s in good]
+
+
 def _noise(session: Session) -> NoiseModel:
     """Noise of the mean of A and B, from the accepted records before their triggers."""
-    good = [s for s in session.impacts if s.accepted]
-    quiet = [s.acceleration[:, : max(0, s.pretrigger - GUARD_SAMPLES)].mean(axis=0) for s in good]
-    return noise_model(quiet)
+    return noise_model(_quiet(session))
+
+
+def _little_noise(session: Session) -> list[str]:
+    """Sentence about a session in which hardly any noise was heard; none where enough was, or nothing."""
+    samples = sum(stretch.size for stretch in _quiet(session))
+    if not 0 < samples < FEW_QUIET:
+        return []
+    return [
+        f"the colour of the noise is known from {samples} samples ahead of the taps alone: intervals of zeta1 may be "
+        "too short by a third; more taps tell it better"
+    ]
 
 
 def _correlation_block(mode: ModeEstimate) -> NDArray[np.float64]:

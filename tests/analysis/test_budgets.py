@@ -159,6 +159,7 @@ def test_a_single_tap_says_that_its_scatter_is_unknown(session):
     alone = analysed(replace(session, impacts=(first,)))
     (load,) = alone.loads
     assert "single tap" in " ".join(load.notes)
+    assert "colour of the noise" in " ".join(alone.notes)
     assert "analysis.tap_scatter" in " ".join(load.notes)
     assert load.f2_hz.standard_error == pytest.approx(0.013 * load.f2_hz.value, rel=0.01)
 
@@ -167,6 +168,7 @@ def test_a_single_tap_takes_the_scatter_of_the_sessions_other_loads(session):
     first = next(s for s in session.impacts if s.load_set == 0 and s.accepted)
     beside = analysed(replace(session, impacts=(first, *(s for s in session.impacts if s.load_set == 1))))
     assert "the session's other loads" in " ".join(beside.loads[0].notes)
+    assert "colour of the noise" not in " ".join(analysed(session).notes)
     # the simulated contact scatters by 0.04 % in stiffness
     assert 5e-5 < beside.loads[0].f2_hz.standard_error / beside.loads[0].f2_hz.value < 1e-3
 

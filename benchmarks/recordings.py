@@ -211,7 +211,7 @@ def main() -> None:
     """Measure, print, write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--records", type=int, default=200, help="of each number of modes and noise")
-    parser.add_argument("--era", type=int, default=100, help="of each with ERA, which is slow")
+    parser.add_argument("--era", type=int, default=60, help="of each with ERA, which is slow")
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--write", action="store_true", help="write docs/benchmarks/recordings.md")

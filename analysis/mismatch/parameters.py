@@ -13,6 +13,7 @@ from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw,
 from sim_backend.mechanisms.places import Place
 
 UNBOUNDED = 1e20  # width of a range that bounds nothing
+ROUNDING_DECADES = 0.5  # by which the speed within which a force jumps may well differ from a trial's
 MOST_EXPONENT = 300.0  # of a logarithm: beyond, numbers overflow
 
 
@@ -109,6 +110,15 @@ class Term(Acting):
         ranges = {q.name: (q.low, q.high) for q in self.mechanism.parameters}
         kept = {k: min(max(v, ranges[k][0]), ranges[k][1]) if k in ranges else v for k, v in values.items()}
         return self.moved(kept)
+
+
+def rounding_of(term: Term, owner: int) -> list[FreeParameter]:
+    """Return the speed within which a force that jumps does so; none of another, nor where it jumps at once."""
+    name = term.mechanism.rounding if isinstance(term.mechanism, ForceLaw) else ""
+    if name not in term.values:
+        return []
+    prior = (0.0, ROUNDING_DECADES * math.log(10.0))
+    return [FreeParameter(name, "m/s", term.values[name], True, prior=prior, scope="mechanism", owner=owner)]
 
 
 def lines_of(terms: Sequence[Term]) -> list[float]:

@@ -135,8 +135,10 @@ class BlockAccount(Account[SimulatedFit]):
         if rival is not None and accepted.id != rival.id and number == 0:
             losses = (f.by_block(CHOOSE) for f in (self.selection.best, self.selection.steps[0].before))
             whole, base = map(mean_of, losses)
-            # one decay cannot say which of two that predict it alike: they are as likely as each other
-            other, alike = mean_of(rival.losses), max(policy.in_time * whole, policy.equal_in_time * base)
+            # one decay cannot say which of two that predict it alike: they are as likely as each other, unless one of
+            # them is as far from what the other leaves as errors may be from noise
+            far = min(policy.equal_in_time * base, policy.far_over_noise**2 * whole)
+            other, alike = mean_of(rival.losses), max(policy.in_time * whole, far)
             found[rival.id] = 0.0 if other < alike else -len(rival.losses) * math.log(other / whole)
         if not self.settled and self.judge.problem.one_decay and with_time(accepted.mechanism):
             before = policy.counts_beside_time * mean_of(step.before.by_block(CHOOSE))

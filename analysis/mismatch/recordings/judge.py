@@ -280,15 +280,16 @@ class BlockJudge(Judge[SimulatedFit]):
         return [m for m in timeless if beside.simulation.struck is None or not isinstance(m, SecondImpact)]
 
     def after(self, state: State[SimulatedFit], accepted: Candidate[SimulatedFit]) -> tuple[State[SimulatedFit], bool]:
-        """Look at what an accepted mechanism leaves; nothing further once that is noise, or no share that counts."""
+        """Look at what an accepted mechanism leaves; nothing further once that is noise, or near it and no share."""
         if accepted.fit is None:
             return state, False
-        base = mean_of(state.steps[0].before.by_block(CHOOSE))
-        if mean_of(accepted.losses) < self.problem.policy.least_share * base:
+        policy, base = self.problem.policy, mean_of(state.steps[0].before.by_block(CHOOSE))
+        near_noise = over_noise(accepted.fit) <= policy.doubtful_over_noise
+        if near_noise and mean_of(accepted.losses) < policy.least_share * base:
             return State(accepted.fit, state.screening, state.steps), False
         self.on_progress("looking at what is left")
         left = self.screen(accepted.fit, self._further(accepted.fit))
-        return State(accepted.fit, left, state.steps), left.p_value < self.problem.policy.level
+        return State(accepted.fit, left, state.steps), left.p_value < policy.level
 
     def outcome(self, baseline: State[SimulatedFit], state: State[SimulatedFit]) -> Selection[SimulatedFit]:
         """Return the selection: what goes with time may win, forces of any shape are tried beside it."""

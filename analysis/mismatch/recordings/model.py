@@ -18,10 +18,13 @@ from analysis.mismatch.recordings.noise import NoiseModel
 from analysis.mismatch.recordings.recorded import level
 from analysis.mismatch.recordings.simulation import Simulation
 from sim_backend.arrays import Real
-from sim_backend.mechanisms.kinds import AddedBody, ForceLaw
+from sim_backend.mechanisms.kinds import AddedBody
 
 STEP = 1e-6  # of differences
-LONG_STEP = 1e-3  # the same where a force jumps: at a point a jump that passes a sample would be all of the slope
+JUMPING_STEP = 1e-5  # the same where a force jumps, and with it the division of the steps
+JUMP_SEEN_STEP = (
+    1e-4  # and where accelerations show the jump: at a point one that passes a sample would be all of the slope
+)
 LOST = 30.0  # residual, in levels of the channel, that stands for a simulation that ran away
 
 
@@ -63,8 +66,10 @@ def slopes(
 
 def step_of(simulation: Simulation) -> float:
     """Return the step of differences for the forces at work."""
-    laws = (t.mechanism for t in simulation.terms if isinstance(t.mechanism, ForceLaw))
-    return LONG_STEP if any(law.jumps for law in laws) else STEP
+    if not simulation.jumps:
+        return STEP
+    shown = (sensor.quantity for sensor in simulation.arrangement.sensors)
+    return JUMP_SEEN_STEP if "acceleration" in shown else JUMPING_STEP
 
 
 def side_by_side(changed: Callable[[Real, Own], Real], places: Sequence[tuple[Real, Own]]) -> list[Real]:

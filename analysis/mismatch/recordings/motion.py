@@ -78,8 +78,8 @@ def backwards(mass: Real, damping: Real, stiffness: Real) -> Real:
     return out
 
 
-def with_impulse(force: Real, substep: float, body: int, size: float) -> Real:
-    """Return forces (substeps, bodies) with an impulse on a body, as a pulse no longer than two substeps.
+def impulse(substeps: int, substep: float, size: float) -> Real:
+    """Return (substeps,) a force that is an impulse, as a pulse no longer than two substeps.
 
     Parameters
     ----------
@@ -90,13 +90,10 @@ def with_impulse(force: Real, substep: float, body: int, size: float) -> Real:
 
     Examples
     --------
-    >>> with_impulse(np.zeros((4, 1)), 1.25, 0, 2.0)[:, 0].tolist()
+    >>> impulse(4, 1.25, 2.0).tolist()
     [0.0, 1.5, 0.5, 0.0]
     """
-    first = math.floor(substep)
-    if not 0 <= first < len(force) - 1:
-        return force
-    out = force.copy()
-    out[first, body] += size * (1 - substep + first)
-    out[first + 1, body] += size * (substep - first)
+    first, out = math.floor(substep), np.zeros(substeps)
+    if 0 <= first < substeps - 1:
+        out[first], out[first + 1] = size * (1 - substep + first), size * (substep - first)
     return out

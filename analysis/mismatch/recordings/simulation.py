@@ -10,16 +10,16 @@ from typing import Final
 import numpy as np
 from scipy import signal
 
-from analysis.mismatch.parameters import FreeParameter, Term, lines_of, with_values
+from analysis.mismatch.parameters import FreeParameter, Term, lines_of, rounding_of, with_values
 from analysis.mismatch.recordings.inputs import peaks_of, raised
-from analysis.mismatch.recordings.motion import Motion, Own, with_impulse
+from analysis.mismatch.recordings.motion import Motion, Own, impulse
 from analysis.mismatch.recordings.recorded import Recorded
 from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.acting import extended, laws_in, shaken
 from sim_backend.arrangement import DERIVATIVES, Row
 from sim_backend.arrays import Real
-from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion, SecondImpact
-from sim_backend.propagate import Clock, Given, Laws, Rigs, laws_of, propagate
+from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion, ForceLaw, SecondImpact
+from sim_backend.propagate import TOLERANCE, Clock, Given, Laws, Rigs, laws_of, propagate
 
 Values = Mapping[str, float]
 
@@ -27,6 +27,7 @@ PER_PERIOD: Final = 56  # substeps in a period of the rig's highest mode, at lea
 FEWEST_SUBSTEPS: Final = 3  # dry friction turns at once, however slow the rig
 MOST_SUBSTEPS: Final = 8
 SHORTEST_FILTERED: Final = 60  # samples that a band's filter can be run over
+JUMP_TOLERANCE: Final = 3e-5  # see `propagate`: a coarser division of the steps, which jumps too, spoils differences
 SINGULAR: Final = 1e9  # condition of a stiffness matrix that says nothing of where the rig rests
 
 
@@ -56,10 +57,16 @@ class Simulation:
         self._shaken = shaken(rig.arrangement, terms)
         self.constants = {**self.arrangement.declared(), **constants}
         self.lines = lines_of(terms)
+        self._tolerance = JUMP_TOLERANCE if self.jumps else TOLERANCE
         self.struck = next((t.place[0] for t in terms if isinstance(t.mechanism, SecondImpact)), None)
         self.substeps = [self._substeps(r) for r in self.recordings]
         self.parameters = tuple(self._parameters())
         self._inputs = [self._between(r, s) for r, s in zip(self.recordings, self.substeps, strict=True)]
+
+    @property
+    def jumps(self) -> bool:
+        """Whether a force at work jumps."""
+        return any(isinstance(t.mechanism, ForceLaw) and t.mechanism.jumps for t in self.terms)
 
     def _substeps(self, recorded: Recorded) -> int:
         """Return the steps between two samples: one where the step is exact, of a linear rig under straight lines."""
@@ -112,6 +119,7 @@ class Simulation:
         for i, term in enumerate(self.terms):
             if term.nonlinear and not isinstance(term.mechanism, SecondImpact):  # that is each recording's own
                 found += [FreeParameter.of(q, i, term.values[q.name]) for q in term.mechanism.parameters]
+                found += rounding_of(term, i)
         return found
 
     def _offset_scale(self) -> dict[str, float]:
@@ -222,23 +230,29 @@ class Simulation:
         if not _sensible(mass, damping, stiffness, recorded.rate_hz):
             return None
         h = 1 / recorded.rate_hz / sub
-        force, held = self._force(constants, mass, terms, number, at)
-        pushed = force if held else force[::sub]
+        vectors = self._vectors(constants, mass)
+        inputs, held = self._driven(constants, terms, number, at)
+        pushed = inputs if held else inputs[:, ::sub]
         if self.rig.hold == "band-limited" and not recorded.free:  # what is in between is raised against straight lines
-            pushed, _ = self._force(constants, mass, terms, number, at, at_samples=True)
+            pushed, _ = self._driven(constants, terms, number, at, at_samples=True)
+        force = pushed.T @ vectors.T
         if self.struck is not None and own.impact.size:
             substep, change = (own.impact[0] * recorded.rate_hz - at.start) * sub, own.impact[1] / h
-            force = with_impulse(force, substep, self.struck, mass[self.struck] * change)
+            inputs = np.vstack([inputs, impulse(inputs.shape[1], substep, mass[self.struck] * change)])
+            vectors = np.column_stack([vectors, np.eye(self.n)[self.struck]])
         start = own.state
         if whole and recorded.fitted.start > 0:
             start = self._at_rest(constants, mass, stiffness, number)
-        rigs = Rigs(mass[None], damping[None], stiffness[None], self._rows(constants)[None], np.eye(self.n)[None])
+        bent = sorted({element for _, _, element in laws_in(terms)})  # the elements with more than spring and damper
+        rigs = Rigs(mass[None], damping[None], stiffness[None], self._rows(constants)[None, bent], vectors[None])
         clock = Clock(np.array([at.start / recorded.rate_hz]), h, (at.stop - 1 - at.start) * sub, sub)
-        inputs = force.T[None]
-        begin, end = (inputs, inputs) if held else (inputs[..., :-1], inputs[..., 1:])
-        given = Given(begin, end, np.zeros(begin.shape), sub if held else 1)
-        found = propagate(rigs, self._laws(terms, constants, h), start[None], clock, given)
-        return Motion(found.states[0], found.forces[0, :, ::sub].T, pushed)
+        begin, end = (inputs, inputs) if held else (inputs[:, :-1], inputs[:, 1:])
+        given = Given(begin[None], end[None], np.zeros((1, *begin.shape)), sub if held else 1)
+        laws = self._laws(terms, constants, h, bent)
+        found = propagate(rigs, laws, start[None], clock, given, tolerance=self._tolerance)
+        extra = np.zeros((len(found.states[0]), len(self.arrangement.elements)))
+        extra[:, bent] = found.forces[0, :, ::sub].T
+        return Motion(found.states[0], extra, force)
 
     def _at_rest(self, constants: Values, mass: Real, stiffness: Real, number: int) -> Real:
         recorded = self.recordings[number]
@@ -265,20 +279,19 @@ class Simulation:
             return np.array([np.interp(at / sub, np.arange(samples), u) for u in recorded.inputs])
         return np.array([raised(u, sub)[: at.size] for u in recorded.inputs])
 
-    def _force(
-        self,
-        constants: Values,
-        mass: Real,
-        terms: Sequence[Term],
-        number: int,
-        at: slice,
-        at_samples: bool = False,
+    def _vectors(self, constants: Values, mass: Real) -> Real:
+        """Return (n, inputs) the forces on the bodies by a unit of each input."""
+        pushed = [constants[d.gain] * self._pushed(d.row, d.base, constants, mass) for d in self.rig.drives]
+        return np.array(pushed).reshape(-1, self.n).T
+
+    def _driven(
+        self, constants: Values, terms: Sequence[Term], number: int, at: slice, at_samples: bool = False
     ) -> tuple[Real, bool]:
-        """Return the forces on the bodies between two samples, at substeps or ``at_samples``, and whether they hold."""
+        """Return the inputs between two samples, at substeps or ``at_samples``, and whether they hold."""
         recorded, sub = self.recordings[number], self.substeps[number]
         held = at_samples or (self.rig.hold == "zero" and not recorded.free)
         size = at.stop - at.start if held else (at.stop - 1 - at.start) * sub + 1
-        force = np.zeros((size, self.n))
+        rows = np.zeros((len(self.rig.drives), size))
         for i, drive in enumerate(self.rig.drives):
             between = recorded.inputs[i] if at_samples else self._inputs[number][i]
             u = between[at] if held else between[at.start * sub :][:size]
@@ -288,14 +301,15 @@ class Simulation:
                 if isinstance(m, ChannelDistortion) and m.of == "input" and i in term.place:
                     peaks = peaks_of([r.inputs[i] for r in self._told_by(term, recorded)])
                     u = m.distort(u[None], {**term.values, **peaks}, recorded.rate_hz * (1 if held else sub))[0]
-            force += np.outer(u, constants[drive.gain] * self._pushed(drive.row, drive.base, constants, mass))
-        return force, held
+            rows[i] = u
+        return rows, held
 
-    def _laws(self, terms: Sequence[Term], constants: Values, h: float) -> Laws:
+    def _laws(self, terms: Sequence[Term], constants: Values, h: float, bent: Sequence[int]) -> Laws:
+        """Return the force laws at work, each with its place among the elements that are ``bent``."""
         acting = laws_in(terms)
         rest = [AtRest.of(element, constants, self.rig.preload_n) for element in self.arrangement.elements]
         rows = [m.packed(terms[i].values, rest[e], h) for i, m, e in acting]
-        return laws_of([(m.law, e) for _, m, e in acting], [rows])
+        return laws_of([(m.law, bent.index(e)) for _, m, e in acting], [rows])
 
     def _shown(self, constants: Values, moved: Motion) -> Real:
         n, arrangement = self.n, self.arrangement

@@ -39,7 +39,7 @@ def with_learned(selection: Selection[Any]) -> Selection[Any]:
         return selection
     explained = judge.evidence_of(selection)
     least = max(policy.unnamed, policy.learned_share * explained)
-    if named is not None and _most_lead(named) < policy.learned_near * least:
+    if named is not None and noise_known and _most_lead(named) < policy.learned_near * least:
         return selection
     learner, begun = _learner(selection, to_beat=named if _single(named) else None)
     if named is not None and not _single(named) and _promised(learner.screen(named)) < policy.learned_promise:

@@ -91,7 +91,7 @@ class SelectionPolicy:
         0.1, "share of what the linear rig misses on held-out impacts that may be missed there still", "1", STRONG, 137
     )
     doubtful_over_noise: float = _chosen(
-        2.0, "held-out errors of what is named, over noise, from which on a learned law contests it", "1", RECORDED, 140
+        1.3, "held-out errors of what is named, over noise, from which on a learned law contests it", "1", RECORDED, 140
     )
     far_over_noise: float = _chosen(
         5.0,

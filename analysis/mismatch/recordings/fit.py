@@ -53,6 +53,8 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
         Other constants and states that spectra hardly tell from these.
     plain
         Whether residuals are compared with what mechanisms do as they are, and not whitened.
+    looked_at
+        Share of each recording, from its beginning, that fits look at which only rank rivals.
     """
 
     rig: DescribedRig
@@ -65,6 +67,7 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
     noise_known: bool = False
     rivals: tuple[tuple[Mapping[str, float], tuple[Real, ...]], ...] = ()
     plain: bool = False
+    looked_at: float = 1.0
 
     @property
     def arrangement(self) -> Arrangement:  # type: ignore[override]
@@ -267,7 +270,7 @@ def fit(
         Follow free decays from their beginning on before all of them is fitted: for a start whose frequencies are not
         yet known to within a cycle.
     fine
-        Go on until it has converged, not only until rivals can be ranked.
+        Go on until it has converged, on all there is, and compute its covariance; not only until rivals can be ranked.
     to_beat
         Objective that matters: a fit that comes nearer too slowly to reach it is given up.
     """
@@ -282,16 +285,16 @@ def fit(
         own = [replace(o, impact=b.impact) for o, b in zip(own, begin.own, strict=True)]
     model = SimulationModel(simulation, own, parts, 1.0)
     point = Point(np.clip(simulation.begin(), model.low, model.high), tuple(own))
-    most, share = (FINE_STEPS, FINE) if fine else (ROUGH_STEPS, ROUGH)
-    for part in (*(STAGES if staged else ()), 1.0):
-        beats = to_beat if part == 1.0 else math.inf
+    most, share, looked_at = (FINE_STEPS, FINE, 1.0) if fine else (ROUGH_STEPS, ROUGH, problem.looked_at)
+    for part in (*(s for s in STAGES if staged and s < looked_at), looked_at):
+        beats = to_beat if part == looked_at else math.inf
         stopping = Stopping(most, 0.0, share, FIRST_DAMPING, MOST_TRIES, to_beat=beats)
         model = SimulationModel(simulation, point.own, parts, part)
         first = model.evaluate(point)
         model.noise = first.objective / sum(r.size for r in first.residuals)
         found, _ = minimise(model, model.evaluate(point), stopping, problem.policy.race())
         point = found.point
-    return _finished(problem, model, found)
+    return _finished(problem, model, found, fine)
 
 
 def linear_fit(problem: SimulatedRecordings) -> SimulatedFit:
@@ -302,12 +305,14 @@ def linear_fit(problem: SimulatedRecordings) -> SimulatedFit:
     return min(begun, fit(problem, staged=True, fine=True), key=lambda f: f.objective)
 
 
-def _finished(problem: SimulatedRecordings, model: SimulationModel, found: Evaluation[Point]) -> SimulatedFit:
+def _finished(
+    problem: SimulatedRecordings, model: SimulationModel, found: Evaluation[Point], fine: bool
+) -> SimulatedFit:
     simulation, point = model.simulation, found.point
     sums = found.objective - found.penalty
     scatter = sums / max(sum(r.size for r in found.residuals), 1)
     values, terms = simulation.read(point.x)
-    spread = model.spread(found, values)
+    spread = model.spread(found, values) if fine else np.zeros((point.x.size, point.x.size))
     covariances = []
     for i, term in enumerate(terms):
         at = [

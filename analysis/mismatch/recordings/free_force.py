@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 from analysis.mismatch.free_form import free_places, joint_term
@@ -23,4 +24,5 @@ def free_loss(problem: SimulatedRecordings, current: SimulatedFit) -> float:
     added = [joint_term(rig, p, problem.scale_of(current, p)) for p in places]
     if not added:
         return before
-    return min(mean_of(fit(problem, (*current.terms, *added), current).by_block(CHOOSE)), before)
+    found = fit(replace(problem, looked_at=1.0), (*current.terms, *added), current)
+    return min(mean_of(found.by_block(CHOOSE)), before)

@@ -28,7 +28,7 @@ from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, Simulate
 from analysis.mismatch.recordings.free_force import free_loss
 from analysis.mismatch.recordings.held_out import FinalFits
 from analysis.mismatch.recordings.otherwise import constant_explains, hold_that_explains
-from analysis.mismatch.recordings.ranking import Ranking, simplest, with_time
+from analysis.mismatch.recordings.ranking import Ranking, share_that_tells, simplest, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.regression import regressed
 from analysis.mismatch.recordings.reweighing import exchanged, without_idle_ones
@@ -74,7 +74,9 @@ class BlockJudge(Judge[SimulatedFit]):
     ) -> BlockJudge:
         """Fit the linear rig to the sweeps, if there are any, and to the recordings, to know their noise."""
         steady = fit_sweeps(problem.rig, sweeps) if sweeps else None
-        return cls(problem.weighed(linear_fit(problem)), known, on_progress, tuple(sweeps), steady)
+        linear = linear_fit(problem)
+        weighed = replace(problem.weighed(linear), looked_at=share_that_tells(linear))
+        return cls(weighed, known, on_progress, tuple(sweeps), steady)
 
     def knowing(
         self, known: Sequence[Mechanism], policy: SelectionPolicy, to_beat: SimulatedFit | None = None
@@ -143,10 +145,6 @@ class BlockJudge(Judge[SimulatedFit]):
             best = min((f.objective for _, f in fits), default=math.inf)
             to_beat = math.inf if self._told_in_any_case(scores[0].term.mechanism) else HOPELESS * best
             joined = [(score, self._joined(state.current, score, to_beat)) for score in scores]
-            nearest = min(joined, key=lambda pair: pair[1].scatter)
-            law = scores[0].term.mechanism
-            if isinstance(law, ForceLaw) and law.jumps:  # found from where it was rounded
-                joined += [(score, self._again(nearest[1], score)) for score in scores]
             fits.append(min(joined, key=lambda pair: pair[1].scatter))
         found = self._judged(state, fits)
         in_time = [i for i, c in enumerate(found) if self._told_in_any_case(c.mechanism)]
@@ -202,12 +200,6 @@ class BlockJudge(Judge[SimulatedFit]):
             states = tuple(current.state(i) for i in range(len(current.own)))
             tried.append(fit(replace(self.problem, constants=start[0], states=states), start[1], to_beat=to_beat))
         return min(tried, key=lambda f: f.scatter)
-
-    def _again(self, fitted: SimulatedFit, score: Score) -> SimulatedFit:
-        """Fit a variant of the last term from where another one ended."""
-        last = fitted.terms[-1]
-        variant = replace(score.term, values={**last.values, **score.term.fixed})
-        return fit(self.problem, (*fitted.terms[:-1], variant), fitted)
 
     def fitted_alone(self, baseline: SimulatedFit, scores: Sequence[Score]) -> SimulatedFit | None:
         """Return the full fit of a mechanism beside the linear rig."""

@@ -1,4 +1,4 @@
-"""Which screened mechanisms are fitted to recordings, and from which of their trials."""
+"""Which screened mechanisms are fitted to recordings, from which of their trials, and to how much of them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
+
+import numpy as np
 
 from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.recordings.fit import SimulatedFit
@@ -15,12 +17,33 @@ from sim_backend.learned.forms import FORM
 from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism
 
 VARIANTS = 3  # of a mechanism in a place, with other values of what is no parameter, that are fitted
+TELLS = 6000  # samples of a channel that tell candidates apart
+HOLDS = 0.7  # of what its length would hold of all that the linear rig misses, that a first part holds at least
+PARTS = 20  # lengths that are tried
 APART = 0.2  # of the logarithms of resonances of an added body that are fitted both
 
 
 def with_time(mechanism: Mechanism) -> bool:
     """Whether a mechanism makes the rig change with time, not with amplitude."""
     return isinstance(mechanism, ForceLaw) and mechanism.with_time
+
+
+def share_that_tells(linear: SimulatedFit) -> float:
+    """Return the share of long recordings with inputs, from their beginning, to which candidates are fitted at first.
+
+    It holds as much of what the linear rig misses as is to be expected of its length: a sweep may come to a resonance
+    late. Free decays are looked at as a whole.
+    """
+    problem = linear.problem
+    if any(r.free for r in problem.recordings) or problem.samples <= TELLS:
+        return 1.0
+    missed = [np.cumsum(np.sum(linear.off(i)[0] ** 2, axis=0)) for i in range(len(problem.recordings))]
+    total = sum(float(grown[-1]) for grown in missed)
+    for share in np.linspace(TELLS / problem.samples, 1.0, PARTS).tolist():
+        held = sum(float(grown[math.ceil(share * grown.size) - 1]) for grown in missed)
+        if held >= HOLDS * share * total:
+            return share
+    return 1.0
 
 
 @dataclass(frozen=True, slots=True)

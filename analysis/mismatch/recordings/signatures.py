@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -26,21 +27,30 @@ if TYPE_CHECKING:
 def columns_of(
     fitted: SimulatedFit, number: int, terms: Sequence[Term], ringing: Sequence[Term], plain: bool = False
 ) -> Columns:
-    """Return what a recording's residual is compared with, whitened unless ``plain``; held-out samples take no part."""
-    recorded = fitted.problem.recordings[number]
+    """Return what a recording's residual is compared with, whitened unless ``plain``; held-out samples take no part.
+
+    What is not whitened only ranks mechanisms: it is of so much of the recording as rough fits look at.
+    """
+    problem, recorded = fitted.problem, fitted.problem.recordings[number]
+    size = recorded.fitted.stop - recorded.fitted.start
+    count = math.ceil(problem.looked_at * size) if plain else size
     # the noise of a force cell is in the residual: in what a mechanism does to it, it would look like the mechanism
     simulation = fitted.simulation.with_inputs(number, at_rest_between_pulses)
     own = fitted.own[number]
-    off, at = fitted.off(number)
-    shown = off if simulation is fitted.simulation else residual(simulation, fitted.x, own, number)[0]
+
+    def off_by(other: Simulation, x: Real, moved: Own) -> Real:
+        return residual(other, x, moved, number, samples=count)[0]
+
+    off, at = residual(fitted.simulation, fitted.x, own, number, samples=count)
+    shown = off if simulation is fitted.simulation else off_by(simulation, fitted.x, own)
     used = np.isin(recorded.part[at], (FIT, CHOOSE))
-    noise = NoiseModel.of(fitted.problem.rig, fitted.values, recorded, (off, used))
+    noise = NoiseModel.of(problem.rig, fitted.values, recorded, (off, used))
 
     def white(y: Real) -> Real:
         return (y if plain else noise.white(y))[:, used].ravel()
 
     def changed(x: Real, moved: Own) -> Real:
-        return white(residual(simulation, x, moved, number)[0] - shown)
+        return white(off_by(simulation, x, moved) - shown)
 
     def with_term(term: Term) -> tuple[Simulation, Own]:
         other = simulation.with_terms((*fitted.terms, term), fitted.values)
@@ -48,16 +58,16 @@ def columns_of(
 
     def made(term: Term) -> Real:
         other, state = with_term(term)
-        return white(residual(other, other.begin(), state, number)[0] - shown)
+        return white(off_by(other, other.begin(), state) - shown)
 
     def rings(index: int) -> tuple[Real, Real]:
         if not isinstance(ringing[index].mechanism, Tones):
             other, state = with_term(ringing[index])
-            begun = residual(other, other.begin(), state, number)[0]
+            begun = off_by(other, other.begin(), state)
             scale = np.diag(other.own_scale(number, state))
             # what nothing drives began somehow; what is driven was at rest, or has forgotten it
             starts = [i + j for i in (0, other.n) for j in range(simulation.n, other.n) if recorded.free]
-            moved = [residual(other, other.begin(), state.moved(scale[i]), number)[0] for i in starts]
+            moved = [off_by(other, other.begin(), state.moved(scale[i])) for i in starts]
             made_by = white(begun - shown)
             return np.array([white(y - begun) for y in moved]).reshape(len(starts), made_by.size), made_by
         waves = simulation.waves(number, at, lines_of([ringing[index]]))

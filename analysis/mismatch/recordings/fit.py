@@ -38,6 +38,7 @@ FIRST_DAMPING, MOST_TRIES = 1e-3, 8
 SHOWN = 0.4  # of the sampling rate, up to which a recording shows what there is
 RIGID = 1e-3  # of the highest mode, below which one is a rigid motion
 NEAR_LINEAR = 0.01  # mean square of what the linear rig misses, in levels of the channels, up to which it starts well
+OUTDATED = 0.5  # of the noise that priors were weighed by, below which they are weighed anew
 STAGES = (0.05, 0.15, 0.4)  # of a free decay: its phase is followed before all of it is fitted
 
 
@@ -290,9 +291,11 @@ def fit(
         beats = to_beat if part == looked_at else math.inf
         stopping = Stopping(most, 0.0, share, FIRST_DAMPING, MOST_TRIES, to_beat=beats)
         model = SimulationModel(simulation, point.own, parts, part)
-        first = model.evaluate(point)
-        model.noise = first.objective / sum(r.size for r in first.residuals)
+        model.noise = _mean_square(model.evaluate(point))
         found, _ = minimise(model, model.evaluate(point), stopping, problem.policy.race())
+        while fine and model.prior and _mean_square(found) < OUTDATED * model.noise:  # what priors are weighed by
+            model.noise = _mean_square(found)
+            found, _ = minimise(model, model.evaluate(found.point), stopping, problem.policy.race())
         point = found.point
     return _finished(problem, model, found, fine)
 
@@ -305,12 +308,14 @@ def linear_fit(problem: SimulatedRecordings) -> SimulatedFit:
     return min(begun, fit(problem, staged=True, fine=True), key=lambda f: f.objective)
 
 
+def _mean_square(found: Evaluation[Point]) -> float:
+    return (found.objective - found.penalty) / max(sum(r.size for r in found.residuals), 1)
+
+
 def _finished(
     problem: SimulatedRecordings, model: SimulationModel, found: Evaluation[Point], fine: bool
 ) -> SimulatedFit:
     simulation, point = model.simulation, found.point
-    sums = found.objective - found.penalty
-    scatter = sums / max(sum(r.size for r in found.residuals), 1)
     values, terms = simulation.read(point.x)
     spread = model.spread(found, values) if fine else np.zeros((point.x.size, point.x.size))
     covariances = []
@@ -324,8 +329,8 @@ def _finished(
     names = [p.name for p in simulation.arrangement.parameters]
     constants = Constants(simulation.arrangement, np.array([values[n] for n in names]), np.zeros((1, 0)))
     return SimulatedFit(
-        terms, simulation.arrangement, constants, found.residuals, sums, found.penalty, spread, tuple(covariances),
-        problem, simulation, point.x, point.own, scatter, model.parts,
+        terms, simulation.arrangement, constants, found.residuals, found.objective - found.penalty, found.penalty,
+        spread, tuple(covariances), problem, simulation, point.x, point.own, _mean_square(found), model.parts,
     )  # fmt: skip
 
 

@@ -18,10 +18,14 @@ from analysis.mismatch.recordings.noise import NoiseModel
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.recordings.simulation import Simulation
 from sim_backend.arrays import Real
-from sim_backend.mechanisms.kinds import Tones
+from sim_backend.mechanisms.kinds import ForceLaw, Tones
 
 if TYPE_CHECKING:
     from analysis.mismatch.recordings.fit import SimulatedFit
+
+
+LITTLE = 0.01  # of a trial, that a mechanism is tried with beside others
+SMALLEST, LARGEST = 0.003, 3.0  # what that may make, in deviations of the noise
 
 
 def columns_of(
@@ -60,6 +64,18 @@ def columns_of(
         other, state = with_term(term)
         return white(off_by(other, other.begin(), state) - shown)
 
+    def little(term: Term) -> Real:
+        """Return what it makes per trial, of so little of it that this is in proportion beside what is at work."""
+        weak = weakened(term, LITTLE) if fitted.terms and not plain else None
+        if weak is None:
+            return made(term)
+        column, share = made(weak), LITTLE
+        size = float(np.sqrt(np.mean(column**2)))
+        if not SMALLEST < size < LARGEST:
+            share = min(LITTLE / max(size, 1e-300), 1.0)
+            column = made(weakened(term, share) or term)
+        return column / share
+
     def rings(index: int) -> tuple[Real, Real]:
         if not isinstance(ringing[index].mechanism, Tones):
             other, state = with_term(ringing[index])
@@ -78,9 +94,24 @@ def columns_of(
     scale = simulation.own_scale(number, own)
     common, own_slopes = slopes(changed, fitted.x, own, step_of(simulation), forward, scale)
     q, _ = np.linalg.qr(own_slopes)
-    columns = np.array([made(t) for t in terms]).reshape(len(terms), len(own_slopes)).T
+    columns = np.array([little(t) for t in terms]).reshape(len(terms), len(own_slopes)).T
 
     def rung(against: Real) -> list[Rung]:
         return [Rung.of(i, *rings(i), against) for i in range(len(ringing))]
 
     return Columns(np.arange(fitted.x.size), common, columns, -white(off), q, rung)
+
+
+def weakened(term: Term, share: float) -> Term | None:
+    """Return a force law with a share of its strength; None of what has no strength in proportion to its force.
+
+    Beside a spring that bends, a trial's force moves the phase of a long recording so far that what it makes is no
+    longer what a little of it would make.
+    """
+    law = term.mechanism
+    if not isinstance(law, ForceLaw):
+        return None
+    sizes = [q for q in law.parameters if q.name == law.strength or (law.strength is None and q.unit == "N")]
+    if not sizes or any(q.log for q in sizes):
+        return None
+    return term.within({q.name: share * term.values[q.name] for q in sizes})

@@ -19,7 +19,7 @@ from sim_backend.acting import extended, laws_in, shaken
 from sim_backend.arrangement import DERIVATIVES, Row
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion, ForceLaw, SecondImpact
-from sim_backend.propagate import TOLERANCE, Clock, Given, Laws, Rigs, laws_of, propagate
+from sim_backend.propagate import Clock, Given, Laws, Rigs, laws_of, propagate
 
 Values = Mapping[str, float]
 
@@ -27,7 +27,7 @@ PER_PERIOD: Final = 56  # substeps in a period of the rig's highest mode, at lea
 FEWEST_SUBSTEPS: Final = 3  # dry friction turns at once, however slow the rig
 MOST_SUBSTEPS: Final = 8
 SHORTEST_FILTERED: Final = 60  # samples that a band's filter can be run over
-JUMP_TOLERANCE: Final = 3e-5  # see `propagate`: a coarser division of the steps, which jumps too, spoils differences
+TOLERANCE: Final = 1e-5  # see `propagate`: along a decay of 60 periods errors of 3e-4 add up to a quarter of the noise
 SINGULAR: Final = 1e9  # condition of a stiffness matrix that says nothing of where the rig rests
 
 
@@ -57,7 +57,6 @@ class Simulation:
         self._shaken = shaken(rig.arrangement, terms)
         self.constants = {**self.arrangement.declared(), **constants}
         self.lines = lines_of(terms)
-        self._tolerance = JUMP_TOLERANCE if self.jumps else TOLERANCE
         self.struck = next((t.place[0] for t in terms if isinstance(t.mechanism, SecondImpact)), None)
         self.substeps = [self._substeps(r) for r in self.recordings]
         self.parameters = tuple(self._parameters())
@@ -249,7 +248,7 @@ class Simulation:
         begin, end = (inputs, inputs) if held else (inputs[:, :-1], inputs[:, 1:])
         given = Given(begin[None], end[None], np.zeros((1, *begin.shape)), sub if held else 1)
         laws = self._laws(terms, constants, h, bent)
-        found = propagate(rigs, laws, start[None], clock, given, tolerance=self._tolerance)
+        found = propagate(rigs, laws, start[None], clock, given, tolerance=TOLERANCE)
         extra = np.zeros((len(found.states[0]), len(self.arrangement.elements)))
         extra[:, bent] = found.forces[0, :, ::sub].T
         return Motion(found.states[0], extra, force)

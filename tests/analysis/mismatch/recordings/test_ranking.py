@@ -6,11 +6,12 @@ import math
 from types import SimpleNamespace
 from typing import cast
 
+import numpy as np
 import pytest
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import SimulatedFit
-from analysis.mismatch.recordings.ranking import lead_of, simplest
+from analysis.mismatch.recordings.ranking import TELLS, lead_of, share_that_tells, simplest
 from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate
 from sim_backend.learned.families import learned_mechanisms
@@ -48,3 +49,21 @@ def test_what_is_listed_is_compared_as_it_is() -> None:
     assert simplest([best, other], SHARE) is best
     assert lead_of(best, other, SHARE) == 1
     assert simplest([best, candidate(FEW, 1e4 - 1)], SHARE) is best
+
+
+def missing(errors: np.ndarray, free: bool = False) -> SimulatedFit:
+    problem = SimpleNamespace(recordings=(SimpleNamespace(free=free),), samples=errors.size)
+    return cast(SimulatedFit, SimpleNamespace(problem=problem, off=lambda number: (errors[None], slice(None))))
+
+
+def test_long_recordings_are_looked_at_in_part_and_short_ones_and_decays_as_a_whole() -> None:
+    even = np.random.default_rng(1).normal(size=20_000)
+    assert share_that_tells(missing(even)) == TELLS / 20_000
+    assert share_that_tells(missing(even, free=True)) == 1.0
+    assert share_that_tells(missing(even[:TELLS])) == 1.0
+
+
+def test_a_sweep_is_looked_at_until_it_has_come_to_what_the_rig_misses() -> None:
+    errors = np.full(20_000, 1e-3)
+    errors[13_000:14_000] = 1.0
+    assert 0.65 < share_that_tells(missing(errors)) < 0.75

@@ -17,12 +17,15 @@ def select_for_recordings(judge: BlockJudge) -> tuple[Selection[SimulatedFit], .
     """Return what explains recordings best, then what else was named on the way to it.
 
     Mechanisms are added one by one. Of two that are at work, a third that resembles both comes first; beside it neither
-    gains enough. So where what is named leaves errors far over the noise, the selection is made again without the first
-    of the names; then without the first that comes in its place too, and all that explain as much as that. What
-    explains better counts.
+    gains enough. So where what is named leaves errors far over the noise, or several names any that are clearly more,
+    the selection is made again without the first of the names; then without the first that comes in its place too, and
+    all that explain as much as that. What explains better counts.
     """
     found = select(judge, screened_baseline(judge))
-    if found.chosen is None or not missed_still(found.baseline, found.chosen):
+    if found.chosen is None:
+        return (found,)
+    several = len(found.chosen.terms) > 1 and judge.doubtful(found)
+    if not several and not missed_still(found.baseline, found.chosen):
         return (found,)
     tried, left_out = [found], {found.chosen.terms[0].mechanism.id}
     for _ in range(AGAIN):

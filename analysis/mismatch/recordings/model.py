@@ -22,9 +22,7 @@ from sim_backend.mechanisms.kinds import AddedBody
 
 STEP = 1e-6  # of differences
 JUMPING_STEP = 1e-5  # the same where a force jumps, and with it the division of the steps
-JUMP_SEEN_STEP = (
-    1e-4  # and where accelerations show the jump: at a point one that passes a sample would be all of the slope
-)
+JUMP_SEEN_STEP = 1e-4  # where accelerations show it: at a point a jump that passes a sample would be all of the slope
 LOST = 30.0  # residual, in levels of the channel, that stands for a simulation that ran away
 
 

@@ -92,7 +92,7 @@ class SelectionPolicy:
         0.1, "share of what the linear rig misses on held-out impacts that may be missed there still", "1", STRONG, 137
     )
     doubtful_over_noise: float = _chosen(
-        1.3, "held-out errors of what is named, over noise, from which on more is looked for", "1", RUBBING, 143
+        1.3, "held-out errors of what is named, over noise, from which on more is looked for", "1", RUBBING, 144
     )
     far_over_noise: float = _chosen(
         5.0,

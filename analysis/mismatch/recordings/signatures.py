@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 LITTLE = 0.01  # of a trial, that a mechanism is tried with beside others
-SMALLEST, LARGEST = 0.003, 3.0  # what that may make, in deviations of the noise
+SMALLEST, LARGEST = 0.3, 3.0  # what that may make, in deviations of the noise
 
 
 def columns_of(
@@ -111,7 +111,8 @@ def weakened(term: Term, share: float) -> Term | None:
     law = term.mechanism
     if not isinstance(law, ForceLaw):
         return None
-    sizes = [q for q in law.parameters if q.name == law.strength or (law.strength is None and q.unit == "N")]
+    # its strength, and all else that a force is in proportion to: creep changes a stiffness and a damping
+    sizes = [q for q in law.parameters if q.name == law.strength or q.unit.startswith("N")]
     if not sizes or any(q.log for q in sizes):
         return None
     return term.within({q.name: share * term.values[q.name] for q in sizes})

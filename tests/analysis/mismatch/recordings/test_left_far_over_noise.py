@@ -14,11 +14,13 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.blocks import missed_still, over_noise, predicts_no_better
 from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
 from analysis.mismatch.recordings.recorded import prepare
+from analysis.mismatch.recordings.signatures import weakened
 from analysis.mismatch.score_test import screen
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.learned.families import learned_mechanisms
 from sim_backend.mechanisms.catalogue import catalogue, variants
+from sim_backend.mechanisms.kinds import ForceLaw
 from tests.analysis.mismatch.recordings.described_rigs import (
     INPUT,
     RATE,
@@ -67,6 +69,24 @@ def test_a_fit_with_larger_held_out_errors_predicts_no_better() -> None:
     linear, named = fits()
     assert not predicts_no_better(linear, named)
     assert predicts_no_better(named, linear)
+
+
+@pytest.mark.slow
+def test_of_a_force_law_next_to_nothing_makes_next_to_nothing() -> None:
+    linear, _ = fits()
+    laws = [m for m in variants(catalogue()) if isinstance(m, ForceLaw)]
+    tried = {}
+    for term in linear.problem.trials(linear, laws):
+        weak = weakened(term, 1e-6)
+        if weak is not None:
+            made = []
+            for one in (term, weak):
+                other = linear.simulation.with_terms((one,), linear.values)
+                shown, _ = other.run(other.begin(), other.own(linear.state(0)), 0)
+                made.append(float(np.std(shown - linear.simulation.run(linear.x, linear.own[0], 0)[0])))
+            tried[term.mechanism.id] = made[1] / made[0]
+    assert {"tube_spring_cubic", "contact_creep", "quadratic_damping", "relaxation"} <= set(tried)
+    assert max(tried.values()) < 1e-3, tried
 
 
 Rest = Callable[[np.ndarray], np.ndarray]

@@ -25,7 +25,7 @@ from daq.records import CalibrationPoints
 
 FloatArray = NDArray[np.float64]
 
-WEIGHT_STEP = 1e-6  # of the largest load: loads no further apart are one weight
+_SAME_WEIGHT = 1e-6  # of the largest load: loads no further apart are one weight
 FEWEST_FOR_CURVATURE = 4  # weights: with three, a parabola would leave nothing to judge its fit by
 MISFIT_QUANTILE = 0.75  # of chi^2, which the residuals of sound gauges stay below: seeds 9001 to 9100 of the benchmark
 MOST_BENT = 0.5  # curvature over slope: with it, the slope at one end is half of that in the middle
@@ -104,34 +104,69 @@ class GaugeCurve:
         return x * self.largest_mn, (slope_mv + q * (2 * x - 1)) / self.largest_mn
 
 
+@dataclass(frozen=True, slots=True)
+class HungWeights:
+    """All readings (n,) of one or two calibrations, and which weight (of w) was hung in each.
+
+    Attributes
+    ----------
+    x
+        Load over the largest, ``largest_mn``; ``voltage`` in mV.
+    own
+        (n, calibrations) one where a reading belongs to a calibration.
+    weights, place, hung
+        (w,) different loads in steps of ``_SAME_WEIGHT``; (n,) number of each reading's; (n, w) the same as ones.
+    direction
+        -1 where the weight was reached from below, +1 from above.
+    both
+        (w,) which weights were reached from both sides.
+    """
+
+    x: FloatArray
+    voltage: FloatArray
+    own: FloatArray
+    weights: FloatArray
+    place: NDArray[np.intp]
+    hung: FloatArray
+    direction: FloatArray
+    both: NDArray[np.bool_]
+    largest_mn: float
+
+    @classmethod
+    def of(cls, calibrations: Sequence[CalibrationPoints]) -> HungWeights:
+        """Return them for calibrations each of which passes `calibration.line.checked`."""
+        parts = [checked(points) for points in calibrations]
+        load = np.concatenate([part[0] for part in parts])
+        voltage = np.concatenate([part[1] for part in parts])
+        own = np.eye(len(parts))[np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])]
+        direction = np.concatenate([_directions(part[0]) for part in parts])
+        largest = float(np.max(np.abs(load)))
+        x = load / largest
+        weights, place = np.unique(np.round(x / _SAME_WEIGHT), return_inverse=True)
+        both = _reached_both_ways(place, direction, len(weights))
+        return cls(x, voltage, own, weights, place, np.eye(len(weights))[place], direction, both, largest)
+
+
 def fit_curve(calibrations: Sequence[CalibrationPoints], settings: CalibrationSettings) -> GaugeCurve:
     """Fit the curve of the gauge to one or two calibrations, each of which passes `calibration.line.fit_line`.
 
     Scatter of the readings comes from weights that were hung more than once; what the means of the weights leave
     beyond that and beyond the weights' own uncertainty is misfit of the curve.
     """
-    parts = [checked(points) for points in calibrations]
-    load = np.concatenate([part[0] for part in parts])
-    voltage = np.concatenate([part[1] for part in parts])
-    which = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
-    direction = np.concatenate([directions(part[0]) for part in parts])
-    largest = float(np.max(np.abs(load)))
-    x = load / largest
-    weights, place = np.unique(np.round(x / WEIGHT_STEP), return_inverse=True)
-    hung = np.eye(len(weights))[place]
-    both = reached_both_ways(place, direction, len(weights))
-    c = len(parts)
-    design, gain, beta, curved = _monotonic(x, voltage, np.eye(c)[which], direction, len(weights), int(both.sum()))
+    r = HungWeights.of(calibrations)
+    c, x, voltage, direction, both = r.own.shape[1], r.x, r.voltage, r.direction, r.both
+    largest, weights, hung = r.largest_mn, r.weights, r.hung
+    design, gain, beta, curved = _monotonic(x, voltage, r.own, direction, len(weights), int(both.sum()))
     slope = float(np.mean(beta[c : 2 * c])) / largest
-    weight_std = settings.weight_errors_mn(weights * WEIGHT_STEP * largest)
+    weight_std = settings.weight_errors_mn(weights * _SAME_WEIGHT * largest)
     weight_std_mv = np.asarray(slope * weight_std, dtype=np.float64)
     scatter = _reading_scatter(voltage, hung, design, direction, both, c, weight_std_mv)
     misfit, misfit_dof = _misfit(voltage, hung, design, gain, scatter[0], weight_std_mv, curved)
     keep = 2 * c + (1 if curved else 0)
-    full = np.zeros((2 * c + 1, len(load)))
+    full = np.zeros((2 * c + 1, len(x)))
     full[:keep] = gain[:keep]
-    loop = _loop(voltage - design[:, :keep] @ beta[:keep], place, direction, both, scatter[0])
-    empty = [(which == i) & (place == np.searchsorted(weights, 0.0)) & (x == 0.0) for i in range(c)]
+    loop = _loop(voltage - design[:, :keep] @ beta[:keep], r.place, direction, both, scatter[0])
+    empty = [(r.own[:, i] == 1.0) & (x == 0.0) for i in range(c)]
     return GaugeCurve(
         largest_mn=largest,
         offset_mv=beta[:c],
@@ -144,7 +179,7 @@ def fit_curve(calibrations: Sequence[CalibrationPoints], settings: CalibrationSe
         reading_dof=scatter[1],
         misfit_mn=misfit / slope,
         misfit_dof=misfit_dof,
-        loop_load_mn=weights[both] * WEIGHT_STEP * largest,
+        loop_load_mn=weights[both] * _SAME_WEIGHT * largest,
         loop_half_width_mn=loop / slope,
         zero_mv=np.array([float(np.mean(voltage[e])) if e.any() else math.nan for e in empty]),
         zero_readings=np.array([int(e.sum()) for e in empty]),
@@ -172,7 +207,7 @@ def _monotonic(
     return design, gain, beta, curved
 
 
-def directions(load: FloatArray) -> FloatArray:
+def _directions(load: FloatArray) -> FloatArray:
     """(n,) -1 where a weight was reached from below, +1 from above: the gauge is empty before the first."""
     steps = np.sign(np.diff(load, prepend=0.0))
     for i in range(1, len(steps)):
@@ -184,7 +219,7 @@ def directions(load: FloatArray) -> FloatArray:
     return np.where(steps < 0, 1.0, -1.0)
 
 
-def reached_both_ways(place: NDArray[np.intp], direction: FloatArray, count: int) -> NDArray[np.bool_]:
+def _reached_both_ways(place: NDArray[np.intp], direction: FloatArray, count: int) -> NDArray[np.bool_]:
     """(w,) which of the weights were reached from below as well as from above."""
     up, down = (np.bincount(place[direction == d], minlength=count) for d in (-1.0, 1.0))
     return (up > 0) & (down > 0)

@@ -7,17 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.curve import WEIGHT_STEP, directions, reached_both_ways
-from calibration.line import checked
+from calibration.curve import HungWeights
 from daq.records import CalibrationPoints
 
 FloatArray = NDArray[np.float64]
 
 FEWEST_CONTRASTS = 3  # with fewer, scatter and wandering are not told apart
 MOST_TIMED = 500  # readings of a calibration up to which their times are looked at: a person hangs no more weights
-_NOISE_VARIANCES = np.geomspace(
-    1e-3, 10.0, 41
-)  # of a reading, that are considered, over the mean square of what is left
+_NOISE_VARIANCES = np.geomspace(1e-3, 10.0, 41)  # of a reading, considered; over the mean square of what is left
 _ROUNDING = 1e-18  # of the mean square of the voltages: below it, nothing is left
 
 
@@ -75,19 +72,12 @@ def _hours(points: CalibrationPoints) -> FloatArray | None:
 
 def _contrasts(calibrations: Sequence[CalibrationPoints]) -> tuple[FloatArray, FloatArray]:
     """(n, k) orthonormal contrasts that lines, weights and loops do not reach, and the (n,) voltages."""
-    parts = [checked(points) for points in calibrations]
-    load = np.concatenate([part[0] for part in parts])
-    largest = float(np.max(np.abs(load)))
-    which = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
-    direction = np.concatenate([directions(part[0]) for part in parts])
-    x = load / largest
-    weights, place = np.unique(np.round(x / WEIGHT_STEP), return_inverse=True)
-    hung, own = np.eye(len(weights))[place], np.eye(len(parts))[which]
-    both = reached_both_ways(place, direction, len(weights))
-    design = np.hstack([own, own * x[:, None], hung, hung[:, both] * direction[:, None]])
+    r = HungWeights.of(calibrations)
+    loops = r.hung[:, r.both] * r.direction[:, None]
+    design = np.hstack([r.own, r.own * r.x[:, None], r.hung, loops])
     left, size, _ = np.linalg.svd(design, full_matrices=True)
     rank = int(np.sum(size > 1e-9 * size[0]))
-    return left[:, rank:], np.concatenate([part[1] for part in parts])
+    return left[:, rank:], r.voltage
 
 
 def _walk(hours: Sequence[FloatArray]) -> FloatArray:

@@ -63,7 +63,7 @@ def _found(
 ) -> Selection[Any] | None:
     """Return learned laws in place of the last name, else alone, else beside what is named; None if none comes near.
 
-    Beside what is named, of recordings whose noise is not known alone: what such a law must leave is nothing.
+    Beside what is named, of recordings whose noise is not known alone: such a law must leave next to nothing.
     """
     named = selection.chosen
     if named is not None and not _single(named):
@@ -84,7 +84,7 @@ def _found(
 
 
 def with_last_learned(selection: Selection[Any]) -> Selection[Any] | None:
-    """Return a selection with a learned law in place of the mechanism accepted last; None if that leaves something."""
+    """Return a selection with a learned law in place of the mechanism accepted last; None if it leaves much."""
     if selection.chosen is None or _single(selection.chosen):
         return None
     found = _last_learned(*_learner(selection), selection)

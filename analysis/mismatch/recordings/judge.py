@@ -126,7 +126,7 @@ class BlockJudge(Judge[SimulatedFit]):
         return False
 
     def candidates(self, state: State[SimulatedFit]) -> Candidates:
-        """Fit the best screened mechanisms in full; those that rank first until they have converged."""
+        """Fit the best screened mechanisms; those that rank first to all that is fitted, until they have converged."""
         policy = self.problem.policy
         unlike_noise = state.current.scatter > policy.unlike_noise
         # where most of what is missed is noise, a fit gains what its score says

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.modal.exponentials import FitFailure, fit_exponentials
-from analysis.modal.model_order import MOST, groups, modes_of, price_of_a_mode
+from analysis.modal.model_order import MOST, modes_of
 from analysis.modal.pulse_end import innovations, samples_before
-from analysis.modal.ring_down_model import Model, Record, fitted, without_modes, worth_of
+from analysis.modal.ring_down_model import Model, Record, fitted, without_modes
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
@@ -25,8 +25,6 @@ LOUDER = 50.0  # twice the log-likelihood ratio of a record that is quiet before
 SUDDEN = 2.0  # times the energy before it, that an impact has at once
 QUIET = 16  # samples that it has to be quiet
 LEAST = 64  # samples of free decay
-ABSENT = 8.0  # twice the log-likelihood ratio, from which modes may not be there yet: chance exp(-4) where they are
-LATER = 12.0  # twice the log-likelihood ratio that modes which begin later have to be better by: chance exp(-6)
 
 
 def decay_start(y: Real, sample_rate_hz: float) -> tuple[int, int] | None:
@@ -73,54 +71,6 @@ def _onset(energy: Real) -> int | None:
     ratio = n * np.log(max(total[-1] / n, floor)) - k * np.log(before) - (n - k) * np.log(after)
     best = int(np.argmax(np.where(after > before, ratio, -np.inf)))
     return int(k[best]) if ratio[best] > LOUDER and after[best] > 2 * before[best] else None
-
-
-def absent_before(record: Record, model: Model, sample_rate_hz: float) -> tuple[int, int] | None:
-    """Onset and, as of `decay_start`, a later sample, of modes that the first samples do not have; None if they do.
-
-    An impact that is no louder than the noise shows in what rings on after it: noise explains the samples ahead of it
-    better than the modes, continued backwards. Whether it does by more than chance is for `explains_better` to say.
-
-    Parameters
-    ----------
-    record
-        From the first sample of the model on.
-    model
-        Its modes.
-    """
-    if model.fit is None:
-        return None
-    worth = worth_of(record, model)
-    strongest = [group[int(np.argmax(worth[group]))] for group in groups(model.poles, record.y.shape[1])]
-    if len(strongest) < model.poles.size:  # modes beside each other cancel where none is
-        plain = fitted(record, model.poles[strongest], without_modes(record))
-        if plain is None:
-            return None
-        model = plain
-    y = record.y
-    weight = y.shape[1] / np.maximum(model.left, 1e-300)
-    better = np.cumsum((weight[:, None] * (model.residual**2 - y**2)).sum(axis=0))
-    onset = int(np.argmax(better)) + 1
-    soon = onset + max(2, int(SOON_S * sample_rate_hz))
-    return (onset, soon) if better[onset - 1] > ABSENT and soon <= y.shape[1] - LEAST else None
-
-
-def explains_better(y: Real, start: int, later: Model, model: Model) -> bool:
-    """Whether noise up to a sample and modes from there on explain a record better than modes from its beginning on.
-
-    Parameters
-    ----------
-    y
-        (c, n) record from the first sample of ``model`` on.
-    start, later
-        Sample of ``y`` from which the later modes are, and these.
-    model
-        The modes from the beginning on.
-    """
-    price = price_of_a_mode(*y.shape)
-    left = (y[:, :start] ** 2).sum(axis=1) + later.left
-    rise = y.shape[1] * float(np.log(np.maximum(model.left, 1e-300) / np.maximum(left, 1e-300)).sum())
-    return rise > LATER + price * (later.poles.size - model.poles.size)
 
 
 def from_the_impact_on(

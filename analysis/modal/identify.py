@@ -10,7 +10,8 @@ from scipy import signal
 
 from analysis.modal.clipping import clipped_samples
 from analysis.modal.exponentials import ExponentialFit
-from analysis.modal.free_start import absent_before, decay_start, explains_better, from_the_impact_on
+from analysis.modal.faint_impact import Begun, begun_in_noise, begun_with
+from analysis.modal.free_start import decay_start, from_the_impact_on
 from analysis.modal.likelihood_interval import widened, widening
 from analysis.modal.model_order import groups, modes_of
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
@@ -111,19 +112,22 @@ def identify_ring_down(
         quiet = [c[: 0 if impact is None else max(0, impact[0] - GUARD)] for c in y]
         white = _whitened(y, [[q] for q in quiet], clipped)
         first, model, told = _counted(white, first, impact, sample_rate_hz)
+        begun = None
         if impact is None and start is None:
-            first, model, told = _from_a_faint_impact_on(white, model, sample_rate_hz)
+            begun = begun_in_noise(_record(white.y, 0, white.clipped), model, sample_rate_hz)
         rest = None if impact is None else without_weak(_record(white.y, first, white.clipped), model)
         if rest is not None and impact is not None:
             # weak modes may be the colour of a noise of which too little was heard before the impact
             bare = _unfiltered(white, rest)
             white = _whitened(y, [[q, r] for q, r in zip(quiet, bare, strict=True)], clipped)
             first, model, told = _counted(white, impact[1], impact, sample_rate_hz)
-        notes += told
-        model = _over_all(white.y, first, white.clipped, model)
-        found = _likely(white, model, diagram, first, sample_rate_hz, notes)
+        begun = begun or begun_with(first, model, told)
+        notes += begun.notes
+        begun = replace(begun, model=_over_all(white.y, begun.start, white.clipped, begun.model))
+        found = _likely(white, begun, diagram, sample_rate_hz, notes)
         if found is not None:
             return found
+        first, model = begun.start, begun.model
         if model.fit is not None:
             notes.append("the modes are those of ERA: least squares did not settle")
     modes, share = realised_modes(y[:, first:], chosen, realised, sample_rate_hz, largest_order)
@@ -165,22 +169,6 @@ def _counted(
     return from_the_impact_on(white.y, *impact, white.clipped, sample_rate_hz, COLUMNS)
 
 
-def _from_a_faint_impact_on(white: _Whitened, model: Model, sample_rate_hz: float) -> tuple[int, Model, list[str]]:
-    """First sample used and the modes from there on, where they begin in the noise rather than with the record."""
-    counted = _record(white.y, 0, white.clipped)
-    faint = absent_before(counted, model, sample_rate_hz)
-    if faint is None:
-        return 0, model, []
-    onset, soon = faint
-    later = modes_of(_record(white.y, soon, white.clipped))
-    begun = _record(counted.y, onset, white.clipped)
-    whole = None if later.fit is None else fitted(begun, later.poles, without_modes(begun))
-    if whole is None or not explains_better(counted.y, onset, whole, model):
-        return 0, model, []
-    told = f"the modes begin {1e3 * onset / sample_rate_hz:.3g} ms into the record, in its noise"
-    return soon, later, [told]
-
-
 def _unfiltered(white: _Whitened, rest: Real) -> Real:
     """A residual of the whitened record as it was before whitening."""
     undone = [signal.lfilter([1.0], f.coefficients, row) for f, row in zip(white.filters, rest, strict=True)]
@@ -220,14 +208,10 @@ def _over_all(y: Real, first: int, clipped: NDArray[np.int64], model: Model) -> 
 
 
 def _likely(
-    white: _Whitened,
-    model: Model,
-    diagram: tuple[StablePole, ...],
-    first: int,
-    sample_rate_hz: float,
-    notes: list[str],
+    white: _Whitened, begun: Begun, diagram: tuple[StablePole, ...], sample_rate_hz: float, notes: list[str]
 ) -> RingDownModes | None:
     """Modes of a model with their intervals; None if it has none that decays."""
+    first, model = begun.start, begun.model
     if model.fit is None:
         return None
     fit = model.fit
@@ -238,8 +222,8 @@ def _likely(
     modes: list[ModeEstimate] = []
     for i in np.argsort(np.abs(np.log(fit.poles))):
         with np.errstate(invalid="ignore"):  # a record without noise has no interval: no spread, wider without end
-            covariance = widened(fit.log_pole_covariance[i], wider[i]) * spread[i]
-        z = complex(fit.poles[i])
+            covariance = widened(fit.log_pole_covariance[i], wider[i]) * spread[i] + begun.scatter[i]
+        z = complex(fit.poles[i] * np.exp(begun.shift[i]))
         growth = np.log(abs(z)) / np.sqrt(max(covariance[0, 0], 1e-300))
         if growth > NO_GROWTH:
             f = np.angle(z) * sample_rate_hz / (2 * np.pi)

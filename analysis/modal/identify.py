@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from analysis.modal.clipping import clipped_samples
-from analysis.modal.exponentials import ExponentialFit
 from analysis.modal.faint_impact import Begun, begun_in_noise, begun_with
 from analysis.modal.free_start import decay_start, from_the_impact_on
-from analysis.modal.likelihood_interval import widened, widening
+from analysis.modal.likelihood_interval import spread_along, widened, widening
 from analysis.modal.model_order import groups, modes_of
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
 from analysis.modal.noise import NoiseModel, noise_model
@@ -25,7 +24,6 @@ Real = NDArray[np.float64]
 
 LARGEST_ORDER = 60
 ITERATIONS = 300  # of the fit to a whole long record
-REPEATS = 8  # stretches of equal energy over which the scatter of a fit's score is taken
 GUARD = 8  # samples before the onset that may already belong to the impact
 LEAST_QUIET = 200  # samples before the impact from which the colour of the noise is told
 NO_GROWTH = 3.0  # standard errors by which a mode that does not decay may seem to grow
@@ -130,10 +128,11 @@ def identify_ring_down(
         first, model = begun.start, begun.model
         if model.fit is not None:
             notes.append("the modes are those of ERA: least squares did not settle")
-    modes, share = realised_modes(y[:, first:], chosen, realised, sample_rate_hz, largest_order)
+    modes, share, lost = realised_modes(y[:, first:], chosen, realised, sample_rate_hz, largest_order)
     if not modes:
-        return RingDownModes((), diagram, first, 1.0, (*notes, "no mode stands out of the noise"), method)
-    return RingDownModes(modes, diagram, first, share, tuple(notes), "era")
+        told = lost or ["no mode stands out of the noise"]
+        return RingDownModes((), diagram, first, 1.0, (*notes, *told), method)
+    return RingDownModes(modes, diagram, first, share, (*notes, *lost), "era")
 
 
 def _among(moving: NDArray[np.bool_], found: RingDownModes) -> RingDownModes:
@@ -216,7 +215,7 @@ def _likely(
         return None
     fit = model.fit
     record = _record(white.y, first, white.clipped, None)
-    spread = _robust_spread(record, fit)
+    spread = spread_along(record, fit)
     wider = widening(record.y, fit, record.known, record.missing)
     overlapping = [g for g in groups(fit.poles, record.y.shape[1]) if len(g) > 1]
     modes: list[ModeEstimate] = []
@@ -249,28 +248,3 @@ def _unresolved_note(apart: Real, poles: Complex, sample_rate_hz: float) -> str:
         for own, d in sorted(zip(s, apart, strict=True), key=lambda pair: abs(pair[0]))
     ]
     return f"two modes of like strength and shape may count as one where they are closer than {', '.join(each)}"
-
-
-def _robust_spread(record: Record, fit: ExponentialFit) -> Real:
-    """Factor by which the fit's covariances grow when the residual is not white: from stretches of the record.
-
-    A mode whose frequency or damping changes along the ring-down leaves a residual that hangs together; the
-    score of each stretch then scatters more than independent noise would make it.
-    """
-    n = record.y.shape[1]
-    k = np.arange(n)
-    columns = fit.poles[:, None] ** k[None, :]
-    residual = record.y - 2.0 * (fit.amplitudes @ columns).real - fit.fixed_amplitudes
-    residual[:, record.missing] = 0.0
-    weight = 1.0 / np.maximum(fit.noise_variance, 1e-300)
-    factors = np.ones(fit.poles.size)
-    for m in range(fit.poles.size):
-        slope = k * columns[m]
-        power = np.abs(slope) ** 2
-        energy = np.concatenate([[0.0], np.cumsum(power)])
-        edges = np.searchsorted(energy, np.linspace(0, energy[-1], REPEATS + 1)[1:-1])
-        mixed = (weight[:, None] * residual * fit.amplitudes[:, m].conj()[:, None]).sum(axis=0) * slope.conj()
-        score = np.array([part.sum() for part in np.split(mixed, edges)])
-        expected = float((weight * np.abs(fit.amplitudes[:, m]) ** 2).sum() * power.sum())
-        factors[m] = max(1.0, float((np.abs(score) ** 2).sum()) / max(expected, 1e-300))
-    return factors

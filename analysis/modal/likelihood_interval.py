@@ -13,11 +13,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from analysis.modal.exponentials import NONE_MISSING, ExponentialFit
+from analysis.modal.ring_down_model import Record
 from analysis.modal.sums import all_poles, data_sums, grams_without, normal_equations, squares
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
 
+REPEATS = 8  # stretches of equal energy over which the scatter of a fit's score is taken
 FAINT = 2000.0  # energy of a mode over the noise's variance, above which its likelihood is that of a normal one
 QUANTILE = 3.841458820694124  # of chi-squared with one degree of freedom, 95 %
 # Over energy: share by which the logarithm's fall at 95 % is larger for a faint mode. Chosen on 75 loads of eight taps
@@ -81,6 +83,31 @@ def widening(y: Real, fit: ExponentialFit, known: Complex, missing: NDArray[np.i
 def widened(covariance: Real, factors: Real) -> Real:
     """Covariance (2, 2) whose standard errors have grown by these factors."""
     return covariance * np.outer(factors, factors)
+
+
+def spread_along(record: Record, fit: ExponentialFit) -> Real:
+    """Factor by which the fit's covariances grow when the residual is not white: from stretches of the record.
+
+    A mode whose frequency or damping changes along the ring-down leaves a residual that hangs together; the
+    score of each stretch then scatters more than independent noise would make it.
+    """
+    n = record.y.shape[1]
+    k = np.arange(n)
+    columns = fit.poles[:, None] ** k[None, :]
+    residual = record.y - 2.0 * (fit.amplitudes @ columns).real - fit.fixed_amplitudes
+    residual[:, record.missing] = 0.0
+    weight = 1.0 / np.maximum(fit.noise_variance, 1e-300)
+    factors = np.ones(fit.poles.size)
+    for m in range(fit.poles.size):
+        slope = k * columns[m]
+        power = np.abs(slope) ** 2
+        energy = np.concatenate([[0.0], np.cumsum(power)])
+        edges = np.searchsorted(energy, np.linspace(0, energy[-1], REPEATS + 1)[1:-1])
+        mixed = (weight[:, None] * residual * fit.amplitudes[:, m].conj()[:, None]).sum(axis=0) * slope.conj()
+        score = np.array([part.sum() for part in np.split(mixed, edges)])
+        expected = float((weight * np.abs(fit.amplitudes[:, m]) ** 2).sum() * power.sum())
+        factors[m] = max(1.0, float((np.abs(score) ** 2).sum()) / max(expected, 1e-300))
+    return factors
 
 
 @njit(cache=True)

@@ -6,11 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize, special, stats
 
 from analysis.modal.era import HankelSvd, Realisation, hankel_svd, realise
-from analysis.modal.model_order import price_of_a_mode
+from analysis.modal.likelihood_interval import spread_along, widened, widening
+from analysis.modal.model_order import (
+    UNDECIDED,
+    WHITE,
+    around,
+    divided_modes,
+    is_white,
+    price_of_a_mode,
+    without_slices,
+)
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
-from analysis.modal.ring_down_model import LEAST_LEFT
+from analysis.modal.ring_down_model import LEAST_LEFT, Model, Record, fitted, without_modes
 from analysis.modal.stabilisation import COLUMNS, SAME_FREQUENCY, lags_of, realisations, stable_poles
 
 Complex = NDArray[np.complex128]
@@ -20,6 +30,11 @@ NEAR = 1.0  # of a decay, by which that without noise may differ from it
 SHORTER = (4, 16, 64)  # parts of the record in which modes are sought that are lost in the noise of the whole
 SHORTEST = 48  # samples of such a part
 SAME_MODE = 1.0  # half-width of the broader, within which a pole of a shorter part is the mode that the longer one has
+BISECTIONS = 40
+NOT_SETTLED = (
+    "least squares did not settle: the intervals are those of first-order perturbation, too short in much noise"
+)
+NORMAL_95 = float(stats.norm.ppf(0.975))
 ORDERS = 10  # at most, over which the scatter of a pole is taken
 
 
@@ -34,12 +49,13 @@ class _Candidate:
 
 def realised_modes(
     tail: Real, chosen: Complex, realised: list[Realisation], sample_rate_hz: float, largest_order: int
-) -> tuple[tuple[ModeEstimate, ...], float]:
-    """Poles of ERA that are worth their price, and the share of the energy that they leave.
+) -> tuple[tuple[ModeEstimate, ...], float, list[str]]:
+    """Poles of ERA that are worth their price, the share of the energy that they leave, and sentences for the reader.
 
-    Their covariance is first-order perturbation by the noise plus the scatter over orders, the noise taken off: what it
-    adds to a decay grows with it. Modes that decay fast are sought in shorter parts of the record, too: over all of it
-    the noise outweighs them.
+    Modes that decay fast are sought in shorter parts of the record, too: over all of it the noise outweighs them. What
+    realisations make of noise has no covariance that holds at 20 dB and less, so that each pole's interval comes from
+    how far off it the maximum of the likelihood lies. A pole around which the record holds more than one mode is
+    left out.
 
     Parameters
     ----------
@@ -53,20 +69,33 @@ def realised_modes(
     candidates = _candidates(tail, chosen, realised, largest_order)
     candidates = _worth_their_price(tail, candidates)
     if not candidates:
-        return (), 1.0
+        return (), 1.0, []
     amplitudes, residual = _explained(tail, np.array([c.pole for c in candidates]))
     scale = np.maximum(residual.std(axis=1), 1e-9 * tail.std(axis=1).max() + 1e-300)
     decomposed: dict[int, list[Realisation]] = {}
-    modes = []
-    for candidate, own in zip(candidates, amplitudes, strict=True):
+    found = []
+    for candidate in candidates:
         if candidate.samples not in decomposed:
             part = tail[:, : candidate.samples] / scale[:, None]
             decomposed[candidate.samples] = _without_noise(hankel_svd(part, lags_of(part)), candidate.orders)
-        found = _median_of_orders(candidate.pole, decomposed[candidate.samples])
-        if found is not None:
-            modes.append(mode_from_sampled_pole(*found, own, sample_rate_hz))
+        found.append(_median_of_orders(candidate.pole, decomposed[candidate.samples]))
+    kept = [(*f, own) for f, own in zip(found, amplitudes, strict=True) if f is not None]
+    about = _about(tail, np.array([pole for pole, *_ in kept], np.complex128))
+    covariances, several = about or (np.array([c for _, c, _ in kept]), np.zeros(len(kept), np.bool_))
+    notes = [] if about else [NOT_SETTLED]
+    modes = []
+    for (pole, _, own), covariance, more in zip(kept, covariances, several, strict=True):
+        mode = mode_from_sampled_pole(pole, covariance, own, sample_rate_hz)
+        if more:
+            notes.append(
+                f"around {mode.frequency_hz.value:.5g} Hz the record holds more than the one mode that ERA tells "
+                "there: it is left out"
+            )
+        else:
+            modes.append(mode)
     modes.sort(key=lambda mode: abs(mode.pole))
-    return tuple(modes), float((residual**2).sum() / max((tail**2).sum(), 1e-300))
+    share = float((residual**2).sum() / max((tail**2).sum(), 1e-300))
+    return tuple(modes), share, notes
 
 
 def _candidates(tail: Real, chosen: Complex, realised: list[Realisation], largest_order: int) -> list[_Candidate]:
@@ -128,12 +157,12 @@ def _without_noise(decomposed: HankelSvd, orders: tuple[int, ...]) -> list[Reali
 def _median_of_orders(z: complex, noisy: list[Realisation]) -> tuple[complex, Real] | None:
     """Pole and covariance of a mode over the orders in which it is; None if it is in none of them."""
     own = np.log(z)
-    near = [
-        (complex(r.poles[m]), r.log_pole_covariance[m])
-        for r in noisy
-        for m in range(r.poles.size)
-        if abs(np.log(r.poles[m]) - own) < np.hypot(SAME_FREQUENCY * abs(own), NEAR * own.real)
-    ]
+    near = []
+    for r in noisy:
+        off = np.abs(np.log(r.poles) - own)
+        m = int(np.argmin(off)) if off.size else -1
+        if m >= 0 and off[m] < np.hypot(SAME_FREQUENCY * abs(own), NEAR * own.real):
+            near.append((complex(r.poles[m]), r.log_pole_covariance[m]))
     if not near:
         return None
     near.sort(key=lambda found: float(np.trace(found[1])))
@@ -142,3 +171,63 @@ def _median_of_orders(z: complex, noisy: list[Realisation]) -> tuple[complex, Re
         logs = np.log([found[0] for found in near])
         covariance = covariance + np.cov(np.array([logs.real, logs.imag]))
     return pole, covariance
+
+
+def _about(tail: Real, poles: Complex) -> tuple[Real, NDArray[np.bool_]] | None:
+    """Covariances (J, 2, 2) by which intervals about realised poles hold, and whether each may stand for several modes.
+
+    None where least squares do not settle.
+
+    The maximum of the likelihood near these poles lies off them by what the realisation makes of the noise, and its own
+    error is independent of that distance (it is efficient). The interval about the realised pole is the symmetric one
+    that holds the truth with 95 %, given the distance.
+    """
+    if not poles.size:
+        return None
+    record = Record(tail)
+    model = fitted(record, poles / np.maximum(np.abs(poles) * (1 + 1e-9), 1.0), without_modes(record))
+    if model is None or model.fit is None or model.poles.size != poles.size:
+        return None
+    fit = model.fit
+    wider, spread = widening(record.y, fit, record.known), spread_along(record, fit)
+    found, several = np.empty((poles.size, 2, 2)), np.zeros(poles.size, np.bool_)
+    # close modes may have changed places
+    nearest = optimize.linear_sum_assignment(np.abs(np.log(poles[:, None] / fit.poles)))[1]
+    for own_index, (pole, i) in enumerate(zip(poles, nearest, strict=True)):
+        off = np.log(pole / fit.poles[i])
+        apart = np.array([off.real, off.imag])
+        covariance = widened(fit.log_pole_covariance[i], wider[i]) * spread[i]
+        own = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
+        both = covariance + np.outer(apart, apart)
+        scale = own * half_width_about(np.abs(apart) / own) / NORMAL_95 / np.sqrt(np.diagonal(both))
+        found[own_index] = both * np.outer(scale, scale)
+        several[own_index] = _several(record, model, int(i))
+    return found, several
+
+
+def _several(record: Record, model: Model, i: int) -> bool:
+    """Whether a pole may stand for several modes; one that changes along its decay leaves more than noise, too."""
+    chance = around(record, model, [i])
+    if chance > UNDECIDED:
+        return False
+    if chance > WHITE:
+        return True
+    poles = divided_modes(record, model, [i])[0]
+    both = None if poles is None else fitted(record, np.append(np.delete(model.poles, i), poles), model)
+    return both is not None and without_slices(record, both, is_white(record, both)).poles.size > model.poles.size
+
+
+def half_width_about(off: Real) -> Real:
+    """Half-widths of intervals about 0 that hold a normal variable of unit variance about ``off`` with 95 %.
+
+    Examples
+    --------
+    >>> half_width_about(np.array([0.0, 3.0])).round(3).tolist()
+    [1.96, 4.645]
+    """
+    low, high = off + stats.norm.ppf(0.95), off + NORMAL_95
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        enough = special.ndtr(middle - off) - special.ndtr(-middle - off) >= 0.95
+        low, high = np.where(enough, low, middle), np.where(enough, middle, high)
+    return np.asarray(high, np.float64)

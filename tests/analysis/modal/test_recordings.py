@@ -10,6 +10,7 @@ from analysis.modal.free_start import decay_start
 from analysis.modal.identify import identify_ring_down
 from analysis.modal.model_order import groups, modes_of
 from analysis.modal.modes import sampled_pole
+from analysis.modal.realised_modes import half_width_about
 from analysis.modal.ring_down_model import Record, unresolved
 
 RATE = 10_000.0
@@ -192,3 +193,39 @@ def test_what_a_record_could_not_tell_apart_is_said_rightly(zeta, channels):
     assert all(modes_found(0.4 * apart).poles.size == 1 for _ in range(8))
     found = identify_ring_down(record.y, 1e4, start=0, largest_order=0)
     assert any("may count as one" in note for note in found.notes)
+
+
+@pytest.mark.slow
+def test_intervals_of_era_hold_in_much_noise():
+    rng = np.random.default_rng(31)
+    off = []
+    for _ in range(12):
+        f, zeta = [150.0, 900.0], [0.004, 0.05]
+        y = noisy(decays(f, zeta, rng.standard_normal((4, 2))), 8, rng)
+        found = identify_ring_down(y, RATE, largest_order=24, method="era")
+        if len(found.modes) == 2:
+            off += scores(found, f, zeta)
+    assert len(off) > 20
+    assert np.mean(np.abs(off) < 1.96) > 0.88
+    assert np.abs(off).max() < 3.5
+
+
+def test_half_widths_about_an_estimate_hold_what_is_normal_about_another():
+    rng = np.random.default_rng(32)
+    for off in (0.0, 0.7, 3.0):
+        (half,) = half_width_about(np.array([off]))
+        assert np.mean(np.abs(off + rng.standard_normal(100_000)) < half) == pytest.approx(0.95, abs=0.003)
+
+
+def test_a_pole_of_era_that_stands_for_two_modes_is_left_out():
+    pair = decays([300.0, 303.0], [0.001, 0.0012], [[1.0, 1.0]], samples=6000)
+    found = identify_ring_down(noisy(pair, 15, np.random.default_rng(33)), RATE, largest_order=24, method="era")
+    assert not found.modes
+    assert any("more than the one mode" in note for note in found.notes)
+
+
+def test_a_mode_that_changes_along_its_decay_is_one_for_era_too():
+    t = np.arange(4000) / RATE
+    y = np.exp(-20 * t) * np.cos(2 * np.pi * (300 * t + 0.02 * np.exp(-40 * t)))
+    found = identify_ring_down(noisy(y[None], 50, np.random.default_rng(34)), RATE, largest_order=24, method="era")
+    assert [round(mode.frequency_hz.value) for mode in found.modes] == [300]

@@ -24,6 +24,7 @@ from analysis.modal.clipping import clipped_samples
 from analysis.modal.consensus import CONTACT_MODE_ABOVE, HIGHEST_SHARE
 from analysis.modal.modes import ModeEstimate
 from analysis.modal.noise import NoiseModel, noise_model
+from analysis.modal.noise_of_taps import noise_with_residuals
 from analysis.modal.spectrum import SpectralMode, spectral_mode
 from analysis.modal.tester import (
     ImpactModes,
@@ -59,9 +60,7 @@ from rig.tube import OwnMode
 BUDGETED = ("load_mn", *QUANTITIES, "contact_stiffness_n_per_m", "contact_damping_n_s_per_m")
 CALM_SAMPLES = 5  # after the first one used, by which the last of the pulse and of the low-pass is gone
 GUARD_SAMPLES = 8  # before the trigger that may already belong to the tap
-FEW_QUIET = (
-    1000  # samples of noise: with 250 intervals of zeta1 hold 171 of 200, with 2000 91 of 96 (docs/uncertainty.md)
-)
+FEW_QUIET = 2000  # samples of noise, below which what the modes leave tells of it too: 250 hold zeta1 in 171 of 200
 VARIES_LEVEL = 1e-5  # chance of calling a mode that is constant along its decay a changing one, each load
 SURE = 0.1  # relative standard error of the damping up to which a point is quoted
 SMALLEST_PROBABILITY = 1e-10
@@ -205,6 +204,10 @@ def analyse_session(
     # the matrices are small: further BLAS threads would only get in each other's way
     with threadpool_limits(limits=1, user_api="blas"):
         modes = _modes(session, load_sets, noise, settings, on_progress)
+        heard = _noise_in_taps(session, modes)
+        if heard is not None:
+            noise = heard
+            modes = _modes(session, load_sets, noise, settings, None)
     known, notes = _known_rig(session, modes, settings, masses, springs)
     taps = {load_set: _taps(session.accepted(load_set), modes) for load_set in load_sets}
     beside = _Beside(
@@ -227,14 +230,16 @@ def analyse_session(
         impacts=tuple(impacts),
         calibration=history.result(),
         springs_n_per_m=(known.k1, known.k2),
-        notes=(*session.refused, *notes, *history.notes, *_little_noise(session)),
+        notes=(*session.refused, *notes, *history.notes),
         hammer=cross_checks(session, k_c, masses, springs, beside.wiring),
     )
 
 
 def session_modes(session: Session, settings: AnalysisSettings) -> dict[int, ImpactModes]:
     """Return both modes of every accepted impact, by its number."""
-    return _modes(session, session.load_sets(), _noise(session), settings, None)
+    modes = _modes(session, session.load_sets(), _noise(session), settings, None)
+    heard = _noise_in_taps(session, modes)
+    return modes if heard is None else _modes(session, session.load_sets(), heard, settings, None)
 
 
 def _modes(
@@ -290,15 +295,18 @@ def _noise(session: Session) -> NoiseModel:
     return noise_model(_quiet(session))
 
 
-def _little_noise(session: Session) -> list[str]:
-    """Sentence about a session in which hardly any noise was heard; none where enough was, or nothing."""
-    samples = sum(stretch.size for stretch in _quiet(session))
-    if not 0 < samples < FEW_QUIET:
-        return []
-    return [
-        f"the colour of the noise is known from {samples} samples ahead of the taps alone: intervals of zeta1 may be "
-        "too short by a third; more taps tell it better"
-    ]
+def _noise_in_taps(session: Session, modes: dict[int, ImpactModes]) -> NoiseModel | None:
+    """Noise told from what the modes leave, too; None where enough was heard before the taps, or nothing."""
+    quiet = _quiet(session)
+    if not 0 < sum(stretch.size for stretch in quiet) < FEW_QUIET:
+        return None
+    rates = {s.sample_rate_hz for s in session.impacts if s.accepted}
+    if len(rates) > 1:
+        return None
+    (rate,) = rates
+    good = [s for s in session.impacts if s.accepted and s.number in modes]
+    means, found = [s.acceleration.mean(axis=0) for s in good], [modes[s.number] for s in good]
+    return noise_with_residuals(quiet, means, found, filter_poles(session.rig, rate), rate)
 
 
 def _correlation_block(mode: ModeEstimate) -> NDArray[np.float64]:

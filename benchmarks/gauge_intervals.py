@@ -58,6 +58,10 @@ CASES = {
     "thermal bump 1.2 mN, 1 mN in a root hour declared": Case(
         bump_mn=1.2, declared={"zero_drift_mn_per_root_hour": 1.0}
     ),
+    "thermal bump 1.2 mN, limits of 1.2 mN declared": Case(bump_mn=1.2, declared={"zero_limit_mn": 1.2}),
+    "thermal bump 1.2 mN, 0.6 mN/K and 1 K declared": Case(
+        bump_mn=1.2, declared={"zero_mn_per_k": 0.6, "temperature_uncertainty_k": 1.0}
+    ),
     "random walk, zero read after each load": Case(walk_mn=0.6, zeros=True),
     "random walk, its size declared": Case(walk_mn=0.6, declared={"zero_drift_mn_per_root_hour": 0.6}),
     "random walk, nothing read or declared": Case(walk_mn=0.6),

@@ -23,7 +23,7 @@ __all__ = ["CalibrationError", "DriftVerdict", "GaugeFit", "GaugeHistory", "Gaug
 MIDWAY = 0.5
 UNSEEN_DRIFT = (
     "The gauge was not read without load between them: a drift of the zero that came and went is not in the intervals "
-    "of the loads (calibration.zero_every_loads reads it, calibration.zero_drift_mn_per_root_hour declares its size)."
+    "of the loads (calibration.zero_every_loads reads it, calibration.zero_limit_mn declares how large it can be)."
 )
 LONGEST_TEST_H = 48.0  # from the only calibration of a test; a time beyond it is a clock set wrong
 BEYOND = 1.0  # a time farther from the calibrations than they are from each other is a clock set wrong
@@ -237,7 +237,7 @@ class GaugeHistory:
                     f"by up to {fit.nonlinearity_percent:.2f} % of its range."
                 )
         unseen = self._wander is not None and not self._wander.zeros_used
-        if self.verdict is not None and unseen and self._settings.zero_drift_mn_per_root_hour is None:
+        if self.verdict is not None and unseen and not self._settings.zero_declared:
             sentence += f" {UNSEEN_DRIFT}"
         return " ".join([sentence.strip(), *(note[0].upper() + note[1:] + "." for note in self.notes)]).strip()
 

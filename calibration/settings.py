@@ -29,6 +29,8 @@ class CalibrationSettings(Section):
     sensitivity_drift_percent_per_root_hour: NonNegative | None = None
     temperature_uncertainty_k: NonNegative = 0.0
     sensitivity_percent_per_k: NonNegative = 0.0
+    zero_mn_per_k: NonNegative = 0.0
+    zero_limit_mn: NonNegative = 0.0
     resolution_mv: NonNegative = 0.0
     repeats: Annotated[int, Field(ge=1, le=20)] = 2
     averaging_s: Positive = 1.0
@@ -60,6 +62,12 @@ class CalibrationSettings(Section):
     def gravity(self) -> Gravity:
         """Gravity where the rig stands, with its uncertainty."""
         return local_gravity(self.gravity_m_s2, self.latitude_deg, self.height_m)
+
+    @property
+    def zero_declared(self) -> bool:
+        """Whether anything is declared of how far the zero may go between its readings."""
+        by_temperature = self.zero_mn_per_k * self.temperature_uncertainty_k
+        return self.zero_drift_mn_per_root_hour is not None or self.zero_limit_mn + by_temperature > 0
 
     @property
     def loads_mn(self) -> tuple[float, ...]:

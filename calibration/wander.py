@@ -147,7 +147,15 @@ class Wander:
                     Contribution("hysteresis", math.nan, "mN", curve.loop_at(load), 1.0, distribution="two-point"),
                     *self._of_the_weights(load),
                     *self._of_the_drift(hour, x, slope),
-                    self._of_the_temperature(load),
+                    *self._of_the_temperature(load),
+                    Contribution(
+                        "zero between its readings, limits declared",
+                        math.nan,
+                        "mN",
+                        self._settings.zero_limit_mn / math.sqrt(3),
+                        1.0,
+                        distribution="rectangular",
+                    ),
                 )
                 if part.standard_uncertainty > 0 or part.source == reading.source
             ),
@@ -219,15 +227,21 @@ class Wander:
             ),
         ]
 
-    def _of_the_temperature(self, load: float) -> Contribution:
+    def _of_the_temperature(self, load: float) -> list[Contribution]:
         settings = self._settings
-        return Contribution(
-            "temperature against the calibrations",
-            math.nan,
-            "K",
-            settings.temperature_uncertainty_k,
-            load * settings.sensitivity_percent_per_k / 100,
-        )
+        return [
+            Contribution(
+                f"temperature against the calibrations, {of}",
+                math.nan,
+                "K",
+                settings.temperature_uncertainty_k,
+                per_k,
+            )
+            for of, per_k in (
+                ("sensitivity", load * settings.sensitivity_percent_per_k / 100),
+                ("zero", settings.zero_mn_per_k),
+            )
+        ]
 
     def line(self, hour: float) -> tuple[float, float]:
         """Offset, mV, and sensitivity, mV/mN, of the least-squares line of the curve at a time."""

@@ -180,6 +180,40 @@ def test_it_is_said_where_a_drift_that_comes_and_goes_is_not_covered(zeros, decl
     assert ("came and went" in statement) is said
 
 
+@pytest.mark.parametrize(
+    ("declared", "standard", "source"),
+    [
+        ({"zero_limit_mn": 1.2}, 1.2 / np.sqrt(3), "zero between its readings, limits declared"),
+        (
+            {"zero_mn_per_k": 0.6, "temperature_uncertainty_k": 0.5},
+            0.3,
+            "temperature against the calibrations, zero",
+        ),
+    ],
+)
+def test_what_is_declared_of_the_zero_is_a_row_of_the_budget(declared, standard, source):
+    settings = EXACT.model_copy(update=declared)
+    history = GaugeHistory(line(EIGHT), line(TEN), settings)
+    rows = {c.source: c.uncertainty for c in history.budget_at(0.35 + 42.0, NINE, 0.0).contributions}
+    assert rows[source] == pytest.approx(standard)
+    assert (
+        "came and went"
+        not in GaugeHistory(line(EIGHT), line(TEN), SETTINGS.model_copy(update=declared)).result().statement
+    )
+
+
+def test_a_bump_within_the_declared_limits_is_covered():
+    rng = np.random.default_rng(21)
+    limits, inside = 1.2, []
+    settings = SETTINGS.model_copy(update={"zero_limit_mn": limits})
+    history = GaugeHistory(line(EIGHT, noise=0.003, rng=rng), line(TEN, noise=0.003, rng=rng), settings)
+    for _ in range(400):
+        bump = limits * rng.uniform(-1, 1)
+        found = history.load_at(0.35 + 0.042 * (500 + bump) + 0.003 * rng.standard_normal(), NINE, 0.003)
+        inside.append(abs(found.value - 500) <= found.half_width)
+    assert 0.92 <= np.mean(inside) <= 0.98
+
+
 def test_zero_readings_whose_time_is_unknown_are_left_out():
     zeros = [ZeroReading(5.0, "noon"), ZeroReading(5.0, "2024-05-02T09:00:00Z"), ZeroReading(float("nan"), NINE)]
     history = GaugeHistory(line(EIGHT), line(TEN), SETTINGS, zeros)

@@ -29,6 +29,7 @@ _SAME = {
     "hunt_crossley_damping": ("damping_growth_per_relative_approach",),
     "mains_hum": ("amplitude_m_s2",),
     "squeeze_film": ("film_height_m",),
+    "tube_mode": ("tube_mode_mass_kg", "tube_mode_stiffness_n_per_m", "tube_mode_damping_n_s_per_m"),
     "tube_spring_cubic": ("cubic_stiffness_n_per_m3",),
 }
 
@@ -55,9 +56,9 @@ def _film_share(t: Truth) -> float | None:
     return _ratio(film, other if "kind" in t else other + film)
 
 
-def _mount(t: Truth) -> tuple[float, float]:
-    """Resonance (Hz) and damping ratio of an attached part."""
-    mass, stiffness, damping = (float(t["effect"][name]) for name in _SAME["attached_mass"])
+def _mount(t: Truth, body: str = "attached_mass") -> tuple[float, float]:
+    """Resonance (Hz) and damping ratio of a part on a mount."""
+    mass, stiffness, damping = (float(t["effect"][name]) for name in _SAME[body])
     return math.sqrt(stiffness / mass) / (2 * math.pi), damping / 2 / math.sqrt(stiffness * mass)
 
 
@@ -92,6 +93,10 @@ _DERIVED: dict[str, dict[str, Callable[[Truth], float | None]]] = {
         "quadratic_damping_per_c_c": lambda t: _ratio(t["effect"]["quadratic_damping_n_s2_per_m2"], t["cc"])
     },
     "squeeze_film": {"film_share_of_c_c": _film_share},
+    "tube_mode": {
+        "tube_mode_frequency_hz": lambda t: _mount(t, "tube_mode")[0],
+        "tube_mode_damping_ratio": lambda t: _mount(t, "tube_mode")[1],
+    },
     "tube_spring_damping": {
         "c_n_s_per_m": lambda t: (
             _ratio(t["effect"]["c1_n_s_per_m"], t["effect"]["c2_n_s_per_m"]) and float(t["effect"]["c1_n_s_per_m"])

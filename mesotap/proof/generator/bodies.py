@@ -12,6 +12,7 @@ import numpy as np
 from mesotap.proof.generator.effect import Character, Effect, with_body
 from mesotap.proof.generator.integration import Machine
 from mesotap.proof.generator.plan import Plan
+from mesotap.proof.generator.tubes import tell_walls, walls_ring
 
 
 def attached(machine: Machine, plan: Plan, s: float, c: Character) -> Machine:
@@ -248,6 +249,10 @@ BODIES = (
         },
         machined=lambda machine, plan, s, c: _strained(machine, plan, c["sign"] * s, c),
         draw=lambda rng, plan: {"sign": float(rng.choice([-1.0, 1.0])), "channel": int(rng.integers(2))},
+    ),
+    Effect(
+        "tube_mode", "tube springs", 4e-3, 9e-3, tell_walls, machined=walls_ring,
+        draw=lambda rng, plan: {"zeta": float(rng.uniform(0.001, 0.01))},
     ),
     Effect(
         "cable_drag", "lower mass", 0.06, 30.0, lambda p, s, c: {"cable_damping_n_s_per_m": s}, machined=_dragged,

@@ -137,3 +137,10 @@ def test_springs_declared_far_off_are_found(tmp_path: Path, error: float) -> Non
         v for name, v in zip(found.constants.names()[0], found.constants.rig, strict=True) if name in ("k1", "k2")
     ]
     assert sum(springs) == pytest.approx(true.k1_n_per_m + true.k2_n_per_m, rel=0.01)
+
+
+@pytest.mark.long
+def test_ringing_tube_springs_are_recognised(tmp_path: Path) -> None:
+    truth, found = recovered(tmp_path, "tube_mode", 300.0, 5)
+    frequency = found["tube_mode_frequency_hz"]
+    assert frequency.value == pytest.approx(truth["tube_mode_frequency_hz"], rel=0.01)

@@ -20,8 +20,8 @@ from analysis.mismatch.policy import POLICY, SelectionPolicy
 from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Problem
 from analysis.mismatch.recordings.model import Point, SimulationModel, residual
 from analysis.mismatch.recordings.motion import Own
-from analysis.mismatch.recordings.noise import floor_of, innovation_rms, noise_of
-from analysis.mismatch.recordings.recorded import FIT, HELD, UNUSED, Recorded, duration, level
+from analysis.mismatch.recordings.noise import NoiseModel, floor_of, innovation_rms, noise_of
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, UNUSED, Recorded, duration, level
 from analysis.mismatch.recordings.second_impact import second_impact_score
 from analysis.mismatch.recordings.signatures import columns_of
 from analysis.mismatch.recordings.simulation import Simulation
@@ -188,6 +188,14 @@ class SimulatedFit(Fit):
     own: tuple[Own, ...]
     scatter: float
     parts: tuple[int, ...] = (FIT,)
+    noises: tuple[NoiseModel, ...] = ()
+
+    def noise(self, number: int) -> NoiseModel:
+        """Return the noise of a recording, as what is left of it shows it."""
+        if self.noises:
+            return self.noises[number]
+        recorded, (off, at) = self.problem.recordings[number], self.off(number)
+        return NoiseModel.of(recorded, (off, np.isin(recorded.part[at], (FIT, CHOOSE))))
 
     @property
     def values(self) -> dict[str, float]:
@@ -317,7 +325,7 @@ def _finished(
 ) -> SimulatedFit:
     simulation, point = model.simulation, found.point
     values, terms = simulation.read(point.x)
-    spread = model.spread(found, values) if fine else np.zeros((point.x.size, point.x.size))
+    spread, noises = model.spread(found) if fine else (np.zeros((point.x.size, point.x.size)), ())
     covariances = []
     for i, term in enumerate(terms):
         at = [
@@ -331,6 +339,7 @@ def _finished(
     return SimulatedFit(
         terms, simulation.arrangement, constants, found.residuals, found.objective - found.penalty, found.penalty,
         spread, tuple(covariances), problem, simulation, point.x, point.own, _mean_square(found), model.parts,
+        noises,
     )  # fmt: skip
 
 

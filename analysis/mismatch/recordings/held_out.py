@@ -20,7 +20,6 @@ from analysis.mismatch.recordings.blocks import noise_rms
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit
 from analysis.mismatch.recordings.model import residual, slopes, step_of
 from analysis.mismatch.recordings.motion import Own
-from analysis.mismatch.recordings.noise import NoiseModel
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD
 from analysis.mismatch.recordings.start_check import worse_than_zero
 from sim_backend.arrays import Real
@@ -138,7 +137,7 @@ def _whitened(fitted: SimulatedFit, number: int) -> _Whitened:
     simulation, own, recorded = fitted.simulation, fitted.own[number], fitted.problem.recordings[number]
     off, at = residual(simulation, fitted.x, own, number, samples=recorded.samples)
     part = recorded.part[at]
-    noise = NoiseModel.of(fitted.problem.rig, fitted.values, recorded, (off, np.isin(part, (FIT, CHOOSE))))
+    noise = fitted.noise(number)
 
     def changed(x: Real, moved: Own) -> Real:
         return noise.white(residual(simulation, x, moved, number, samples=recorded.samples)[0] - off).ravel()

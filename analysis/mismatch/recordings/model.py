@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from analysis.mismatch.least_squares import Evaluation, Linearisation, Tangent, covariance
 from analysis.mismatch.recordings.motion import Own
-from analysis.mismatch.recordings.noise import NoiseModel
-from analysis.mismatch.recordings.recorded import level
+from analysis.mismatch.recordings.noise import InputNoiseMade, NoiseModel, rms_of_inputs
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, level
 from analysis.mismatch.recordings.simulation import Simulation
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody
@@ -23,6 +24,9 @@ from sim_backend.mechanisms.kinds import AddedBody
 STEP = 1e-6  # of differences
 JUMPING_STEP = 1e-5  # the same where a force jumps, and with it the division of the steps
 JUMP_SEEN_STEP = 1e-4  # where accelerations show it: at a point a jump that passes a sample would be all of the slope
+DRAWS = 40  # of the noise of measured inputs: standard errors from them are known to 11 %
+DRAWS_SEED = 144
+SMALL_DRAW = 0.1  # of such noise, where no force jumps: about a motion that a little sets on another course
 LOST = 30.0  # residual, in levels of the channel, that stands for a simulation that ran away
 
 
@@ -36,6 +40,26 @@ def residual(
     with np.errstate(over="ignore", invalid="ignore"):
         off = (shown - recorded.outputs[:, at]) / recorded.unit[:, None]
     return np.asarray(np.clip(np.where(np.isfinite(off), off, lost), -lost, lost), np.float64), at
+
+
+def made_by_input_noise(simulation: Simulation, x: Real, own: Own, number: int) -> Real | None:
+    """Return (draws, c, n) what draws of the noise of measured inputs make of what is fitted, in a recording's units.
+
+    None where the inputs are taken to have none.
+    """
+    recorded = simulation.recordings[number]
+    noise = rms_of_inputs(simulation.rig, recorded)
+    if not np.any(noise):
+        return None
+    share = 1.0 if simulation.jumps else SMALL_DRAW
+    left, _ = residual(simulation, x, own, number)
+    errors = np.random.default_rng(DRAWS_SEED).standard_normal((DRAWS, *recorded.inputs.shape)) * noise[:, None]
+
+    def made(error: Real) -> Real:
+        noisy = simulation.with_inputs(number, recorded.inputs + share * error)
+        return np.asarray((residual(noisy, x, own, number)[0] - left) / share, np.float64)
+
+    return np.array(side_by_side(made, [(error,) for error in errors]))
 
 
 def slopes(
@@ -70,14 +94,14 @@ def step_of(simulation: Simulation) -> float:
     return JUMP_SEEN_STEP if "acceleration" in shown else JUMPING_STEP
 
 
-def side_by_side(changed: Callable[[Real, Own], Real], places: Sequence[tuple[Real, Own]]) -> list[Real]:
-    """Return what is changed at each place; compiled code lets go of the interpreter."""
+def side_by_side(simulated: Callable[..., Real], places: Sequence[tuple[Any, ...]]) -> list[Real]:
+    """Return what is simulated at each place; compiled code lets go of the interpreter."""
     workers = min(len(os.sched_getaffinity(0)), len(places))
     if workers < 2:
-        return [changed(*place) for place in places]
+        return [simulated(*place) for place in places]
     contexts = [copy_context() for _ in places]  # numpy's handling of errors is kept in it
     with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(lambda context, place: context.run(changed, *place), contexts, places))
+        return list(pool.map(lambda context, place: context.run(simulated, *place), contexts, places))
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,27 +160,49 @@ class SimulationModel:
     def _changed(self, number: int, base: Real, x: Real, own: Own) -> Real:
         return np.asarray(base - self.used(x, own, number), np.float64).ravel()
 
-    def spread(self, found: Evaluation[Point], values: Mapping[str, float]) -> Real:
-        """Return the covariance (k, k) that noise as it is gives to least squares, which weigh all of it alike.
+    def spread(self, found: Evaluation[Point]) -> tuple[Real, tuple[NoiseModel, ...]]:
+        """Return the covariance that noise as it is gives to least squares, which weigh all of it alike, and the noise.
 
-        Parameters
-        ----------
-        values
-            The rig's constants at that point, by name.
+        Returns
+        -------
+        tuple
+            (k, k) and the noise of each recording.
         """
-        simulation, point = self.simulation, found.point
-        linear = self.linearise(found, True)
+        point, linear = found.point, self.linearise(found, True)
         inverse, basis = covariance(linear.normal), linear.basis
-        inner = np.zeros(inverse.shape)
-        for number, (recorded, tangent) in enumerate(zip(simulation.recordings, linear.tangents, strict=True)):
-            off, at = residual(simulation, point.x, point.own[number], number)
-            used = np.isin(recorded.part[at], self.parts)
-            columns = np.zeros((*off.shape, point.x.size))
-            columns[:, used] = tangent.common.reshape(len(off), -1, point.x.size)
-            inner += NoiseModel.of(simulation.rig, values, recorded, (off, used)).information(columns)
+        inner, noises = np.zeros(inverse.shape), []
+        recordings, made = self.simulation.recordings, self._made_by_input_noise(point, linear.tangents, inverse)
+        for number, (recorded, tangent) in enumerate(zip(recordings, linear.tangents, strict=True)):
+            off, at = residual(self.simulation, point.x, point.own[number], number)
+            part = recorded.part[at]
+            noises.append(NoiseModel.of(recorded, (off, np.isin(part, (FIT, CHOOSE))), made[number]))
+            columns = tangent.common.reshape(len(off), -1, point.x.size)
+            inner += noises[number].information(columns, np.isin(part, self.parts), made[number])
         for i, _, error in self.prior:
             inner[i, i] += self.noise / error**2 * self.noise
-        return np.asarray(basis @ inverse @ inner @ inverse @ basis.T, np.float64)
+        return np.asarray(basis @ inverse @ inner @ inverse @ basis.T, np.float64), tuple(noises)
+
+    def _made_by_input_noise(
+        self, point: Point, tangents: Sequence[Tangent], inverse: Real
+    ) -> list[InputNoiseMade | None]:
+        """Return what draws of the inputs' noise make of each recording; the fit takes most of it for its constants."""
+        found, follows = [], np.zeros((DRAWS, point.x.size))
+        for number, (recorded, tangent) in enumerate(zip(self.simulation.recordings, tangents, strict=True)):
+            used = np.isin(recorded.part[recorded.fitted], self.parts)
+            made = made_by_input_noise(self.simulation, point.x, point.own[number], number)
+            found.append(None if made is None else (used, made[:, :, used]))
+            if made is not None:
+                follows += made[:, :, used].reshape(DRAWS, -1) @ tangent.common
+        moved = follows @ inverse
+        out: list[InputNoiseMade | None] = []
+        for one, tangent in zip(found, tangents, strict=True):
+            if one is None:
+                out.append(None)
+                continue
+            flat = one[1].reshape(DRAWS, -1)
+            left = flat - (flat @ tangent.q) @ tangent.q.T - moved @ tangent.common.T
+            out.append(InputNoiseMade(*one, left.reshape(one[1].shape)))
+        return out
 
     def prior_slope(self, at: Evaluation[Point], basis: Real) -> Real:
         """Return half the negative slope of the penalty."""

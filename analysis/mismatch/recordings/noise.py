@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,7 +13,6 @@ from scipy import signal
 from scipy.fft import next_fast_len
 
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, level
-from analysis.mismatch.recordings.spectral_model import responses
 from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.arrays import Complex, Real
 
@@ -94,56 +92,88 @@ class Whitening:
 
 
 @dataclass(frozen=True, slots=True)
-class InputNoise:
-    """A filter without phase that takes out how noise of the measured inputs rings in the channels.
-
-    Its spectrum is the rig's response; no autoregression of a few samples follows a lightly damped mode.
+class InputNoiseMade:
+    """What draws of the noise of measured inputs make of a recording, in its units, and what a fit leaves of that.
 
     Attributes
     ----------
-    roots
-        (lines, c, c) inverse square roots of the spectrum of sensors' white noise and inputs' noise, in units of the
-        former; None where the inputs' does not count.
+    used
+        (n,) which samples were fitted, m of them.
+    whole, left
+        (draws, c, m) before and after the fit.
     """
 
-    roots: Complex | None
+    used: NDArray[np.bool_]
+    whole: Real
+    left: Real
+
+
+@dataclass(frozen=True, slots=True)
+class InputNoise:
+    """A filter without phase that takes out what noise of the measured inputs makes in the channels.
+
+    It rings at the rig's resonances, which no autoregression of a few samples follows; where forces bend or jump, these
+    are not the linear rig's, and noise moves the moments of the jumps.
+
+    Attributes
+    ----------
+    samples
+        Longest rows that it is for.
+    share
+        (c,) of what draws of that noise make, that is taken to be in the recording.
+    white
+        (c,) variance of the channels' own white noise, in units of the recording.
+    roots
+        (lines, c, c) inverse square roots of the spectrum of both, in units of ``white``.
+    """
+
+    samples: int
+    share: Real
+    white: Real
+    roots: Complex
 
     @classmethod
-    def of(cls, rig: DescribedRig, values: Mapping[str, float], recorded: Recorded, left: Left) -> InputNoise:
-        """Return it for what a fit with these constants leaves of a recording."""
-        declared = [drive.noise for drive in rig.drives]
-        noise = np.array([
-            _quietest(u) if rms is None else rms for u, rms in zip(recorded.inputs, declared, strict=True)
-        ])  # fmt: skip
-        if recorded.free or recorded.band is not None or not np.any(noise):
-            return cls(None)
+    def of(cls, made: InputNoiseMade, samples: int, left: Left) -> InputNoise | None:
+        """Return it, from what draws of it make and what a fit leaves; None where it does not count."""
         off, used = left
-        hz = np.asarray(np.fft.rfftfreq(_padded(off.shape[1]), 1 / recorded.rate_hz)[1:], np.float64)
-        try:
-            rings = responses(rig, values, hz, recorded.rate_hz) * (noise / recorded.unit[:, None])
-        except np.linalg.LinAlgError:
-            return cls(None)
-        own = np.einsum("lci,ldi->lcd", rings, rings.conj())
-        total = np.mean(off[:, used] ** 2, axis=1)
-        power = np.real(np.einsum("lcc->lc", own))
-        if not np.all(np.isfinite(own)) or np.all(power.mean(axis=0) < COUNTS * total):
-            return cls(None)
+        total, power = np.mean(off[:, used] ** 2, axis=1), np.mean(made.left**2, axis=(0, 2))
+        if np.any(total <= 0) or not np.all(np.isfinite(power)) or np.all(power < COUNTS * total):
+            return None
+        share = np.sqrt(np.minimum(1.0, total / np.maximum(power, 1e-300)))
         # what the inputs' noise does not explain of a channel is its own
-        white = np.maximum(total - power.mean(axis=0), LEAST_WHITE * total)
-        sizes, vectors = np.linalg.eigh(own / np.sqrt(np.outer(white, white)) + np.eye(len(off)))
-        roots = (vectors / np.sqrt(sizes)[:, None]) @ vectors.conj().transpose(0, 2, 1) / np.sqrt(white)
-        return cls(np.concatenate([roots[:1], roots]))
+        white = np.maximum(total - power, LEAST_WHITE * total)
+        rows = np.zeros((len(made.left), len(off), made.used.size))
+        rows[:, :, made.used] = made.left * (share / np.sqrt(white))[:, None]
+        spectrum = np.fft.rfft(rows, _padded(samples), axis=2)
+        own = np.einsum("mcl,mdl->lcd", spectrum, spectrum.conj()) / (len(rows) * np.count_nonzero(made.used))
+        sizes, vectors = np.linalg.eigh(own + np.eye(len(off)))
+        roots = (vectors / np.sqrt(sizes)[:, None, :]) @ vectors.conj().transpose(0, 2, 1) / np.sqrt(white)
+        return cls(samples, share, white, roots)
 
     def __call__(self, rows: Real) -> Real:
         """Return rows (c, n) without it, in units of the channels' own white noise."""
-        if self.roots is None:
-            return rows
-        spectrum = np.fft.rfft(rows, _padded(rows.shape[1]), axis=1)
-        return np.asarray(np.fft.irfft(np.einsum("lcd,dl->cl", self.roots, spectrum))[:, : rows.shape[1]], np.float64)
+        spectrum = np.fft.rfft(rows, _padded(self.samples), axis=1)
+        whitened = np.fft.irfft(np.einsum("lcd,dl->cl", self.roots, spectrum))
+        return np.asarray(whitened[:, : rows.shape[1]], np.float64)
+
+    def information(self, columns: Real, made: Real) -> Real:
+        """Return (k, k) the covariance of products of columns (c, m, k) with the noise, of which ``made`` are draws."""
+        products = np.tensordot(made, columns * self.share[:, None, None], axes=((1, 2), (0, 1)))  # (draws, k)
+        own = (columns * np.sqrt(self.white)[:, None, None]).reshape(-1, columns.shape[2])
+        return np.asarray(products.T @ products / len(products) + own.T @ own, np.float64)
 
 
 def _padded(samples: int) -> int:
     return 2 * int(next_fast_len(samples, real=True))
+
+
+def rms_of_inputs(rig: DescribedRig, recorded: Recorded) -> Real:
+    """Return (inputs,) the noise (rms) of each measured input, as declared or as it shows it; 0 where unknown."""
+    if recorded.free or recorded.band is not None:
+        return np.zeros(len(rig.drives))
+    declared = [drive.noise for drive in rig.drives]
+    found = (_quietest(u) if rms is None else rms for u, rms in zip(recorded.inputs, declared, strict=True))
+    return np.array(list(found), np.float64)
 
 
 def _quietest(u: Real) -> float:
@@ -164,33 +194,37 @@ def _quietest(u: Real) -> float:
 class NoiseModel:
     """Noise of all channels of a recording: what inputs' noise makes, and what an autoregression follows beside it."""
 
-    driven: InputNoise
+    driven: InputNoise | None
     own: Whitening
 
     @classmethod
-    def of(cls, rig: DescribedRig, values: Mapping[str, float], recorded: Recorded, left: Left) -> NoiseModel:
-        """Return the model of what a fit with these constants leaves of a recording."""
-        driven = InputNoise.of(rig, values, recorded, left)
-        return cls(driven, Whitening.of(driven(left[0]), left[1], floor_of(recorded)))
+    def of(cls, recorded: Recorded, left: Left, made: InputNoiseMade | None = None) -> NoiseModel:
+        """Return the model of what a fit leaves, given what draws of the inputs' noise make."""
+        samples = recorded.samples - recorded.fitted.start
+        driven = None if made is None else InputNoise.of(made, samples, left)
+        rows = left[0] if driven is None else driven(left[0])
+        return cls(driven, Whitening.of(rows, left[1], floor_of(recorded)))
 
     def white(self, rows: Real) -> Real:
         """Return rows (c, n) whitened, of variance one where they are noise."""
-        return self.own(self.driven(rows))
+        return self.own(rows if self.driven is None else self.driven(rows))
 
-    def information(self, columns: Real) -> Real:
-        """Return (k, k) the covariance of the products of columns (c, n, k) with the noise.
+    def information(self, columns: Real, used: NDArray[np.bool_], made: InputNoiseMade | None) -> Real:
+        """Return (k, k) the covariance of the products with the noise of columns (c, m, k) at the samples ``used``.
 
-        What inputs' noise makes is taken from their noise: in a narrow resonance a residual has few degrees of freedom,
+        What inputs' noise makes is taken from draws of it: in a narrow resonance a residual has few degrees of freedom,
         and says little of it.
         """
-        _, n, k = columns.shape
-        size = _padded(n)
-        spectrum = np.fft.rfft(columns, size, axis=1).transpose(1, 0, 2)  # (lines, c, k)
-        filters = self.own.response(size) if self.driven.roots is None else self.driven.roots
-        shaped = np.linalg.solve(filters.conj().transpose(0, 2, 1), spectrum)
+        if self.driven is not None and made is not None:
+            return self.driven.information(columns, made.whole)
+        rows = np.zeros((len(columns), used.size, columns.shape[2]))
+        rows[:, used] = columns
+        size = _padded(used.size)
+        spectrum = np.fft.rfft(rows, size, axis=1).transpose(1, 0, 2)  # (lines, c, k)
+        shaped = np.linalg.solve(self.own.response(size).conj().transpose(0, 2, 1), spectrum)
         weights = np.full(len(spectrum), 2.0)
         weights[0] = weights[-1] = 1.0
-        flat = (shaped * np.sqrt(weights / size)[:, None, None]).reshape(-1, k)
+        flat = (shaped * np.sqrt(weights / size)[:, None, None]).reshape(-1, rows.shape[2])
         return np.asarray(np.real(flat.conj().T @ flat), np.float64)
 
 

@@ -19,7 +19,6 @@ from analysis.mismatch.limits import upper_bound
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.model import residual, slopes, step_of
 from analysis.mismatch.recordings.motion import GROWTH, Own, backwards
-from analysis.mismatch.recordings.noise import NoiseModel
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.score_test import Score
 from sim_backend.arrays import Real
@@ -81,10 +80,10 @@ class _Free:
         simulation, own, recorded = fitted.simulation, fitted.own[number], fitted.problem.recordings[number]
         off, at = fitted.off(number)
         used = np.isin(recorded.part[at], (FIT, CHOOSE))
-        noise = NoiseModel.of(fitted.problem.rig, fitted.values, recorded, (off, used))
+        noise = None if plain else fitted.noise(number)
 
         def white(y: Real) -> Real:
-            return y if plain else noise.white(y)
+            return y if noise is None else noise.white(y)
 
         def changed(x: Real, moved: Own) -> Real:
             return white(residual(simulation, x, moved, number)[0] - off).ravel()

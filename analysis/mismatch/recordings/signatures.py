@@ -14,7 +14,6 @@ from analysis.mismatch.problem import Columns, Rung
 from analysis.mismatch.recordings.inputs import at_rest_between_pulses
 from analysis.mismatch.recordings.model import residual, slopes, step_of
 from analysis.mismatch.recordings.motion import Own
-from analysis.mismatch.recordings.noise import NoiseModel
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.recordings.simulation import Simulation
 from sim_backend.arrays import Real
@@ -39,7 +38,8 @@ def columns_of(
     size = recorded.fitted.stop - recorded.fitted.start
     count = math.ceil(problem.looked_at * size) if plain else size
     # the noise of a force cell is in the residual: in what a mechanism does to it, it would look like the mechanism
-    simulation = fitted.simulation.with_inputs(number, at_rest_between_pulses)
+    inputs = np.array([at_rest_between_pulses(u) for u in recorded.inputs]).reshape(recorded.inputs.shape)
+    simulation = fitted.simulation.with_inputs(number, inputs)
     own = fitted.own[number]
 
     def off_by(other: Simulation, x: Real, moved: Own) -> Real:
@@ -48,10 +48,10 @@ def columns_of(
     off, at = residual(fitted.simulation, fitted.x, own, number, samples=count)
     shown = off if simulation is fitted.simulation else off_by(simulation, fitted.x, own)
     used = np.isin(recorded.part[at], (FIT, CHOOSE))
-    noise = NoiseModel.of(problem.rig, fitted.values, recorded, (off, used))
+    noise = None if plain else fitted.noise(number)
 
     def white(y: Real) -> Real:
-        return (y if plain else noise.white(y))[:, used].ravel()
+        return (y if noise is None else noise.white(y))[:, used].ravel()
 
     def changed(x: Real, moved: Own) -> Real:
         return white(off_by(simulation, x, moved) - shown)

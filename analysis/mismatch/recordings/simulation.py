@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -79,15 +79,12 @@ class Simulation:
         """Return a simulation of the same recordings with other mechanisms and starting values."""
         return Simulation(self.rig, self.recordings, constants, self.highest_hz, terms)
 
-    def with_inputs(self, number: int, changed: Callable[[Real], Real]) -> Simulation:
-        """Return a simulation with other inputs of one recording; this one where nothing is changed."""
-        recorded = self.recordings[number]
-        rows = list(recorded.inputs)
-        inputs = [changed(u) for u in rows]
-        if all(a is b for a, b in zip(inputs, rows, strict=True)):
-            return self
+    def with_inputs(self, number: int, inputs: Real) -> Simulation:
+        """Return a simulation with other inputs (inputs, n) of one recording; this one where they are the same."""
         recordings = list(self.recordings)
-        recordings[number] = replace(recorded, inputs=np.array(inputs))
+        if np.array_equal(inputs, recordings[number].inputs):
+            return self
+        recordings[number] = replace(recordings[number], inputs=inputs)
         return Simulation(self.rig, recordings, self.constants, self.highest_hz, self.terms)
 
     def _parameters(self) -> list[FreeParameter]:

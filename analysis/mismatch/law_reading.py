@@ -95,7 +95,7 @@ def law_of(account: Account[Any], fitted: Any, number: int, parameters: Mapping[
         exponents=_exponents(best, others),
         formulas=formulas,
         valid=valid,
-        table=_table(best if offered else free or own, best, valid),
+        table=_table(best, valid, None if offered else free),
     )
 
 
@@ -206,16 +206,18 @@ def _valid(account: Account[Any], fitted: Any, own: _Read) -> dict[str, tuple[fl
     return {"deflection": (-deflection, deflection), "rate": (-rate, rate), **valid}
 
 
-def _table(best: _Read, own: _Read, valid: Mapping[str, tuple[float, float]]) -> LawTable | None:
+def _table(best: _Read, valid: Mapping[str, tuple[float, float]], better: _Read | None) -> LawTable | None:
     """Return the law as a curve over what the recordings cover, or a surface, with a band.
 
-    At the load that is nearest to its reference.
+    At the load that is nearest to its reference. Where a force of any shape does ``better`` than every formula, the
+    band is as much wider as that differs from the law by more than an offset and a spring's or damper's share: these
+    a force of any shape trades with the rig's own.
     """
-    mechanism, kind = best.term.mechanism, own.form.kind
+    mechanism, kind = best.term.mechanism, best.form.kind
     if not isinstance(mechanism, ForceLaw) or kind not in FREE:
         return None
     deflection, rate = valid["deflection"][1], valid["rate"][1]
-    surface = kind == "rate" and (IN_DEFLECTION in own.form.exponents.values())
+    surface = kind == "rate" and (IN_DEFLECTION in best.form.exponents.values())
     count = ACROSS if surface else POINTS
     along = {"deflection_m": _both_ways(deflection, count), "rate_m_per_s": _both_ways(rate, count)}
     one = "deflection_m" if kind == "static" else "rate_m_per_s"
@@ -234,6 +236,10 @@ def _table(best: _Read, own: _Read, valid: Mapping[str, tuple[float, float]]) ->
         slope[:] = (_forces(best.term.moved({q.name: moved}), rest, d, v) - middle) / step
     by_law = _deviation(slopes, best.fitted.term_covariances[best.number])
     reach = NORMAL_95 * (by_law + _by_constants(best, group, d, v, middle))  # as if they went fully together
+    if better is not None and not surface:
+        other = _forces(better.term, _rest(better.fitted, better.term, group), d, v) - middle
+        line = np.polynomial.Polynomial.fit(d if kind == "static" else v, other, 1)
+        reach = reach + np.abs(other - line(d if kind == "static" else v))
     low, high, force = (x.reshape(grid[0].shape) for x in (middle - reach, middle + reach, middle))
     return LawTable(axes, force, low, high)
 

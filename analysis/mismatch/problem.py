@@ -149,6 +149,8 @@ class Columns:
         (N, m) orthonormal basis of the nuisance parameters of the segment: its initial state, its offsets.
     ringing
         Of the candidate terms that add a free vibration of their own: the products with columns (N, m).
+    noise
+        (N, draws) draws of what noise makes, where it is not white along the segment for all the whitening; else None.
     """
 
     where: NDArray[np.intp]
@@ -157,6 +159,7 @@ class Columns:
     residual: Real
     own: Real
     ringing: Callable[[Real], Sequence[Rung]]
+    noise: Real | None = None
 
 
 FitOf = TypeVar("FitOf", bound=Fit)
@@ -211,6 +214,10 @@ class Problem(ABC, Generic[FitOf]):
     @abstractmethod
     def precision(self, fitted: FitOf) -> Real:
         """Return (k,) the inverse variances of the constants that `columns` places, in units of the residual's."""
+
+    def draws(self, fitted: FitOf) -> int:
+        """Return how many draws of noise come with `columns`: none where whitening makes it white."""
+        return 0
 
     def second_impact(self, fitted: FitOf, mechanism: SecondImpact) -> Score:
         """Return the score of a second impact; only asked for where `allows` lets it."""

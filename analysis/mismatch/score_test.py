@@ -114,20 +114,23 @@ def screen(problem: Problem[FitOf], fitted: FitOf, known: Iterable[Mechanism]) -
     precision = problem.precision(fitted)
     size = precision.size
     schur = eliminated(sums.gram, size, precision)
-    inner, score = schur[:-1, :-1], schur[:-1, -1]
+    count = len(named) + len(free)
+    inner, score = schur[:count, :count], schur[:count, -1]
     scale = _Noise(problem.noise_known, float(schur[-1, -1]), sums.count - size)
-    power = np.maximum(np.diag(inner), REPEATED * np.diag(sums.gram)[size:-1] + 1e-300)
-    z = scale.standardised(score / np.sqrt(power))
+    power = np.maximum(np.diag(inner), REPEATED * np.diag(sums.gram)[size : size + count] + 1e-300)
+    drawn = _drawn(schur, np.sqrt(power), sums.count - size)
+    wider = np.sqrt(np.maximum(np.mean(drawn**2, axis=1), 1.0)) if drawn.size else np.ones(count)
+    z = scale.standardised(score / np.sqrt(power)) / wider
     scores = [
-        _scored(t, float(value), float(s), float(g), scale)
-        for t, value, s, g in zip(named, z, score, power, strict=False)
+        _scored(t, float(value), float(s), float(g), scale.deviation * float(w))
+        for t, value, s, g, w in zip(named, z, score, power, wider, strict=False)
     ]
     scores += _rung_scores(ringing, sums.tests, precision, scale)
     for mechanism in known:
         if isinstance(mechanism, SecondImpact) and problem.allows(mechanism):
             scores.append(problem.second_impact(fitted, mechanism))
     cosines = inner / np.outer(np.sqrt(power), np.sqrt(power))
-    rest = _free(cosines, z, len(named), [t.mechanism for t in free])
+    rest = _free(cosines, z, drawn / wider[:, None], len(named), [t.mechanism for t in free])
     others, left = problem.unmodelled(fitted)
     at = slice(len(named))
     p_value = _overall(scores, [rest.p_value, *others], cosines[at, at], [t.mechanism.one_signed for t in named])
@@ -143,12 +146,19 @@ def free_terms(problem: Problem[FitOf], fitted: FitOf) -> list[Term]:
     return found + [t for t in channel_trials(len(rig.sensors)) if problem.allows(t.mechanism)]
 
 
-def _scored(term: Term, z: float, score: float, power: float, noise: _Noise) -> Score:
-    """Return the score of a term whose strength is one number."""
+def _drawn(schur: Real, size: Real, count: int) -> Real:
+    """Return (terms, draws) the standardised scores of terms of this size in draws of the noise."""
+    terms = size.size
+    total = np.maximum(np.diag(schur)[terms:-1], 1e-300)
+    return np.asarray(schur[:terms, terms:-1] / size[:, None] / np.sqrt(total / max(count, 1)), np.float64)
+
+
+def _scored(term: Term, z: float, score: float, power: float, deviation: float) -> Score:
+    """Return the score of a term whose strength is one number, in noise of this deviation along it."""
     one_sided = term.mechanism.one_signed
     gain = z**2 if z > 0 or not one_sided else 0.0
     p = float(norm.sf(z)) if one_sided else float(2 * norm.sf(abs(z)))
-    return Score(term, gain, 1, score / power, p, noise.deviation / math.sqrt(power))
+    return Score(term, gain, 1, score / power, p, deviation / math.sqrt(power))
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +187,7 @@ class _Noise:
 
 @dataclass(slots=True)
 class _Sums:
-    """Inner products of all columns over some segments, and the tests of what rings by itself."""
+    """Inner products of all columns and draws of noise over some segments, and the tests of what rings by itself."""
 
     gram: Real
     tests: RingingTests
@@ -185,7 +195,8 @@ class _Sums:
 
     def add(self, columns: Columns, size: int) -> None:
         """Take in a segment."""
-        block = np.column_stack([columns.slopes, columns.made, columns.residual])
+        noise = np.zeros((columns.residual.size, 0)) if columns.noise is None else columns.noise
+        block = np.column_stack([columns.slopes, columns.made, noise, columns.residual])
         block -= columns.own @ (columns.own.T @ block)
         known = columns.slopes.shape[1]
         where = np.r_[columns.where, size + np.arange(block.shape[1] - known)]
@@ -202,11 +213,11 @@ class _Sums:
 
 def _summed(problem: Problem[FitOf], fitted: FitOf, terms: Sequence[Term], ringing: Sequence[Term]) -> _Sums:
     """Return the sums over all segments: always in the same parts, done side by side."""
-    size = problem.precision(fitted).size
+    size, draws = problem.precision(fitted).size, problem.draws(fitted)
     lines = [len(_lines_of(t)) if problem.noise_known else 0 for t in ringing]
 
     def part(columns: Iterable[Columns]) -> _Sums:
-        width = size + len(terms) + 1
+        width = size + len(terms) + draws + 1
         sums = _Sums(np.zeros((width, width)), RingingTests(lines, size))
         for one in columns:
             sums.add(one, size)
@@ -244,13 +255,16 @@ def _rung_scores(terms: Sequence[Term], tests: RingingTests, precision: Real, no
     return found
 
 
-def _free(cosines: Real, z: Real, first: int, free: Sequence[Mechanism]) -> FreeForm:
-    """Joint test of the free-form terms, which follow the named ones."""
+def _free(cosines: Real, z: Real, drawn: Real, first: int, free: Sequence[Mechanism]) -> FreeForm:
+    """Joint test of the free-form terms, which follow the named ones; ``drawn`` (terms, draws) are scores of noise."""
 
     def gain(kept: NDArray[np.int64]) -> tuple[float, int]:
         values, vectors = np.linalg.eigh(cosines[np.ix_(kept, kept)])
         strong = values > FREE_FLOOR
-        return float(np.sum((vectors[:, strong].T @ z[kept]) ** 2 / values[strong])), int(strong.sum())
+        across = vectors[:, strong].T / np.sqrt(values[strong])[:, None]
+        dof, by_noise = int(strong.sum()), np.sum((across @ drawn[kept]) ** 2, axis=0)
+        more = max(float(by_noise.mean()) / max(dof, 1), 1.0) if by_noise.size else 1.0
+        return float(np.sum((across @ z[kept]) ** 2)) / more, dof
 
     everything = first + np.arange(len(free))
     total, dof = gain(everything)

@@ -18,7 +18,7 @@ from analysis.mismatch.least_squares import Evaluation, Stopping, minimise
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import POLICY, SelectionPolicy
 from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Problem
-from analysis.mismatch.recordings.model import Point, SimulationModel, residual
+from analysis.mismatch.recordings.model import DRAWS, Point, SimulationModel, residual
 from analysis.mismatch.recordings.motion import Own
 from analysis.mismatch.recordings.noise import NoiseModel, floor_of, innovation_rms, noise_of
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, UNUSED, Recorded, duration, level
@@ -162,6 +162,10 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
         """Return the columns of all recordings, whitened by an autoregression of the residual."""
         every = range(len(self.recordings))
         return [iter([columns_of(fitted, number, terms, ringing, self.plain) for number in every])]
+
+    def draws(self, fitted: SimulatedFit) -> int:
+        """Return how many draws of noise come with the columns: where that of inputs counts."""
+        return 0 if self.plain or all(noise.driven is None for noise in fitted.noises) else DRAWS
 
     def precision(self, fitted: SimulatedFit) -> Real:
         """Return none: what is declared is not weighed against a residual whose noise is not known."""

@@ -25,6 +25,7 @@ from analysis.mismatch.recordings.blocks import (
     predicts_no_better,
 )
 from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit, linear_fit
+from analysis.mismatch.recordings.fitted_once import FittedOnce
 from analysis.mismatch.recordings.free_force import free_loss
 from analysis.mismatch.recordings.held_out import FinalFits
 from analysis.mismatch.recordings.otherwise import constant_explains, hold_that_explains
@@ -63,6 +64,7 @@ class BlockJudge(Judge[SimulatedFit]):
     steady: SteadyFit | None = None
     screened: dict[tuple[int, int], tuple[SimulatedFit, Screening]] = field(default_factory=dict, compare=False)
     finals: FinalFits = field(default_factory=FinalFits, compare=False)
+    fitted: FittedOnce = field(default_factory=FittedOnce, compare=False)
 
     @classmethod
     def of(
@@ -105,7 +107,7 @@ class BlockJudge(Judge[SimulatedFit]):
 
     def baseline(self) -> SimulatedFit:
         """Return the linear rig fitted to the fitting blocks."""
-        return linear_fit(self.problem)
+        return self.fitted.once(None, (), math.inf, lambda: linear_fit(self.problem))
 
     def screen(self, fitted: SimulatedFit, known: Sequence[Mechanism] | None = None) -> Screening:
         """Score mechanisms against what a fit leaves, once."""
@@ -144,16 +146,12 @@ class BlockJudge(Judge[SimulatedFit]):
             self.on_progress(f"fitting {name_of(scores[0].term.mechanism)}")
             best = min((f.objective for _, f in fits), default=math.inf)
             to_beat = math.inf if self._told_in_any_case(scores[0].term.mechanism) else HOPELESS * best
-            joined = [(score, self._joined(state.current, score, to_beat)) for score in scores]
+            joined = [(score, self._joined_once(state.current, score, to_beat)) for score in scores]
             fits.append(min(joined, key=lambda pair: pair[1].scatter))
         found = self._judged(state, fits)
         in_time = [i for i, c in enumerate(found) if self._told_in_any_case(c.mechanism)]
         finer = {*range(policy.polished), *in_time[:1]}
-        fits = [
-            (c.score, fit(self.problem, c.fit.terms, c.fit, fine=True) if i in finer else c.fit)
-            for i, c in enumerate(found)
-            if c.fit
-        ]
+        fits = [(c.score, self._polished(c.fit) if i in finer else c.fit) for i, c in enumerate(found) if c.fit]
         unfitted: Candidates = tuple(Candidate(s[0], None, -math.inf) for s in ranking.scores[ranking.finalists :])
         return (*self._judged(state, fits), *unfitted)
 
@@ -179,6 +177,12 @@ class BlockJudge(Judge[SimulatedFit]):
             evidence = likelihood_ratio(state.current, fitted, best, factor) - cost
             found.append(Candidate(score, fitted, evidence, losses=fitted.by_block(CHOOSE)))
         return sorted(found, key=lambda c: -c.evidence)
+
+    def _joined_once(self, current: SimulatedFit, score: Score, to_beat: float) -> SimulatedFit:
+        return self.fitted.once(current, (started(score),), to_beat, lambda: self._joined(current, score, to_beat))
+
+    def _polished(self, begun: SimulatedFit) -> SimulatedFit:
+        return self.fitted.once(begun, begun.terms, math.inf, lambda: fit(self.problem, begun.terms, begun, fine=True))
 
     def _joined(self, current: SimulatedFit, score: Score, to_beat: float) -> SimulatedFit:
         """Fit a mechanism together with what stands already, from several starts.

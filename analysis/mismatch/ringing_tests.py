@@ -25,26 +25,28 @@ class RingingTests:
         How many tones each candidate is whose loudness is bounded; none of others.
     known
         Constants of the rig, all together.
+    draws
+        Of noise, in every segment.
 
     Attributes
     ----------
     gain, dof
         (t,) chi-squared that the free amplitudes take away, and how many they are.
     gram
-        (t, known + 2, known + 2) products of the constants' slopes, the effect on the rest, and the residual.
+        (t, n, n) products of the constants' slopes, the effect on the rest, the draws of noise, and the residual.
     lines
         Of each candidate (3, lines) power, information and freedom of every tone.
     """
 
-    def __init__(self, lines: Sequence[int], known: int):
+    def __init__(self, lines: Sequence[int], known: int, draws: int = 0):
         self.known = known
         self.gain = np.zeros(len(lines))
         self.dof = np.zeros(len(lines), int)
-        self.gram = np.zeros((len(lines), known + 2, known + 2))
+        self.gram = np.zeros((len(lines), known + draws + 2, known + draws + 2))
         self.lines = [np.zeros((3, n)) for n in lines]
 
     def add(self, columns: Columns, block: Real) -> None:
-        """Take in a segment: ``block`` holds the constants' slopes and the residual, projected by its own columns."""
+        """Take in a segment: ``block`` holds slopes, draws of noise and residual, projected by its own columns."""
         if not self.lines:
             return
         inner, seen = block.T @ block, block.shape[1]
@@ -62,8 +64,8 @@ class RingingTests:
         apart = np.all(sizes > RINGS_ITSELF * whole, axis=1)  # otherwise the rig rings at this frequency itself
         numbers, products, power = rung.numbers[apart], products[apart], power[apart]
         along = rung.seen[apart, :, :seen]
-        local = np.r_[columns.where, self.known, self.known + 1]
-        rest = np.r_[np.arange(size), size + 1]
+        local = np.r_[columns.where, self.known : self.gram.shape[1]]
+        rest = np.r_[:size, size + 1 : local.size]
         small = np.zeros((numbers.size, local.size, local.size))
         small[:, rest[:, None], rest] = inner
         small[:, size, rest] = small[:, rest, size] = along[:, waves]

@@ -202,7 +202,7 @@ class _Sums:
         where = np.r_[columns.where, size + np.arange(block.shape[1] - known)]
         self.gram[np.ix_(where, where)] += block.T @ block
         self.count += columns.residual.size - columns.own.shape[1]
-        self.tests.add(columns, np.column_stack([block[:, :known], block[:, -1]]))
+        self.tests.add(columns, np.delete(block, np.s_[known : known + columns.made.shape[1]], axis=1))
 
     def take(self, other: _Sums) -> None:
         """Add what another one was given of further segments."""
@@ -218,7 +218,7 @@ def _summed(problem: Problem[FitOf], fitted: FitOf, terms: Sequence[Term], ringi
 
     def part(columns: Iterable[Columns]) -> _Sums:
         width = size + len(terms) + draws + 1
-        sums = _Sums(np.zeros((width, width)), RingingTests(lines, size))
+        sums = _Sums(np.zeros((width, width)), RingingTests(lines, size, draws))
         for one in columns:
             sums.add(one, size)
         return sums
@@ -242,12 +242,14 @@ def _rung_scores(terms: Sequence[Term], tests: RingingTests, precision: Real, no
     for i, t in enumerate(terms):
         rest = eliminated(tests.gram[i], known, precision)
         alone = not rest[0, 0] > 1e-9 * tests.gram[i][known, known]
-        value = 0.0 if alone else rest[0, 1] / math.sqrt(rest[0, 0])
+        drawn = _drawn(rest, np.sqrt(rest[:1, 0]), noise.count)
+        wider = 1.0 if alone or not drawn.size else math.sqrt(max(float(np.mean(drawn**2)), 1.0))
+        value = 0.0 if alone else rest[0, -1] / math.sqrt(rest[0, 0]) / wider
         signed = value > 0 or not t.mechanism.one_signed
         gain = noise.chi_squared(tests.gain[i] + (value**2 if signed else 0.0))
         dof = int(tests.dof[i]) + (0 if alone else 1)
-        strength = 0.0 if alone else rest[0, 1] / rest[0, 0]
-        error = math.nan if alone else noise.deviation / math.sqrt(rest[0, 0])
+        strength = 0.0 if alone else rest[0, -1] / rest[0, 0]
+        error = math.nan if alone else noise.deviation * wider / math.sqrt(rest[0, 0])
         bounds = [amplitude_bound(*line) for line in tests.lines[i].T if line[1] > 0]
         loudest = max(bounds, default=math.nan)
         p_value = float(chi2.sf(gain, max(dof, 1)))

@@ -6,11 +6,13 @@ within a held-out block, whose ringing the whitening takes for noise in the bloc
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from analysis.mismatch.answer import ChannelErrors
@@ -21,6 +23,7 @@ from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, 
 from analysis.mismatch.recordings.model import residual, slopes, step_of
 from analysis.mismatch.recordings.motion import Own
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD
+from analysis.mismatch.recordings.signatures import noise_drawn
 from analysis.mismatch.recordings.start_check import worse_than_zero
 from sim_backend.arrays import Real
 
@@ -102,7 +105,8 @@ class FinalFits:
 class _Whitened:
     """Errors of a recording (c, n), and what a unit of each number of the fit changes in them, (k, c, n).
 
-    ``weights`` counts (c,) the weights of the whitening, which are fitted to the errors, too.
+    ``weights`` counts (c,) the weights of the whitening, which are fitted to the errors, too; ``drawn`` (draws, c, n)
+    are draws of the noise, where that of inputs counts.
     """
 
     error: Real
@@ -111,6 +115,11 @@ class _Whitened:
     part: NDArray[np.int64]
     block: NDArray[np.int64]
     weights: Real
+    drawn: Real
+
+    def flat(self, parts: Sequence[int]) -> Real:
+        """Return (k, m) the slopes at the samples of these parts."""
+        return self.slopes[:, :, np.isin(self.part, parts)].reshape(len(self.where), -1)
 
 
 def held_out_errors(fitted: SimulatedFit) -> HeldOutErrors:
@@ -120,16 +129,20 @@ def held_out_errors(fitted: SimulatedFit) -> HeldOutErrors:
     """
     whitened = [_whitened(fitted, number) for number in range(len(fitted.own))]
     size = fitted.x.size + sum(o.size for o in fitted.own)
-    normal = np.zeros((size, size))
+    normal, pulled = np.zeros((size, size)), np.zeros((size, len(whitened[0].drawn)))
     for w in whitened:
-        columns = w.slopes[:, :, np.isin(w.part, fitted.parts)].reshape(len(w.where), -1)
+        columns = w.flat(fitted.parts)
         normal[np.ix_(w.where, w.where)] += columns @ columns.T
+        drawn = w.drawn[:, :, np.isin(w.part, fitted.parts)]
+        pulled[w.where] += columns @ drawn.reshape(len(drawn), columns.shape[1]).T
     for k, p in enumerate(fitted.simulation.parameters):
         normal[k, k] += 0.0 if p.prior is None else 1 / p.prior[1] ** 2
     spread = covariance(normal)
+    moved = spread @ pulled  # what draws of the noise make of the fit's numbers
     found: list[HeldOutBlock] = []
     for number, w in enumerate(whitened):
-        found += _blocks(fitted, number, w, spread[np.ix_(w.where, w.where)])
+        left = w.drawn - np.tensordot(moved[w.where], w.slopes, axes=(0, 0))
+        found += _blocks(fitted, number, w, spread[np.ix_(w.where, w.where)], left)
     return HeldOutErrors(tuple(found))
 
 
@@ -148,11 +161,13 @@ def _whitened(fitted: SimulatedFit, number: int) -> _Whitened:
     where = np.concatenate([np.arange(fitted.x.size), first + np.arange(own.size)])
     columns = np.concatenate([common, begun], axis=1).T.reshape(-1, *off.shape)
     weights = np.count_nonzero(noise.own.taps, axis=(1, 2)) - 1
-    return _Whitened(noise.white(off), columns, where, part, recorded.block[at], weights)
+    counted = bool(fitted.problem.draws(fitted))
+    drawn = noise_drawn(fitted, number, off.shape[1]) if counted else np.zeros((0, *off.shape))
+    return _Whitened(noise.white(off), columns, where, part, recorded.block[at], weights, drawn)
 
 
-def _blocks(fitted: SimulatedFit, number: int, whitened: _Whitened, spread: Real) -> list[HeldOutBlock]:
-    """Return the held-out blocks of a recording, by channel."""
+def _blocks(fitted: SimulatedFit, number: int, whitened: _Whitened, spread: Real, drawn: Real) -> list[HeldOutBlock]:
+    """Return the held-out blocks of a recording, by channel; ``drawn`` is what a fit leaves of draws of the noise."""
     recorded, found = fitted.problem.recordings[number], []
     first = recorded.start_s + recorded.fitted.start / recorded.rate_hz
     used, held = np.isin(whitened.part, fitted.parts), whitened.part == HELD
@@ -166,11 +181,31 @@ def _blocks(fitted: SimulatedFit, number: int, whitened: _Whitened, spread: Real
             at = np.flatnonzero(held & (whitened.block == block))
             if at.size < FEWEST or not noise > 0:
                 continue
-            ratio = float(np.sum(error[at] ** 2) / np.sum(1 + leverage[at])) / noise
-            p_value = float(f_distribution.sf(ratio, at.size, freedom))
+            if len(drawn):
+                ratio, p_value = _among(drawn[:, channel], error, used, at)
+            else:
+                ratio = float(np.sum(error[at] ** 2) / np.sum(1 + leverage[at])) / noise
+                p_value = float(f_distribution.sf(ratio, at.size, freedom))
             time_s = (float(first + at[0] / recorded.rate_hz), float(first + at[-1] / recorded.rate_hz))
             found.append(HeldOutBlock(number, channel, time_s, float(np.sqrt(ratio)), p_value))
     return found
+
+
+def _among(drawn: Real, error: Real, used: NDArray[np.bool_], at: NDArray[np.intp]) -> tuple[float, float]:
+    """Return how the mean square of a block compares with that of what was fitted, among draws (draws, n) of noise.
+
+    Noise of an input makes more where the motion is sensitive to it: its mean square there scatters as that of fewer
+    samples.
+
+    Returns
+    -------
+    tuple
+        The ratio over the draws' mean, and its p-value.
+    """
+    shares = np.sum(drawn[:, at] ** 2, axis=1) / np.sum(drawn[:, used] ** 2, axis=1)
+    ratio = float(np.sum(error[at] ** 2) / np.sum(error[used] ** 2) / np.mean(shares))
+    freedom = min(2 * float(np.mean(shares) ** 2 / np.var(shares, ddof=1)), float(at.size))
+    return ratio, float(chi2.sf(ratio * freedom, freedom))
 
 
 def beyond_noise(errors: HeldOutErrors, problem: SimulatedRecordings) -> str:

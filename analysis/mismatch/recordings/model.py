@@ -42,22 +42,24 @@ def residual(
     return np.asarray(np.clip(np.where(np.isfinite(off), off, lost), -lost, lost), np.float64), at
 
 
-def made_by_input_noise(simulation: Simulation, x: Real, own: Own, number: int) -> Real | None:
-    """Return (draws, c, n) what draws of the noise of measured inputs make of what is fitted, in a recording's units.
+def made_by_input_noise(
+    simulation: Simulation, x: Real, own: Own, number: int, samples: int | None = None
+) -> Real | None:
+    """Return (draws, c, n) what draws of the noise of measured inputs make of a recording, in its units.
 
-    None where the inputs are taken to have none.
+    Of what is fitted, or of so many samples from its beginning; None where the inputs are taken to have none.
     """
     recorded = simulation.recordings[number]
     noise = rms_of_inputs(simulation.rig, recorded)
     if not np.any(noise):
         return None
     share = 1.0 if simulation.jumps else SMALL_DRAW
-    left, _ = residual(simulation, x, own, number)
+    left, _ = residual(simulation, x, own, number, samples=samples)
     errors = np.random.default_rng(DRAWS_SEED).standard_normal((DRAWS, *recorded.inputs.shape)) * noise[:, None]
 
     def made(error: Real) -> Real:
         noisy = simulation.with_inputs(number, recorded.inputs + share * error)
-        return np.asarray((residual(noisy, x, own, number)[0] - left) / share, np.float64)
+        return np.asarray((residual(noisy, x, own, number, samples=samples)[0] - left) / share, np.float64)
 
     return np.array(side_by_side(made, [(error,) for error in errors]))
 

@@ -12,7 +12,7 @@ import numpy as np
 from analysis.mismatch.parameters import Term, lines_of
 from analysis.mismatch.problem import Columns, Rung
 from analysis.mismatch.recordings.inputs import at_rest_between_pulses
-from analysis.mismatch.recordings.model import made_by_input_noise, residual, slopes, step_of
+from analysis.mismatch.recordings.model import DRAWS, made_by_input_noise, residual, slopes, step_of
 from analysis.mismatch.recordings.motion import Own
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.recordings.simulation import Simulation
@@ -100,20 +100,24 @@ def columns_of(
         return [Rung.of(i, *rings(i), against) for i in range(len(ringing))]
 
     draws = problem.draws(fitted)
-    drawn = np.array([y[:, used].ravel() for y in _white_noise(fitted, number, draws)]).T if draws else None
+    drawn = np.array([y[:, used].ravel() for y in noise_drawn(fitted, number)]).T if draws else None
     return Columns(np.arange(fitted.x.size), common, columns, -white(off), q, rung, drawn)
 
 
-def _white_noise(fitted: SimulatedFit, number: int, draws: int) -> list[Real]:
-    """Return draws (c, n) of a recording's whitened noise: its channels' own and what its inputs' makes."""
-    off, _ = fitted.off(number)
-    noise, own = fitted.noise(number), fitted.own[number]
-    random = np.random.default_rng(number).standard_normal((draws, *off.shape))
-    made = None if noise.driven is None else made_by_input_noise(fitted.simulation, fitted.x, own, number)
-    if noise.driven is None or made is None:
-        return list(random)
-    drawn = random * np.sqrt(noise.driven.white)[:, None] + made * noise.driven.share[:, None]
-    return [noise.white(rows) for rows in drawn]
+def noise_drawn(fitted: SimulatedFit, number: int, samples: int | None = None) -> Real:
+    """Return (draws, c, n) draws of a recording's noise, whitened: its channels' own and what its inputs' makes.
+
+    Of what is fitted, or of so many samples from its beginning.
+    """
+    recorded, noise, own = fitted.problem.recordings[number], fitted.noise(number), fitted.own[number]
+    count = recorded.fitted.stop - recorded.fitted.start if samples is None else samples
+    random = np.random.default_rng(number).standard_normal((DRAWS, len(recorded.outputs), count))
+    if noise.driven is None:
+        return random
+    made = made_by_input_noise(fitted.simulation, fitted.x, own, number, samples)
+    drawn = random * np.sqrt(noise.driven.white)[:, None]
+    drawn += 0.0 if made is None else made * noise.driven.share[:, None]
+    return np.array([noise.white(rows) for rows in drawn])
 
 
 def weakened(term: Term, share: float) -> Term | None:

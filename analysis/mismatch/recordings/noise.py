@@ -136,16 +136,19 @@ class InputNoise:
     def of(cls, made: InputNoiseMade, samples: int, left: Left) -> InputNoise | None:
         """Return it, from what draws of it make and what a fit leaves; None where it does not count."""
         off, used = left
-        total, power = np.mean(off[:, used] ** 2, axis=1), np.mean(made.left**2, axis=(0, 2))
+        total, powers = np.mean(off[:, used] ** 2, axis=1), np.mean(made.left**2, axis=2)  # (c,), (draws, c)
+        power = powers.mean(axis=0)
         if np.any(total <= 0) or not np.all(np.isfinite(power)) or np.all(power < COUNTS * total):
             return None
-        share = np.sqrt(np.minimum(1.0, total / np.maximum(power, 1e-300)))
-        # what the inputs' noise does not explain of a channel is its own
-        white = np.maximum(total - power, LEAST_WHITE * total)
+        # the inputs' noise is less than their spectra show where no draw leaves as little as there is
+        share = np.sqrt(np.minimum(1.0, total / np.maximum(powers.min(axis=0), 1e-300)))
         rows = np.zeros((len(made.left), len(off), made.used.size))
-        rows[:, :, made.used] = made.left * (share / np.sqrt(white))[:, None]
+        rows[:, :, made.used] = made.left * share[:, None]
         spectrum = np.fft.rfft(rows, _padded(samples), axis=2)
         own = np.einsum("mcl,mdl->lcd", spectrum, spectrum.conj()) / (len(rows) * np.count_nonzero(made.used))
+        whole = np.abs(np.fft.rfft(np.where(used, off, 0.0), _padded(samples), axis=1)) ** 2 / np.count_nonzero(used)
+        white = np.maximum(_beside(whole, np.real(np.einsum("lcc->cl", own))), LEAST_WHITE * total)
+        own /= np.sqrt(np.outer(white, white))
         sizes, vectors = np.linalg.eigh(own + np.eye(len(off)))
         roots = (vectors / np.sqrt(sizes)[:, None, :]) @ vectors.conj().transpose(0, 2, 1) / np.sqrt(white)
         return cls(samples, share, white, roots)
@@ -161,6 +164,15 @@ class InputNoise:
         products = np.tensordot(made, columns * self.share[:, None, None], axes=((1, 2), (0, 1)))  # (draws, k)
         own = (columns * np.sqrt(self.white)[:, None, None]).reshape(-1, columns.shape[2])
         return np.asarray(products.T @ products / len(products) + own.T @ own, np.float64)
+
+
+def _beside(whole: Real, made: Real) -> Real:
+    """Return (c,) the power per line of channels' own white noise, from spectra (c, lines) of all there is and of this.
+
+    From the half of the lines where inputs' noise makes least: at a resonance it scatters as much as it is.
+    """
+    quiet = made <= np.median(made, axis=1, keepdims=True)
+    return np.asarray(np.sum((whole - made) * quiet, axis=1) / np.sum(quiet, axis=1), np.float64)
 
 
 def _padded(samples: int) -> int:

@@ -70,7 +70,7 @@ def test_draws_of_a_force_s_noise_have_the_variance_of_a_linear_rig() -> None:
     level = problem.recordings[0].unit[0]
     settled = made[:, 0, made.shape[2] // 2 :] * level
     expected = FORCE_NOISE**2 * 2 / RATE / (4 * DAMPING * STIFFNESS)  # of a mass on a spring under white noise
-    assert np.mean(settled**2) == pytest.approx(expected, rel=0.25)  # 40 draws of about six correlation times
+    assert np.mean(settled**2) == pytest.approx(expected, rel=0.25)  # 80 draws of about six correlation times
 
 
 @pytest.mark.slow

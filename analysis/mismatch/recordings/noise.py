@@ -23,6 +23,7 @@ AUTOREGRESSION: Final = 16  # order of the noise model
 PIECES: Final = 8  # of an input
 BANDS: Final = 16  # of its spectrum
 QUIET: Final = 4  # one of so many of them is quiet enough to show the input's noise
+ALIKE: Final = 2.0  # times the power of the quietest, up to which others show the same noise
 ROUNDING: Final = 1e-9  # of an input's largest value, below which what cannot be predicted is no noise
 MOST_INPUT_NOISE: Final = 0.05  # of an input's rms, that is taken as noise and not as what drives
 COUNTS: Final = 0.01  # of a channel's residual, from which on the inputs' noise is taken out
@@ -195,11 +196,16 @@ def _quietest(u: Real) -> float:
     """
     window = np.hanning(u.size)
     power = np.abs(np.fft.rfft((u - u.mean()) * window)) ** 2 / np.sum(window**2)
-    bands = np.sort([float(np.median(band)) for band in np.array_split(power[1:], BANDS)])
-    pieces = np.sort([innovation_rms(piece - piece.mean()) for piece in np.array_split(u, PIECES)])
-    floor = math.sqrt(float(bands[: BANDS // QUIET].mean()) / math.log(2))
-    least = min(floor, float(pieces[: PIECES // QUIET].mean()))
+    bands = np.array([float(np.median(band)) for band in np.array_split(power[1:], BANDS)])
+    pieces = np.array([innovation_rms(piece - piece.mean()) for piece in np.array_split(u, PIECES)])
+    least = min(math.sqrt(_of_the_quiet(bands) / math.log(2)), math.sqrt(_of_the_quiet(pieces**2)))
     return least if ROUNDING * np.abs(u).max() < least < MOST_INPUT_NOISE * np.std(u) else 0.0
+
+
+def _of_the_quiet(powers: Real) -> float:
+    """Return the mean of the powers that are alike to the lowest ones: of these alone it would be too low."""
+    lowest = float(np.sort(powers)[: powers.size // QUIET].mean())
+    return float(powers[powers <= ALIKE * lowest].mean())
 
 
 @dataclass(frozen=True, slots=True)

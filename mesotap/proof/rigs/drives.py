@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from scipy.special import erf
 Array = NDArray[np.float64]
 SOFT = 1.7  # samples: width of Gaussian edges, whose spectrum is 1e-6 at half the rate
 ENDING = 0.25  # of a random input's period is not recorded, so that the record is not periodic
+KEPT = 16  # inputs of the rig that is being drawn
 HOLDS = ("band-limited", "first", "zero")
 
 
@@ -30,6 +32,10 @@ class Drive:
 
     def steps(self, pieces: int) -> Array:
         """Return it at the beginning, middle and end of each of ``pieces`` steps a sample, (steps, 3)."""
+        return _steps(self, pieces)
+
+    def computed(self, pieces: int) -> Array:
+        """Return `steps`, computed anew."""
         begin = np.arange((self.count - 1) * pieces) / pieces
         if self.hold == "band-limited":
             fine = self.between(np.arange(2 * (self.count - 1) * pieces + 1) / (2 * pieces))
@@ -40,6 +46,14 @@ class Drive:
             return np.ascontiguousarray(np.repeat(x[first][:, None], 3, axis=1))
         share = (begin - first)[:, None] + np.array([0.0, 0.5, 1.0]) / pieces
         return np.ascontiguousarray(x[first][:, None] * (1 - share) + x[first + 1][:, None] * share)
+
+
+@lru_cache(maxsize=KEPT)
+def _steps(drive: Drive, pieces: int) -> Array:
+    """Return `Drive.steps`; a refit asks for the same ones hundreds of times."""
+    found = drive.computed(pieces)
+    found.flags.writeable = False
+    return found
 
 
 def nothing(count: int) -> Drive:

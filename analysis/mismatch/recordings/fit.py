@@ -39,7 +39,7 @@ SHOWN = 0.4  # of the sampling rate, up to which a recording shows what there is
 RIGID = 1e-3  # of the highest mode, below which one is a rigid motion
 NEAR_LINEAR = 0.01  # mean square of what the linear rig misses, in levels of the channels, up to which it starts well
 OUTDATED = 0.5  # of the noise that priors were weighed by, below which they are weighed anew
-STAGES = (0.05, 0.15, 0.4)  # of a free decay: its phase is followed before all of it is fitted
+STAGES = (0.05, 0.15, 0.4)  # of recordings: their phase is followed before all of them is fitted
 
 
 @dataclass(frozen=True, slots=True)

@@ -197,8 +197,8 @@ class BlockJudge(Judge[SimulatedFit]):
         tried = [fit(self.problem, terms, current, to_beat=to_beat)]
         if current.missed < NEAR_LINEAR:
             return tried[0]
-        if not current.terms:  # the linear rig has lost the phase somewhere along the recording
-            tried.append(fit(self.problem, terms, current, staged=True, to_beat=to_beat))
+        # what stands has lost the phase somewhere along the recording
+        tried.append(fit(self.problem, terms, current, staged=True, to_beat=to_beat))
         start = regressed(current.simulation, current.values, terms)
         if start is not None:
             states = tuple(current.state(i) for i in range(len(current.own)))

@@ -36,7 +36,8 @@ def intervals(fitted: Fit, number: int, left: float = 0.0) -> dict[str, Interval
     term = fitted.terms[number]
     quantities = [q for q in term.mechanism.parameters if q.name in term.values]
     covariance = fitted.term_covariances[number]
-    if isinstance(fitted, RingDownFit) and term.phase_locked:
+    ringing = isinstance(term.mechanism, AddedBody) and term.mechanism.body is not None
+    if isinstance(fitted, RingDownFit) and (term.phase_locked or (ringing and fitted.modes[0].phase_locked)):
         covariance = covariance + _unknown_pulse(fitted)
     covariance = covariance * (1 + math.sqrt(left) / NORMAL_95) ** 2
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -81,12 +82,14 @@ def through_zero(fitted: Fit, number: int) -> bool:
 def _unknown_pulse(fitted: RingDownFit) -> float:
     """Return the variance of the logarithm of a phase-locked body's mass, stiffness and damping due to the tap's pulse.
 
-    The ringing of such a body is computed from a tap that is over at once. A pulse of rms length ``T`` sets a mode at
-    ``omega`` going by ``(omega T)^2 / 2`` less, and all three grow together with what is missing.
+    The ringing of such a body is computed from a tap that is over at once, or from that of one at nearly its frequency.
+    A pulse of rms length ``T`` sets a mode at ``omega`` going by ``(omega T)^2 / 2`` less, and all three grow together
+    with what is missing.
     """
     at = fitted.modes[0]
-    own, reference = (float(np.abs(at.rig.poles[list(j)]).min()) for j in (at.phase_locked, [at.reference]))
-    return ((own**2 - reference**2) * PULSE_S**2 / 2) ** 2
+    own, reference = (np.abs(at.rig.poles[list(j)]) for j in (at.phase_locked, at.rings_with))
+    apart = np.abs(own**2 - reference**2).min()
+    return float((apart * PULSE_S**2 / 2) ** 2)
 
 
 def _relieved(fitted: RingDownFit, number: int) -> tuple[RingDownFit, int]:

@@ -23,7 +23,7 @@ from analysis.mismatch.ring_downs.response import Response, response, responses,
 from sim_backend.acting import extended, laws_in
 from sim_backend.arrangement import LOAD
 from sim_backend.arrays import Complex, Real
-from sim_backend.mechanisms.kinds import AtRest, ChannelDistortion, ForceLaw, SecondImpact
+from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion, ForceLaw, SecondImpact
 from sim_backend.modal_response import waves
 from sim_backend.propagate import Clock, Impact, Motion, Rigs, laws_of, propagate
 
@@ -36,6 +36,7 @@ TOGETHER = 32  # runs that are carried along in one call
 BEYOND = 10  # samples that a segment is continued at its ends for what a channel does to it
 SMOOTH = 0.02  # of the speed of an element after an impact, within which a jump is rounded off for its slopes
 SPEED_S = np.arange(64) / 2.5e4  # when that speed is read, s
+ONE_PULSE = 0.05  # relative distance of two modes within which a tap's pulse has one spectrum: of 0.3 ms at 5 kHz
 SPLINE = 5  # degree in which a tap's pulse is shifted by parts of a sample
 
 
@@ -99,7 +100,7 @@ class AddedResponse:
         """Return modes and responses at every load; no responses where the rig is linear."""
         problem = self.problem
         modes = [
-            replace(s, phase_locked=self._locked_modes(constants.at(g), s.rig))
+            self._locked(constants.at(g), s)
             for g, s in enumerate(sensitivities(constants, problem.analog, problem.experiment))
         ]
         made = [
@@ -108,14 +109,35 @@ class AddedResponse:
         ]
         return modes, made  # type: ignore[return-value]
 
-    def _locked_modes(self, values: dict[str, float], rig: LinearRig) -> tuple[int, ...]:
-        """Modes of bodies that are set going by the rig alone and too weak to be read segment by segment."""
+    def _locked(self, values: dict[str, float], s: Sensitivity) -> Sensitivity:
+        """Return the modes with those phase-locked whose amplitudes are not read segment by segment.
+
+        Bodies that the rig alone sets going are too weak for that, and ring with its lowest mode. Bodies of one
+        mechanism that ring at nearly one frequency cannot be told apart in a segment: one pulse set them going, and its
+        spectrum there, which is not known, is the same for all of them.
+        """
         added = len(self.arrangement.bodies) - len(self.problem.arrangement.bodies)
-        if not added or not any(t.phase_locked for t in self.terms):
-            return ()
-        size = np.abs(rig.shapes) * np.sqrt([[values[m]] for m in self.arrangement.masses])
-        share = size[-added:].sum(axis=0) / size.sum(axis=0)
-        return tuple(int(j) for j in np.argsort(-share)[:added])
+        if not added:
+            return s
+        size = np.abs(s.rig.shapes) * np.sqrt([[values[m]] for m in self.arrangement.masses])
+        share = size[-added:] / size.sum(axis=0)
+        if any(t.phase_locked for t in self.terms):
+            locked = tuple(int(j) for j in np.argsort(-share.sum(axis=0))[:added])
+            found = replace(s, phase_locked=locked)
+            return replace(found, rings_with=(found.reference,) * added)
+        pairs = [pair for bodies in self._bodies_together(added) for pair in _of_one_pulse(s.rig, share, bodies)]
+        return replace(s, phase_locked=tuple(j for j, _ in pairs), rings_with=tuple(j for _, j in pairs))
+
+    def _bodies_together(self, added: int) -> list[list[int]]:
+        """Return which of the added bodies are of one term, where it has several and does not ring as it will."""
+        found, at, rig = [], 0, self.problem.arrangement
+        for term in self.terms:
+            if isinstance(term.mechanism, AddedBody):
+                own = len(term.mechanism.extend(rig, term.values, term.place).bodies) - len(rig.bodies)
+                if own > 1 and not term.freed:
+                    found.append(list(range(at, at + own)))
+                at += own
+        return found if at == added else []
 
     def extra(self, runs: Sequence[Run]) -> list[Real]:
         """Return for each run (c, n) what the terms add to the whitened segment of the linear rig."""
@@ -292,3 +314,17 @@ def _shifted(k: int, late: float, n: int) -> Real:
     at = np.arange(n) - late
     spline = make_interp_spline(np.arange(-k, SPLINE), np.eye(k + SPLINE), k=SPLINE)
     return np.asarray(spline(at[(at < 0) & (at > -k)])).T
+
+
+def _of_one_pulse(rig: LinearRig, share: Real, bodies: Sequence[int]) -> list[tuple[int, int]]:
+    """Return modes of these added bodies, each with the one that it rings with: of those near it the most driven one.
+
+    ``share`` (added bodies, modes) is the part that each has in each mode.
+    """
+    own = np.argsort(-share[list(bodies)].sum(axis=0))[: len(bodies)]
+    oscillating = [int(j) for j in own if rig.weight[j] == 2.0]
+    first = max(oscillating, key=lambda j: abs(rig.drive[j]), default=None)
+    if first is None:
+        return []
+    at = rig.poles[first].imag
+    return [(j, first) for j in sorted(oscillating) if j != first and abs(rig.poles[j].imag - at) < ONE_PULSE * at]

@@ -71,7 +71,7 @@ def fitted_candidate(
     fitted = _best(current.problem, current.terms, starts, score.delays, to_beat)
     if fitted is None or not rings(fitted):
         return Candidate(score, None, 0.0)
-    found = _judged(current, fitted, score, score.own_numbers)
+    found = _judged(current, fitted, score, _own_numbers(current, fitted, score))
     if score.term.phase_locked and current.objective - fitted.objective > current.problem.policy.phase_locked_most:
         found = max(found, *_freed(current, fitted, score), key=lambda c: c.evidence)
     return found
@@ -113,6 +113,14 @@ def _judged(current: RingDownFit, fitted: RingDownFit, score: Score, own: int) -
     gain = current.objective - fitted.objective - score.choice
     parameters, cost = len(score.term.mechanism.parameters), current.problem.policy.parameter_cost
     return Candidate(score, fitted, evidence(gain, own, parameters, cost), own)
+
+
+def _own_numbers(current: RingDownFit, fitted: RingDownFit, score: Score) -> int:
+    """Return how many numbers of a candidate are free in the segments; of an added body, as many as its modes have."""
+    if not isinstance(score.term.mechanism, AddedBody):
+        return score.own_numbers
+    after, before = ([f.modes[s.group].coefficients for s in f.segments] for f in (fitted, current))
+    return sum(after) - sum(before)
 
 
 def _freed(current: RingDownFit, locked: RingDownFit, score: Score) -> list[Candidate[RingDownFit]]:

@@ -84,7 +84,8 @@ class Point:
 
 def alike(a: Sensitivity, b: Sensitivity) -> bool:
     """Whether as many modes oscillate in both, so that the same coefficients belong to them."""
-    return np.array_equal(a.rig.weight, b.rig.weight) and a.phase_locked == b.phase_locked
+    locked = (a.phase_locked, a.rings_with) == (b.phase_locked, b.rings_with)
+    return locked and np.array_equal(a.rig.weight, b.rig.weight)
 
 
 class RingDownModel:

@@ -29,17 +29,21 @@ class Overdamped(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Sensitivity:
-    """Modes at one load, and how poles and gains change with each constant (rig's first, then the load's)."""
+    """Modes at one load, and how poles and gains change with each constant (rig's first, then the load's).
+
+    ``rings_with`` is, of each phase-locked mode, the one whose amplitude tells its own.
+    """
 
     rig: LinearRig
     pole_slopes: Complex
     gain_slopes: Complex
     drive_slopes: Complex
     phase_locked: tuple[int, ...] = ()
+    rings_with: tuple[int, ...] = ()
 
     @property
     def reference(self) -> int:
-        """The lowest mode that is not phase_locked."""
+        """The lowest mode that is not phase_locked: its phase gives the time of the tap."""
         return next(j for j in range(len(self.rig.poles)) if j not in self.phase_locked)
 
     @property
@@ -61,22 +65,22 @@ class Sensitivity:
         return usual + float(np.clip(moved, -TAP_WITHIN_S, TAP_WITHIN_S))
 
     def locked_ratios(self, since_tap_s: float) -> Complex:
-        """Return (locked,) amplitudes of the phase-locked modes over the reference's, so long after the tap.
+        """Return (locked,) amplitudes of the phase-locked modes over those of the modes they ring with, after the tap.
 
-        The tap gave all modes their amplitudes at once; a mode too weak to be read by itself is computed.
+        The tap gave all modes their amplitudes at once; a mode that cannot be read by itself is computed.
         """
-        at, first = list(self.phase_locked), self.reference
+        at, first = list(self.phase_locked), list(self.rings_with)
         share = self.rig.drive[at] / self.rig.drive[first]
         grown: Complex = share * np.exp((self.rig.poles[at] - self.rig.poles[first]) * since_tap_s)
         return grown
 
     def locked_slopes(self, since_tap_s: float) -> Complex:
         """Return (constants, phase_locked) the relative change of `locked_ratios` with each constant."""
-        at, first = list(self.phase_locked), [self.reference]
-        given = self.drive_slopes[:, first] / self.rig.drive[first]
-        own = self.drive_slopes[:, at] / self.rig.drive[at] - given
+        at, first, timing = list(self.phase_locked), list(self.rings_with), [self.reference]
+        given = self.drive_slopes[:, timing] / self.rig.drive[timing]
+        own = self.drive_slopes[:, at] / self.rig.drive[at] - self.drive_slopes[:, first] / self.rig.drive[first]
         # the tap's time follows from the reference's phase
-        moved = -(given.imag + self.pole_slopes[:, first].imag * since_tap_s) / self.rig.poles[first].imag
+        moved = -(given.imag + self.pole_slopes[:, timing].imag * since_tap_s) / self.rig.poles[timing].imag
         apart = self.rig.poles[at] - self.rig.poles[first]
         changed = self.pole_slopes[:, at] - self.pole_slopes[:, first]
         grown: Complex = own + changed * since_tap_s + apart * moved
@@ -108,7 +112,7 @@ class Nuisance:
     def columns(self, s: Sensitivity, segment: Segment) -> Real:
         """Return (c, n, q): per pair of poles two columns, per real pole one, per filter pole one a channel.
 
-        A phase_locked mode has no column of its own: it rings in those of the reference.
+        A phase_locked mode has no column of its own: it rings in those of the mode that it rings with.
         """
         return self._of(s, segment).columns
 
@@ -131,7 +135,8 @@ class Nuisance:
         modes, n = s.rig, segment.y.shape[1]
         shown = modes.gains[:, None, :] * waves(modes.poles, 1 / self._rate, n)
         if s.phase_locked:
-            shown[:, :, s.reference] += shown[:, :, list(s.phase_locked)] @ s.locked_ratios(segment.since_tap_s)
+            for j, with_, ratio in zip(s.phase_locked, s.rings_with, s.locked_ratios(segment.since_tap_s), strict=True):
+                shown[:, :, with_] += ratio * shown[:, :, j]
         if n not in self._rung:
             self._rung[n] = self._ringing_columns(n)
         rung, modal = self._rung[n], s.coefficients
@@ -170,7 +175,7 @@ class Nuisance:
             found[j] = complex(coefficients[at], coefficients[at + 1] if w == 2.0 else 0.0)
             at += int(w)
         if s.phase_locked:
-            found[list(s.phase_locked)] = found[s.reference] * s.locked_ratios(segment.since_tap_s)
+            found[list(s.phase_locked)] = found[list(s.rings_with)] * s.locked_ratios(segment.since_tap_s)
         return found
 
     def rung(self, s: Sensitivity, coefficients: Real) -> list[Complex]:

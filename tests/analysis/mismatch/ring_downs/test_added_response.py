@@ -10,7 +10,7 @@ import pytest
 
 from analysis.mismatch.ring_downs.added_response import BEYOND, AddedResponse, Variant, rung, second_impact
 from analysis.mismatch.ring_downs.experiment import Segment
-from analysis.mismatch.ring_downs.fit import RingDownFit, RingDowns, fit
+from analysis.mismatch.ring_downs.fit import RingDownFit, RingDowns, Stop, fit
 from analysis.mismatch.ring_downs.linear import LinearRig
 from analysis.mismatch.ring_downs.response import Response
 from analysis.mismatch.score_test import screen
@@ -129,3 +129,28 @@ def test_segments_carried_together_are_those_carried_alone(
     assert max(float(np.abs(one).max()) for one in together) > 0
     for run, found in zip(runs, together, strict=True):
         np.testing.assert_array_equal(found, added.extra([run])[0])
+
+
+def test_two_tubes_of_one_frequency_ring_as_one_pulse_makes_them(baseline: RingDownFit) -> None:
+    mass, omega = 1e-3, 2 * np.pi * 4800.0
+    values = {
+        "tube_mode_mass_kg": mass,
+        "tube_mode_stiffness_n_per_m": mass * omega**2,
+        "tube_mode_damping_n_s_per_m": 0.02 * mass * omega,
+    }
+    term = at_work("tube_mode", values)
+    with np.errstate(all="ignore"):  # of a trial step
+        fits = [
+            fit(baseline.problem, [t], baseline, stop=Stop(iterations=1)) for t in (term, replace(term, freed=True))
+        ]
+    together, apart = (f.modes[0] for f in fits)
+    assert together.coefficients == baseline.modes[0].coefficients + 2
+    assert apart.coefficients == baseline.modes[0].coefficients + 4
+    (locked,), (other,) = together.phase_locked, together.rings_with
+    frequencies = np.abs(together.rig.poles[[locked, other]]) / (2 * np.pi)
+    np.testing.assert_allclose(frequencies, 4800, rtol=0.03)
+    ratio = together.rig.drive[locked] / together.rig.drive[other]
+    amplitudes = fits[0].amplitudes[0]
+    since = fits[0].segments[0].since_tap_s
+    turned = np.exp((together.rig.poles[locked] - together.rig.poles[other]) * since)
+    assert amplitudes[locked] / amplitudes[other] == pytest.approx(ratio * turned)

@@ -92,3 +92,20 @@ def test_springs_that_bend_as_much_as_they_are_stiff_are_named() -> None:
     assert named.id == "tube_spring_cubic"
     assert interval.low < cubic < interval.high
     assert diagnosis.selection.left.p_value > 0.01
+
+
+@pytest.mark.slow
+def test_tubes_that_ring_are_told_from_a_part_on_one_mass_and_their_mass_is_right() -> None:
+    mass, omega, damping_ratio = 1.5e-3, 2 * np.pi * 3200.0, 0.01
+    values = (mass, mass * omega**2, 2 * damping_ratio * mass * omega)
+    names = ("tube_mode_mass_kg", "tube_mode_stiffness_n_per_m", "tube_mode_damping_n_s_per_m")
+    found = [adopted("tube_mode", dict(zip(names, values, strict=True)))]
+
+    def record(rig: TwoMass, load_n: float, pulse: Pulse) -> np.ndarray:
+        return twin_record(rig, load_n, found, pulse, ONSET_S, SAMPLES, RATE_HZ, analog_filter(FILTER))[0]
+
+    session = session_of(record, noise=5e-4, ratios=(0.3, 0.6, 0.9))
+    (named,) = diagnosed([session], [listed("tube_mode"), listed("attached_mass")]).answer.mechanisms
+    assert named.id == "tube_mode"
+    interval = named.parameters["tube_mode_mass_kg"]
+    assert interval.low < mass < interval.high < 1.5 * interval.low

@@ -169,7 +169,7 @@ def _alone(record: Record, model: Model, group: list[int]) -> tuple[Record, Mode
     return part, fitted(part, model.poles[group], model) or model
 
 
-def divided_modes(record: Record, model: Model, group: list[int]) -> tuple[Complex | None, bool]:
+def _divided(record: Record, model: Model, group: list[int]) -> tuple[Complex | None, bool]:
     """Poles of a group with more modes, where that leaves nothing around it; and whether something is left as it is."""
     c, n = record.y.shape
     chance = around(record, model, group)
@@ -226,8 +226,8 @@ def price_of_a_mode(channels: int, samples: int) -> float:
     return float(stats.chi2.isf(CHANCE / (samples * 4), 2 + 2 * channels))
 
 
-def modes_of(record: Record) -> Model:
-    """Find how many modes a record holds, and fit them.
+def modes_of(record: Record, start: Model | None = None) -> Model:
+    """Find how many modes a record holds, from a model with some of them on if there is one, and fit them.
 
     Examples
     --------
@@ -240,10 +240,10 @@ def modes_of(record: Record) -> Model:
     """
     c, n = record.y.shape
     price = price_of_a_mode(c, n)
-    model = _apart(record, without_modes(record), price)
+    model = _apart(record, start or without_modes(record), price)
     if model.poles.size < MOST:
         model = _with_pairs(record, _pruned(record, model, price), price)
-    return without_slices(record, model, white=is_white(record, model))
+    return _without_slices(record, model, white=is_white(record, model))
 
 
 def is_white(record: Record, model: Model) -> bool:
@@ -256,7 +256,7 @@ def is_white(record: Record, model: Model) -> bool:
     return bool(stats.chi2.sf(score, c * LAGS) > WHITE) or _rounding_left(record, model)
 
 
-def without_slices(record: Record, model: Model, white: bool) -> Model:
+def _without_slices(record: Record, model: Model, white: bool) -> Model:
     """One mode for slices of one: modes of one shape that overlap, and
 
     - in a record that exponentials explain, are of one frequency: what differs in decay alone is one mode that changes;
@@ -301,7 +301,7 @@ def _with_pairs(record: Record, model: Model, price: float) -> Model:
         ]
         divided = None
         for group in open_groups:
-            poles, left = divided_modes(record, model, group)
+            poles, left = _divided(record, model, group)
             if poles is not None:
                 rest = [i for i in range(model.poles.size) if i not in group]
                 divided = fitted(record, np.append(model.poles[rest], poles), model)

@@ -10,17 +10,9 @@ from scipy import optimize, special, stats
 
 from analysis.modal.era import HankelSvd, Realisation, hankel_svd, realise
 from analysis.modal.likelihood_interval import spread_along, widened, widening
-from analysis.modal.model_order import (
-    UNDECIDED,
-    WHITE,
-    around,
-    divided_modes,
-    is_white,
-    price_of_a_mode,
-    without_slices,
-)
+from analysis.modal.model_order import modes_of, price_of_a_mode
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
-from analysis.modal.ring_down_model import LEAST_LEFT, Model, Record, fitted, without_modes
+from analysis.modal.ring_down_model import LEAST_LEFT, Record, fitted, without_modes
 from analysis.modal.stabilisation import COLUMNS, SAME_FREQUENCY, lags_of, realisations, stable_poles
 
 Complex = NDArray[np.complex128]
@@ -54,8 +46,7 @@ def realised_modes(
 
     Modes that decay fast are sought in shorter parts of the record, too: over all of it the noise outweighs them. What
     realisations make of noise has no covariance that holds at 20 dB and less, so that each pole's interval comes from
-    how far off it the maximum of the likelihood lies. A pole around which the record holds more than one mode is
-    left out.
+    how far off it the maximum of the likelihood lies.
 
     Parameters
     ----------
@@ -80,19 +71,17 @@ def realised_modes(
             decomposed[candidate.samples] = _without_noise(hankel_svd(part, lags_of(part)), candidate.orders)
         found.append(_median_of_orders(candidate.pole, decomposed[candidate.samples]))
     kept = [(*f, own) for f, own in zip(found, amplitudes, strict=True) if f is not None]
-    about = _about(tail, np.array([pole for pole, *_ in kept], np.complex128))
-    covariances, several = about or (np.array([c for _, c, _ in kept]), np.zeros(len(kept), np.bool_))
+    about = _about(tail, np.array([pole for pole, *_ in kept], np.complex128), sample_rate_hz)
+    covariances, told, further = about or ([c for _, c, _ in kept], [True] * len(kept), [])
     notes = [] if about else [NOT_SETTLED]
+    notes += [f"the likelihood tells a further mode around {f:.5g} Hz, which ERA does not" for f in further]
     modes = []
-    for (pole, _, own), covariance, more in zip(kept, covariances, several, strict=True):
+    for (pole, _, own), covariance, likely in zip(kept, covariances, told, strict=True):
         mode = mode_from_sampled_pole(pole, covariance, own, sample_rate_hz)
-        if more:
-            notes.append(
-                f"around {mode.frequency_hz.value:.5g} Hz the record holds more than the one mode that ERA tells "
-                "there: it is left out"
-            )
-        else:
+        if likely:
             modes.append(mode)
+        else:
+            notes.append(f"what ERA tells at {mode.frequency_hz.value:.5g} Hz is part of another mode: it is left out")
     modes.sort(key=lambda mode: abs(mode.pole))
     share = float((residual**2).sum() / max((tail**2).sum(), 1e-300))
     return tuple(modes), share, notes
@@ -173,14 +162,17 @@ def _median_of_orders(z: complex, noisy: list[Realisation]) -> tuple[complex, Re
     return pole, covariance
 
 
-def _about(tail: Real, poles: Complex) -> tuple[Real, NDArray[np.bool_]] | None:
-    """Covariances (J, 2, 2) by which intervals about realised poles hold, and whether each may stand for several modes.
+def _about(tail: Real, poles: Complex, sample_rate_hz: float) -> tuple[Real, NDArray[np.bool_], Real] | None:
+    """Covariances (J, 2, 2) by which intervals about realised poles hold, and which of these are modes by likelihood.
+
+    The frequencies, Hz, of modes that the realisation has not come third.
 
     None where least squares do not settle.
 
     The maximum of the likelihood near these poles lies off them by what the realisation makes of the noise, and its own
     error is independent of that distance (it is efficient). The interval about the realised pole is the symmetric one
-    that holds the truth with 95 %, given the distance.
+    that holds the truth with 95 %, given the distance. The likelihood is that of all modes which the record holds, also
+    of those that the realisation has not: a fit without them would be off by what it makes of these.
     """
     if not poles.size:
         return None
@@ -188,33 +180,25 @@ def _about(tail: Real, poles: Complex) -> tuple[Real, NDArray[np.bool_]] | None:
     model = fitted(record, poles / np.maximum(np.abs(poles) * (1 + 1e-9), 1.0), without_modes(record))
     if model is None or model.fit is None or model.poles.size != poles.size:
         return None
+    model = modes_of(record, model)
+    if model.fit is None:
+        return None
     fit = model.fit
     wider, spread = widening(record.y, fit, record.known), spread_along(record, fit)
-    found, several = np.empty((poles.size, 2, 2)), np.zeros(poles.size, np.bool_)
-    # close modes may have changed places
-    nearest = optimize.linear_sum_assignment(np.abs(np.log(poles[:, None] / fit.poles)))[1]
-    for own_index, (pole, i) in enumerate(zip(poles, nearest, strict=True)):
-        off = np.log(pole / fit.poles[i])
+    found = np.tile(np.eye(2), (poles.size, 1, 1))
+    distances = np.abs(np.log(poles[:, None] / fit.poles))
+    rows, columns = optimize.linear_sum_assignment(distances)  # close modes may have changed places
+    told = np.isin(np.arange(poles.size), rows)
+    for own_index, i in zip(rows, columns, strict=True):
+        off = np.log(poles[own_index] / fit.poles[i])
         apart = np.array([off.real, off.imag])
         covariance = widened(fit.log_pole_covariance[i], wider[i]) * spread[i]
         own = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
         both = covariance + np.outer(apart, apart)
         scale = own * half_width_about(np.abs(apart) / own) / NORMAL_95 / np.sqrt(np.diagonal(both))
         found[own_index] = both * np.outer(scale, scale)
-        several[own_index] = _several(record, model, int(i))
-    return found, several
-
-
-def _several(record: Record, model: Model, i: int) -> bool:
-    """Whether a pole may stand for several modes; one that changes along its decay leaves more than noise, too."""
-    chance = around(record, model, [i])
-    if chance > UNDECIDED:
-        return False
-    if chance > WHITE:
-        return True
-    poles = divided_modes(record, model, [i])[0]
-    both = None if poles is None else fitted(record, np.append(np.delete(model.poles, i), poles), model)
-    return both is not None and without_slices(record, both, is_white(record, both)).poles.size > model.poles.size
+    further = np.delete(fit.poles, columns)
+    return found, told, np.sort(np.abs(np.log(further))) * sample_rate_hz / (2 * np.pi)
 
 
 def half_width_about(off: Real) -> Real:

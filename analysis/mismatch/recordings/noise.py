@@ -160,12 +160,6 @@ class InputNoise:
         whitened = np.fft.irfft(np.einsum("lcd,dl->cl", self.roots, spectrum))
         return np.asarray(whitened[:, : rows.shape[1]], np.float64)
 
-    def information(self, columns: Real, made: Real) -> Real:
-        """Return (k, k) the covariance of products of columns (c, m, k) with the noise, of which ``made`` are draws."""
-        products = np.tensordot(made, columns * self.share[:, None, None], axes=((1, 2), (0, 1)))  # (draws, k)
-        own = (columns * np.sqrt(self.white)[:, None, None]).reshape(-1, columns.shape[2])
-        return np.asarray(products.T @ products / len(products) + own.T @ own, np.float64)
-
 
 def _beside(whole: Real, made: Real) -> Real:
     """Return (c,) the power per line of channels' own white noise, from spectra (c, lines) of all there is and of this.
@@ -230,11 +224,21 @@ class NoiseModel:
     def information(self, columns: Real, used: NDArray[np.bool_], made: InputNoiseMade | None) -> Real:
         """Return (k, k) the covariance of the products with the noise of columns (c, m, k) at the samples ``used``.
 
-        What inputs' noise makes is taken from draws of it: in a narrow resonance a residual has few degrees of freedom,
-        and says little of it.
+        What inputs' noise makes is taken from draws of it, however little is left of it: a fit's numbers took the rest.
         """
-        if self.driven is not None and made is not None:
-            return self.driven.information(columns, made.whole)
+        share = np.ones(len(columns)) if self.driven is None else self.driven.share
+        by_inputs = np.zeros((0, columns.shape[2]))
+        if made is not None:
+            products = np.tensordot(made.whole, columns * share[:, None, None], axes=((1, 2), (0, 1)))  # (draws, k)
+            by_inputs = products / math.sqrt(len(products))
+        if self.driven is None:
+            own = self._by_own(columns, used)
+        else:
+            own = (columns * np.sqrt(self.driven.white)[:, None, None]).reshape(-1, columns.shape[2])
+        return np.asarray(by_inputs.T @ by_inputs + own.T @ own, np.float64)
+
+    def _by_own(self, columns: Real, used: NDArray[np.bool_]) -> Real:
+        """Return (lines, k) columns as the autoregression of the channels' own noise weighs them."""
         rows = np.zeros((len(columns), used.size, columns.shape[2]))
         rows[:, used] = columns
         size = _padded(used.size)
@@ -243,7 +247,7 @@ class NoiseModel:
         weights = np.full(len(spectrum), 2.0)
         weights[0] = weights[-1] = 1.0
         flat = (shaped * np.sqrt(weights / size)[:, None, None]).reshape(-1, rows.shape[2])
-        return np.asarray(np.real(flat.conj().T @ flat), np.float64)
+        return np.concatenate([flat.real, flat.imag])
 
 
 def floor_of(recorded: Recorded) -> float:

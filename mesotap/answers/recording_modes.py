@@ -65,7 +65,8 @@ def modes_of(recording: Recording, method: str, wiring: Wiring | None = None) ->
         notes=(
             *found.notes,
             *one,
-            f"the modes leave {100 * found.residual_share:.2g} % of the decay's energy unexplained",
+            f"{100 * found.residual_share:.2g} % of the energy after the impact is not in the modes: it is noise, "
+            "and what they do not explain",
             *([_of_the_clock(wiring)] if found.modes else []),
         ),
         diagram=found.diagram,

@@ -24,6 +24,7 @@ PIECES: Final = 8  # of an input
 BANDS: Final = 16  # of its spectrum
 QUIET: Final = 4  # one of so many of them is quiet enough to show the input's noise
 ALIKE: Final = 2.0  # times the power of the quietest, up to which others show the same noise
+NORMAL_MEDIAN: Final = 0.6745  # of the magnitude of normal noise, in standard deviations
 ROUNDING: Final = 1e-9  # of an input's largest value, below which what cannot be predicted is no noise
 MOST_INPUT_NOISE: Final = 0.05  # of an input's rms, that is taken as noise and not as what drives
 COUNTS: Final = 0.01  # of a channel's residual, from which on the inputs' noise is taken out
@@ -192,7 +193,11 @@ def _quietest(u: Real) -> float:
     power = np.abs(np.fft.rfft((u - u.mean()) * window)) ** 2 / np.sum(window**2)
     bands = np.array([float(np.median(band)) for band in np.array_split(power[1:], BANDS)])
     pieces = np.array([innovation_rms(piece - piece.mean()) for piece in np.array_split(u, PIECES)])
-    least = min(math.sqrt(_of_the_quiet(bands) / math.log(2)), math.sqrt(_of_the_quiet(pieces**2)))
+    steps = float(np.median(np.abs(np.diff(u)))) / (
+        NORMAL_MEDIAN * math.sqrt(2)
+    )  # of an input that mostly stands still
+    found = math.sqrt(_of_the_quiet(bands) / math.log(2)), math.sqrt(_of_the_quiet(pieces**2)), steps
+    least = min(f for f in found if f > 0) if any(f > 0 for f in found) else 0.0
     return least if ROUNDING * np.abs(u).max() < least < MOST_INPUT_NOISE * np.std(u) else 0.0
 
 

@@ -11,6 +11,7 @@ import pytest
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import SimulatedFit, fit, problem_of
 from analysis.mismatch.recordings.model import made_by_input_noise
+from analysis.mismatch.recordings.noise import rms_of_inputs
 from analysis.mismatch.recordings.recorded import prepare
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.arrays import Real
@@ -71,6 +72,18 @@ def test_draws_of_a_force_s_noise_have_the_variance_of_a_linear_rig() -> None:
     settled = made[:, 0, made.shape[2] // 2 :] * level
     expected = FORCE_NOISE**2 * 2 / RATE / (4 * DAMPING * STIFFNESS)  # of a mass on a spring under white noise
     assert np.mean(settled**2) == pytest.approx(expected, rel=0.25)  # 80 draws of about six correlation times
+
+
+@pytest.mark.parametrize("kind", ["steps", "multisine"])
+def test_the_noise_of_a_force_is_read_from_where_it_stands_still_or_has_no_lines(kind: str) -> None:
+    rig = parse_rig(RIG.replace(f", noise: {FORCE_NOISE}", "") + sensor("displacement"))
+    levels = np.repeat(np.random.default_rng(5).normal(0, 6, SAMPLES // 60), 60)
+    clean = levels if kind == "steps" else force()
+    found = []
+    for seed in range(5):
+        noisy = clean + FORCE_NOISE * np.random.default_rng(seed).normal(size=clean.size)
+        found.append(rms_of_inputs(rig, prepare(recorded([noisy, force()], RATE, 0.0), rig))[0])
+    assert np.mean(found) == pytest.approx(FORCE_NOISE, rel=0.05)
 
 
 @pytest.mark.slow

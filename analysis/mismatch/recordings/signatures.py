@@ -99,8 +99,8 @@ def columns_of(
     def rung(against: Real) -> list[Rung]:
         return [Rung.of(i, *rings(i), against) for i in range(len(ringing))]
 
-    draws = problem.draws(fitted)
-    drawn = np.array([y[:, used].ravel() for y in noise_drawn(fitted, number)]).T if draws else None
+    counted = not plain and problem.draws(fitted) > 0
+    drawn = np.array([y[:, used].ravel() for y in noise_drawn(fitted, number)]).T if counted else None
     return Columns(np.arange(fitted.x.size), common, columns, -white(off), q, rung, drawn)
 
 

@@ -13,6 +13,7 @@ from analysis.mismatch.recordings.fit import SimulatedFit, fit, problem_of
 from analysis.mismatch.recordings.model import made_by_input_noise
 from analysis.mismatch.recordings.noise import rms_of_inputs
 from analysis.mismatch.recordings.recorded import prepare
+from analysis.mismatch.score_test import screen
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.catalogue import catalogue
@@ -92,3 +93,16 @@ def test_intervals_beside_a_spring_that_bends_count_the_noise_of_the_force() -> 
     spread = np.sqrt(np.mean(found**2, axis=0))
     assert np.all(spread < 1.8)  # three times as far: six in a million by chance
     assert np.all(spread > 0.3)
+
+
+def test_rankings_of_what_is_not_whitened_need_no_draws() -> None:
+    rig = parse_rig(RIG + sensor("displacement"))
+    u = force()
+    moved = motion(lambda s, x, v: (s - STIFFNESS * x - DAMPING * v) / MASS, [0.0, 0.0], SAMPLES, RATE, u)
+    noisy = u + FORCE_NOISE * np.random.default_rng(1).normal(size=u.size)
+    problem = problem_of(rig, [prepare(recorded([noisy, moved[0]], RATE, 1e-4), rig)])
+    fitted = fit(problem, fine=True)
+    assert problem.draws(fitted) > 0
+    known = [catalogue()["tube_spring_cubic"][-1]]
+    assert screen(replace(problem, plain=True), fitted, known).scores
+    assert screen(problem, fitted, known).p_value > 1e-4

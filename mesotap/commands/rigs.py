@@ -129,7 +129,8 @@ def _of_start(found: StartCheck) -> list[str]:
     ]
     if found.poor and not any(share < HELPS for share in found.freed.values()):
         lines.append(
-            "no single value left free would mend that: look at the units (kg, N/m), at the bodies, at what holds them"
+            "no single value left free would mend that: look at the units (kg, N/m), at the bodies, at what holds them;"
+            " if these are right, a force or a part is left out, which 'mesotap diagnose' looks for"
         )
     lines += [
         f"these recordings hardly hold the {name}: +-{100 * error:.2g} % with noise of {100 * NOISE:g} % in each "

@@ -186,7 +186,8 @@ def tags(part: object) -> bool:
 
 def sentence(fault: Any, whole: type[BaseModel]) -> str:
     """Return a fault that validation found in a ``whole`` as a sentence: key, value, what is allowed."""
-    key = ".".join(shown(part) for part in fault["loc"] if not tags(part)) or "the file"
+    path = [part for part in fault["loc"] if not tags(part)] or [part for part in fault["loc"][-1:] if not is_tag(part)]
+    key = ".".join(map(shown, path)) or "the file"
     message = one_line(str(fault["msg"]))
     if fault["type"] == "extra_forbidden":
         allowed = list(_allowed_keys(fault["loc"][:-1], whole))

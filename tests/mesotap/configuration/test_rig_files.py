@@ -85,6 +85,7 @@ def test_a_constant_with_an_uncertainty_is_held_by_it():
         ("bodies: {m: 1}\nsprings: [{between: [m, m]}]\n" + SENSOR, "between m and itself"),
         ("bodies: {m: 1}\nsprings: [{between: [m, ground], stifness: 1}]\n" + SENSOR, "did you mean stiffness"),
         ("bodies: {m: 1}\n" + SPRING, "sensors is missing"),
+        ("name: null\nbodies: {m: 1}\n" + SPRING + SENSOR, "line 1: name is empty"),
         ("bodies: {m: 1}\n" + SPRING + "sensors: [{channel: 0, of: m, shows: jerk}]\n", "sensors.0.shows is 'jerk'"),
         ("bodies: {m: 1}\n" + SPRING + "inputs: [{channel: 0}]\n" + SENSOR, "force_on"),
         (

@@ -34,24 +34,23 @@ class Drive:
         """Return it at the beginning, middle and end of each of ``pieces`` steps a sample, (steps, 3)."""
         return _steps(self, pieces)
 
-    def computed(self, pieces: int) -> Array:
-        """Return `steps`, computed anew."""
-        begin = np.arange((self.count - 1) * pieces) / pieces
-        if self.hold == "band-limited":
-            fine = self.between(np.arange(2 * (self.count - 1) * pieces + 1) / (2 * pieces))
-            return np.ascontiguousarray(np.stack([fine[:-1:2], fine[1::2], fine[2::2]], axis=1))
-        x = self.samples()
-        first = np.floor(begin + 1e-9).astype(int)
-        if self.hold == "zero":
-            return np.ascontiguousarray(np.repeat(x[first][:, None], 3, axis=1))
-        share = (begin - first)[:, None] + np.array([0.0, 0.5, 1.0]) / pieces
-        return np.ascontiguousarray(x[first][:, None] * (1 - share) + x[first + 1][:, None] * share)
 
-
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=KEPT)  # a refit asks for the same ones hundreds of times
 def _steps(drive: Drive, pieces: int) -> Array:
-    """Return `Drive.steps`; a refit asks for the same ones hundreds of times."""
-    found = drive.computed(pieces)
+    begin = np.arange((drive.count - 1) * pieces) / pieces
+    if drive.hold == "band-limited":
+        fine = drive.between(np.arange(2 * (drive.count - 1) * pieces + 1) / (2 * pieces))
+        return _constant(np.stack([fine[:-1:2], fine[1::2], fine[2::2]], axis=1))
+    x = drive.samples()
+    first = np.floor(begin + 1e-9).astype(int)
+    if drive.hold == "zero":
+        return _constant(np.repeat(x[first][:, None], 3, axis=1))
+    share = (begin - first)[:, None] + np.array([0.0, 0.5, 1.0]) / pieces
+    return _constant(x[first][:, None] * (1 - share) + x[first + 1][:, None] * share)
+
+
+def _constant(rows: Array) -> Array:
+    found = np.ascontiguousarray(rows)
     found.flags.writeable = False
     return found
 

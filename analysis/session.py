@@ -199,15 +199,10 @@ def analyse_session(
             f"that {slowest_hz:g} samples a second show would pass it; correct highpass_hz of /rig"
         )
     history = GaugeHistory(session.pre, session.post, calibration, session.zeros)
-    noise = _noise(session)
     load_sets = session.load_sets()
     # the matrices are small: further BLAS threads would only get in each other's way
     with threadpool_limits(limits=1, user_api="blas"):
-        modes = _modes(session, load_sets, noise, settings, on_progress)
-        heard = _noise_in_taps(session, modes)
-        if heard is not None:
-            noise = heard
-            modes = _modes(session, load_sets, noise, settings, None)
+        modes, noise = _modes_in_noise(session, settings, on_progress)
     known, notes = _known_rig(session, modes, settings, masses, springs)
     taps = {load_set: _taps(session.accepted(load_set), modes) for load_set in load_sets}
     beside = _Beside(
@@ -237,9 +232,19 @@ def analyse_session(
 
 def session_modes(session: Session, settings: AnalysisSettings) -> dict[int, ImpactModes]:
     """Return both modes of every accepted impact, by its number."""
-    modes = _modes(session, session.load_sets(), _noise(session), settings, None)
+    return _modes_in_noise(session, settings, None)[0]
+
+
+def _modes_in_noise(
+    session: Session, settings: AnalysisSettings, on_progress: OnProgress | None
+) -> tuple[dict[int, ImpactModes], NoiseModel]:
+    """Both modes of every accepted impact, and the noise that they were read in, told again where little was heard."""
+    noise = _noise(session)
+    modes = _modes(session, session.load_sets(), noise, settings, on_progress)
     heard = _noise_in_taps(session, modes)
-    return modes if heard is None else _modes(session, session.load_sets(), heard, settings, None)
+    if heard is None:
+        return modes, noise
+    return _modes(session, session.load_sets(), heard, settings, None), heard
 
 
 def _modes(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, special, stats
+from scipy import optimize, stats
 
 from analysis.modal.era import HankelSvd, Realisation, hankel_svd, realise
 from analysis.modal.likelihood_interval import spread_along, widened, widening
@@ -22,7 +22,6 @@ NEAR = 1.0  # of a decay, by which that without noise may differ from it
 SHORTER = (4, 16, 64)  # parts of the record in which modes are sought that are lost in the noise of the whole
 SHORTEST = 48  # samples of such a part
 SAME_MODE = 1.0  # half-width of the broader, within which a pole of a shorter part is the mode that the longer one has
-BISECTIONS = 40
 NOT_SETTLED = (
     "least squares did not settle: the intervals are those of first-order perturbation, too short in much noise"
 )
@@ -209,9 +208,4 @@ def half_width_about(off: Real) -> Real:
     >>> half_width_about(np.array([0.0, 3.0])).round(3).tolist()
     [1.96, 4.645]
     """
-    low, high = off + stats.norm.ppf(0.95), off + NORMAL_95
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        enough = special.ndtr(middle - off) - special.ndtr(-middle - off) >= 0.95
-        low, high = np.where(enough, low, middle), np.where(enough, middle, high)
-    return np.asarray(high, np.float64)
+    return np.asarray(stats.foldnorm.ppf(0.95, off), np.float64)

@@ -161,7 +161,7 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
     def columns(self, fitted: SimulatedFit, terms: Sequence[Term], ringing: Sequence[Term]) -> list[Iterator[Columns]]:
         """Return the columns of all recordings, whitened by an autoregression of the residual."""
         every = range(len(self.recordings))
-        return [iter([columns_of(fitted, number, terms, ringing, self.plain) for number in every])]
+        return [iter([columns_of(self, fitted, number, terms, ringing) for number in every])]
 
     def draws(self, fitted: SimulatedFit) -> int:
         """Return how many draws of noise come with the columns: where that of inputs counts."""

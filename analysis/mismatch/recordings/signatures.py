@@ -20,7 +20,7 @@ from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import ForceLaw, Tones
 
 if TYPE_CHECKING:
-    from analysis.mismatch.recordings.fit import SimulatedFit
+    from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings
 
 
 LITTLE = 0.01  # of a trial, that a mechanism is tried with beside others
@@ -28,13 +28,13 @@ SMALLEST, LARGEST = 0.3, 3.0  # what that may make, in deviations of the noise
 
 
 def columns_of(
-    fitted: SimulatedFit, number: int, terms: Sequence[Term], ringing: Sequence[Term], plain: bool = False
+    problem: SimulatedRecordings, fitted: SimulatedFit, number: int, terms: Sequence[Term], ringing: Sequence[Term]
 ) -> Columns:
-    """Return what a recording's residual is compared with, whitened unless ``plain``; held-out samples take no part.
+    """Return what a recording's residual is compared with, whitened as a problem asks; held-out samples take no part.
 
     What is not whitened only ranks mechanisms: it is of so much of the recording as rough fits look at.
     """
-    problem, recorded = fitted.problem, fitted.problem.recordings[number]
+    recorded, plain = fitted.problem.recordings[number], problem.plain
     size = recorded.fitted.stop - recorded.fitted.start
     count = math.ceil(problem.looked_at * size) if plain else size
     # the noise of a force cell is in the residual: in what a mechanism does to it, it would look like the mechanism
@@ -99,7 +99,7 @@ def columns_of(
     def rung(against: Real) -> list[Rung]:
         return [Rung.of(i, *rings(i), against) for i in range(len(ringing))]
 
-    counted = not plain and problem.draws(fitted) > 0
+    counted = problem.draws(fitted) > 0
     drawn = np.array([y[:, used].ravel() for y in noise_drawn(fitted, number)]).T if counted else None
     return Columns(np.arange(fitted.x.size), common, columns, -white(off), q, rung, drawn)
 

@@ -19,7 +19,7 @@ from analysis.frequency_response.cross_check import CrossCheck
 from analysis.frequency_response.estimators import FrequencyResponse
 from analysis.frequency_response.impacts import Window, of_recording
 from analysis.mismatch.answer import Answer
-from analysis.modal.identify import RingDownModes, identify_ring_down
+from analysis.modal.identify import RingDownModes, decay_begins, identify_ring_down
 from analysis.results import SessionResults
 from analysis.settings import PRESETS, FlatContact, SphereContact
 from analysis.stiffness import contact_from_pole, pole
@@ -94,13 +94,19 @@ def identify(
 ) -> SessionResults: ...
 @overload
 def identify(
-    recording: ArrayLike, sample_rate_hz: float, *, method: Method = "ml", on_progress: Callable[..., None] = ...
+    recording: ArrayLike,
+    sample_rate_hz: float,
+    *,
+    method: Method = "ml",
+    decay_from_s: float | None = None,
+    on_progress: Callable[..., None] = ...,
 ) -> RingDownModes: ...
 def identify(
     recording: Session | ArrayLike,
     sample_rate_hz: float | None = None,
     *,
     method: Method = "ml",
+    decay_from_s: float | None = None,
     on_progress: Callable[..., None] = lambda *_: None,
 ) -> SessionResults | RingDownModes:
     """Identify the modes of a session's impacts, with k_c and c_c of each load; or those of any ring-down.
@@ -113,6 +119,8 @@ def identify(
         Of a free decay, Hz; a session knows its own.
     method
         ``"ml"`` maximum likelihood begun from ERA; ``"era"`` the Eigensystem Realization Algorithm alone.
+    decay_from_s
+        Of samples: when the free decay begins, s; found by default, after an impact.
     on_progress
         Of a session: called with the number of loads done and of all.
 
@@ -146,9 +154,11 @@ def identify(
     if not isinstance(recording, Session):
         if sample_rate_hz is None:
             raise TypeError("identify(): samples need their sample_rate_hz")
-        return identify_ring_down(_free_decay(recording, sample_rate_hz), sample_rate_hz, method=method)
-    if sample_rate_hz is not None:
-        raise TypeError("identify(): a session knows its own sampling rate")
+        y = _free_decay(recording, sample_rate_hz)
+        start = decay_begins(decay_from_s, y.shape[1], sample_rate_hz)
+        return identify_ring_down(y, sample_rate_hz, start, method=method)
+    if sample_rate_hz is not None or decay_from_s is not None:
+        raise TypeError("identify(): a session knows its own sampling rate, and where its taps begin")
     from mesotap.configuration.config import Config, ConfigError
     from mesotap.session.header import kept_config
 

@@ -339,6 +339,15 @@ def analyze(
             show_default=False,
         ),
     ] = None,
+    decay_from: Annotated[
+        float | None,
+        typer.Option(
+            "--decay-from",
+            min=0.0,
+            help="Time in s at which the free decay of a recording begins; found by default.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Find the modes of every impact and k_c and zeta of every load; of any other ring-down, its modes."""
     from mesotap.commands.files import analyze as answer
@@ -346,7 +355,7 @@ def analyze(
 
     options = ForceOptions(force, window, segment, driving_point)
     shown = _console(json, report)
-    answer(files, method, rate, config, changes or (), report, json, shown, model, mac, options, clock_ppm)
+    answer(files, method, rate, config, changes or (), report, json, shown, model, mac, options, clock_ppm, decay_from)
 
 
 @app.command()

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy import stats
 
 from analysis.modal.model_order import groups, modes_of, price_of_a_mode
 from analysis.modal.ring_down_model import Model, Record, fitted, without_modes, worth_of
@@ -28,6 +29,7 @@ WORTH_A_LOOK = 4.0  # twice the log-likelihood ratio of the best onset, below wh
 POSSIBLE = 20.0  # the same, by which an onset may be worse than the best one and still be fitted anew
 FITTED = 24  # onsets at most that are fitted anew
 AGAIN = 3  # times that modes are counted, each from the onset on that the last ones show
+LOUD = 8.0  # standard deviations of the noise: a sample that no noise makes, and by which an impact is seen at once
 LATE = 0.975  # probability that the impact was over by the sample at which a mode has to be heard
 
 
@@ -60,6 +62,12 @@ def begun_with(start: int, model: Model, notes: list[str]) -> Begun:
     """Modes whose beginning is known."""
     j = model.poles.size
     return Begun(start, model, np.zeros(j, np.complex128), np.zeros((j, 2, 2)), tuple(notes))
+
+
+def is_loud(record: Record, model: Model) -> bool:
+    """Whether a record stands so far out of its noise that what begins in it is seen."""
+    noise = stats.median_abs_deviation(model.residual, axis=1, scale="normal")
+    return bool((np.abs(record.y).max(axis=1) > LOUD * noise).any())
 
 
 def begun_in_noise(record: Record, model: Model, sample_rate_hz: float) -> Begun | None:

@@ -6,18 +6,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from analysis.modal.clipping import clipped_samples
-from analysis.modal.faint_impact import Begun, begun_in_noise, begun_with
+from analysis.modal.exponentials import FitFailure
+from analysis.modal.faint_impact import Begun, begun_in_noise, begun_with, is_loud
 from analysis.modal.free_start import decay_start, from_the_impact_on
 from analysis.modal.likelihood_interval import spread_along, widened, widening
-from analysis.modal.model_order import groups, modes_of
+from analysis.modal.model_order import groups, is_white, modes_of
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
-from analysis.modal.noise import NoiseModel, noise_model
 from analysis.modal.realised_modes import realised_modes
-from analysis.modal.ring_down_model import Model, Record, fitted, unresolved, without_modes, without_weak
+from analysis.modal.ring_down_model import Model, fitted, record_from, strong, unresolved, without_modes, worth_of
 from analysis.modal.stabilisation import COLUMNS, StablePole, realisations, stable_poles
+from analysis.modal.steady import runs_before
+from analysis.modal.whitening import (
+    COLOURED,
+    Whitened,
+    colour_after_an_impact,
+    colour_without_an_impact,
+    whitened,
+)
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
@@ -25,7 +32,7 @@ Real = NDArray[np.float64]
 LARGEST_ORDER = 60
 ITERATIONS = 300  # of the fit to a whole long record
 GUARD = 8  # samples before the onset that may already belong to the impact
-LEAST_QUIET = 200  # samples before the impact from which the colour of the noise is told
+ROUNDED = 1e-6  # samples by which a time may be rounded
 NO_GROWTH = 3.0  # standard errors by which a mode that does not decay may seem to grow
 
 
@@ -97,42 +104,96 @@ def identify_ring_down(
     moving = np.ptp(y, axis=1) > 0
     if moving.any() and not moving.all():  # what never changes has no noise to be weighed by, and tells nothing
         return _among(moving, identify_ring_down(y[moving], sample_rate_hz, start, largest_order, method))
-    clipped = clipped_samples(y)
     y = y - y.mean(axis=1, keepdims=True)
     impact = decay_start(y, sample_rate_hz) if start is None else None
-    first = start if start is not None else 0 if impact is None else impact[1]
+    found = _identified(y, sample_rate_hz, start, impact, largest_order, method)
+    return found if impact is None else _without_steady(found, y, impact, sample_rate_hz)
+
+
+def decay_begins(time_s: float | None, samples: int, sample_rate_hz: float) -> int | None:
+    """First sample of a free decay that is said to begin at a time; None where nothing is said.
+
+    Raises
+    ------
+    FitFailure
+        If that is before or after the record.
+
+    Examples
+    --------
+    >>> decay_begins(0.02, 5000, 25e3)
+    500
+    """
+    if time_s is None:
+        return None
+    if not 0 <= time_s * sample_rate_hz < samples:
+        raise FitFailure(
+            f"the free decay cannot begin at {time_s:g} s: the recording is {samples / sample_rate_hz:.4g} s long"
+        )
+    return min(samples - 1, int(np.ceil(time_s * sample_rate_hz - ROUNDED)))
+
+
+def _without_steady(found: RingDownModes, y: Real, impact: int, sample_rate_hz: float) -> RingDownModes:
+    """Leave out oscillations that the impact did not begin."""
+    steady = runs_before(y, max(0, impact - GUARD), found.modes, sample_rate_hz)
+    told = [
+        f"an oscillation at {mode.frequency_hz.value:.5g} Hz runs before the impact, too, as mains hum does: it is no "
+        "mode and is left out"
+        for mode, runs in zip(found.modes, steady, strict=True)
+        if runs
+    ]
+    kept = tuple(mode for mode, runs in zip(found.modes, steady, strict=True) if not runs)
+    return replace(found, modes=kept, notes=(*found.notes, *told))
+
+
+def _identified(
+    y: Real, sample_rate_hz: float, start: int | None, impact: int | None, largest_order: int, method: str
+) -> RingDownModes:
+    """As `identify_ring_down`, of a record about its mean whose impact begins at a sample, if there is one."""
+    clipped = clipped_samples(y)
     notes: list[str] = []
     if clipped.size:
         notes.append(f"{clipped.size} samples are clipped; they are left out")
+    quiet = [c[: 0 if impact is None else max(0, impact - GUARD)] for c in y]
+    white = whitened(y, [[q] for q in quiet], clipped)
+    begun = _begun(white, start, impact, sample_rate_hz)
+    record, colour = record_from(white.y, begun.start, white.clipped, COLUMNS), None
+    if impact is not None:
+        colour = colour_after_an_impact(white, record, begun.model)
+    elif start is None:
+        colour = colour_without_an_impact(record, begun.model)
+    if colour is not None:
+        white = whitened(y, [[q, r] for q, r in zip(quiet, colour, strict=True)], clipped)
+        begun = _begun(white, start, impact, sample_rate_hz)
+        if impact is None:
+            notes.append(COLOURED)
+    notes += [*begun.notes, *_weak_ones(white, begun, sample_rate_hz)]
+    first = begun.start
     realised = realisations(y[:, first:], largest_order) if largest_order >= 2 else []
     diagram, chosen = stable_poles(realised, y.shape[1] - first, sample_rate_hz)
     if method == "ml":
-        quiet = [c[: 0 if impact is None else max(0, impact[0] - GUARD)] for c in y]
-        white = _whitened(y, [[q] for q in quiet], clipped)
-        first, model, told = _counted(white, first, impact, sample_rate_hz)
-        begun = None
-        if impact is None and start is None:
-            begun = begun_in_noise(_record(white.y, 0, white.clipped), model, sample_rate_hz)
-        rest = None if impact is None else without_weak(_record(white.y, first, white.clipped), model)
-        if rest is not None and impact is not None:
-            # weak modes may be the colour of a noise of which too little was heard before the impact
-            bare = _unfiltered(white, rest)
-            white = _whitened(y, [[q, r] for q, r in zip(quiet, bare, strict=True)], clipped)
-            first, model, told = _counted(white, impact[1], impact, sample_rate_hz)
-        begun = begun or begun_with(first, model, told)
-        notes += begun.notes
-        begun = replace(begun, model=_over_all(white.y, begun.start, white.clipped, begun.model))
+        begun = replace(begun, model=_over_all(white.y, first, white.clipped, begun.model))
         found = _likely(white, begun, diagram, sample_rate_hz, notes)
         if found is not None:
             return found
-        first, model = begun.start, begun.model
-        if model.fit is not None:
+        if begun.model.fit is not None:
             notes.append("the modes are those of ERA: least squares did not settle")
     modes, share, lost = realised_modes(y[:, first:], chosen, realised, sample_rate_hz, largest_order)
     if not modes:
         told = lost or ["no mode stands out of the noise"]
         return RingDownModes((), diagram, first, 1.0, (*notes, *told), method)
     return RingDownModes(modes, diagram, first, share, (*notes, *lost), "era")
+
+
+def _weak_ones(white: Whitened, begun: Begun, sample_rate_hz: float) -> list[str]:
+    """A sentence about weak modes in what is not white."""
+    record = record_from(white.y, begun.start, white.clipped, COLUMNS)
+    if begun.model.fit is None or is_white(record, begun.model):
+        return []
+    weak = np.sort(np.abs(np.log(begun.model.poles[worth_of(record, begun.model) < strong(record)])))
+    if not weak.size:
+        return []
+    told = ", ".join(f"{w * sample_rate_hz / (2 * np.pi):.5g}" for w in weak)
+    return [f"what the modes leave is not white noise: those that are weak, at {told} Hz, may be part of it"]
 
 
 def _among(moving: NDArray[np.bool_], found: RingDownModes) -> RingDownModes:
@@ -145,76 +206,39 @@ def _among(moving: NDArray[np.bool_], found: RingDownModes) -> RingDownModes:
     return replace(found, modes=tuple(modes))
 
 
-@dataclass(frozen=True, slots=True)
-class _Whitened:
-    """A record whose noise is white in each channel, of the length that it had; its first samples are not filtered."""
-
-    y: Real
-    clipped: NDArray[np.int64]
-    filters: tuple[NoiseModel, ...]
-
-    def amplitudes(self, amplitudes: Complex, pole: complex) -> Complex:
-        """Amplitudes that a mode had before whitening."""
-        passed = [np.polyval(f.coefficients[::-1], 1 / pole) for f in self.filters]
-        return amplitudes / np.array(passed)
-
-
-def _counted(
-    white: _Whitened, first: int, impact: tuple[int, int] | None, sample_rate_hz: float
-) -> tuple[int, Model, list[str]]:
-    """First sample used, the modes of a whitened record from there on, and sentences for the reader."""
+def _begun(white: Whitened, start: int | None, impact: int | None, sample_rate_hz: float) -> Begun:
+    """The modes of a whitened record, from where they begin on."""
+    if start is not None:
+        return begun_with(start, modes_of(record_from(white.y, start, white.clipped, COLUMNS)), [])
+    first = white.order
     if impact is None:
-        return first, modes_of(_record(white.y, first, white.clipped)), []
-    return from_the_impact_on(white.y, *impact, white.clipped, sample_rate_hz, COLUMNS)
-
-
-def _unfiltered(white: _Whitened, rest: Real) -> Real:
-    """A residual of the whitened record as it was before whitening."""
-    undone = [signal.lfilter([1.0], f.coefficients, row) for f, row in zip(white.filters, rest, strict=True)]
-    return np.array(undone, np.float64)
-
-
-def _whitened(y: Real, noise: list[list[Real]], clipped: NDArray[np.int64]) -> _Whitened:
-    """Whiten each channel by the autoregressive model of stretches that hold its noise, if they are long enough."""
-    enough = [sum(map(len, stretches)) >= LEAST_QUIET for stretches in noise]
-    filters = tuple(
-        noise_model(stretches) if e else NoiseModel(np.ones(1), float("nan"))
-        for stretches, e in zip(noise, enough, strict=True)
-    )
-    order = max(f.order for f in filters)
-    if order == 0:
-        return _Whitened(y, clipped, filters)
-    white = np.array([signal.lfilter(f.coefficients, [1.0], row) for f, row in zip(filters, y, strict=True)])
-    spoiled = np.unique((clipped[:, None] + np.arange(order + 1)).ravel())
-    return _Whitened(white, spoiled[spoiled < y.shape[1]], filters)
-
-
-def _record(y: Real, first: int, clipped: NDArray[np.int64], longest: int | None = COLUMNS) -> Record:
-    """The record from a sample on, without clipped samples."""
-    last = y.shape[1] if longest is None else min(y.shape[1], first + longest)
-    missing = clipped[(clipped >= first) & (clipped < last)] - first
-    stretch = y[:, first:last].copy()
-    stretch[:, missing] = 0.0
-    return Record(stretch, missing=missing)
+        whole = record_from(white.y, first, white.clipped, COLUMNS)
+        model = modes_of(whole)
+        in_noise = None if is_loud(whole, model) else begun_in_noise(whole, model, sample_rate_hz)
+        if in_noise is not None:
+            return replace(in_noise, start=in_noise.start + first)
+    onset, unseen = (first, True) if impact is None else (impact, False)
+    started = from_the_impact_on(white.y, onset, white.clipped, sample_rate_hz, COLUMNS, unseen)
+    return begun_with(*started)
 
 
 def _over_all(y: Real, first: int, clipped: NDArray[np.int64], model: Model) -> Model:
     """The same modes, fitted to the whole record where they were counted in its first part."""
     if model.fit is None or y.shape[1] - first <= COLUMNS:
         return model
-    whole = _record(y, first, clipped, None)
+    whole = record_from(y, first, clipped)
     return fitted(whole, model.poles, without_modes(whole), ITERATIONS) or Model(None, whole.y, model.left)
 
 
 def _likely(
-    white: _Whitened, begun: Begun, diagram: tuple[StablePole, ...], sample_rate_hz: float, notes: list[str]
+    white: Whitened, begun: Begun, diagram: tuple[StablePole, ...], sample_rate_hz: float, notes: list[str]
 ) -> RingDownModes | None:
     """Modes of a model with their intervals; None if it has none that decays."""
     first, model = begun.start, begun.model
     if model.fit is None:
         return None
     fit = model.fit
-    record = _record(white.y, first, white.clipped, None)
+    record = record_from(white.y, first, white.clipped)
     spread = spread_along(record, fit)
     wider = widening(record.y, fit, record.known, record.missing)
     overlapping = [g for g in groups(fit.poles, record.y.shape[1]) if len(g) > 1]

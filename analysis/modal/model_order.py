@@ -248,12 +248,16 @@ def modes_of(record: Record, start: Model | None = None) -> Model:
 
 def is_white(record: Record, model: Model) -> bool:
     """Whether what a model leaves has the correlations of white noise (Ljung and Box 1978)."""
-    c = record.y.shape[0]
-    n = record.samples
-    lagged = np.array([(model.residual[:, :-lag] * model.residual[:, lag:]).sum(axis=1) for lag in range(1, LAGS + 1)])
-    correlation = lagged / np.maximum(model.left, 1e-300)
+    return is_white_noise(model.residual, record.samples) or _rounding_left(record, model)
+
+
+def is_white_noise(residual: Real, samples: int | None = None) -> bool:
+    """Whether (c, n) residuals have the correlations of white noise (Ljung and Box 1978); of so many samples."""
+    n = samples or residual.shape[1]
+    lagged = np.array([(residual[:, :-lag] * residual[:, lag:]).sum(axis=1) for lag in range(1, LAGS + 1)])
+    correlation = lagged / np.maximum((residual**2).sum(axis=1), 1e-300)
     score = float(n * (correlation**2).sum())
-    return bool(stats.chi2.sf(score, c * LAGS) > WHITE) or _rounding_left(record, model)
+    return bool(stats.chi2.sf(score, residual.shape[0] * LAGS) > WHITE)
 
 
 def _without_slices(record: Record, model: Model, white: bool) -> Model:

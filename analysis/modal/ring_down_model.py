@@ -53,6 +53,15 @@ class Record:
         return int(self.y.shape[1] - self.missing.size)
 
 
+def record_from(y: Real, first: int, clipped: NDArray[np.int64], longest: int | None = None) -> Record:
+    """The record (c, n) from a sample on, without clipped samples, and no longer than said."""
+    last = y.shape[1] if longest is None else min(y.shape[1], first + longest)
+    missing = clipped[(clipped >= first) & (clipped < last)] - first
+    stretch = y[:, first:last].copy()
+    stretch[:, missing] = 0.0
+    return Record(stretch, missing=missing)
+
+
 @dataclass(frozen=True, slots=True)
 class Model:
     """Modes of a record, and what they leave.
@@ -131,11 +140,16 @@ def worth_of(record: Record, model: Model) -> Real:
     return worth
 
 
+def strong(record: Record) -> float:
+    """Energy of a mode over the noise's variance, by which it stands far out of a noise of any colour."""
+    return FAR_OUT * float(np.sqrt(record.samples))
+
+
 def without_weak(record: Record, model: Model) -> Real | None:
     """What is left of a record without the modes that stand far out of the noise; None if all of them do."""
     if model.fit is None:
         return None
-    weak = worth_of(record, model) < FAR_OUT * np.sqrt(record.samples)
+    weak = worth_of(record, model) < strong(record)
     if not weak.any():
         return None
     rest = model.poles[~weak]

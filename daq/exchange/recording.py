@@ -47,6 +47,8 @@ class Recording:
         A unit a channel, as `unit`; empty where nothing is known of any.
     left_out
         What in the file looks like a channel but is none of this recording, each with the reason.
+    decay_from_s
+        Time in it from which on it is a free decay, s; None: not said.
     """
 
     data: NDArray[np.float64]
@@ -56,6 +58,7 @@ class Recording:
     source: str
     units: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    decay_from_s: float | None = None
 
 
 @dataclass(slots=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from analysis.budgets import with_clock
 from analysis.modal.amplitude import along_the_decay
 from analysis.modal.exponentials import FitFailure
-from analysis.modal.identify import identify_ring_down
+from analysis.modal.identify import decay_begins, identify_ring_down
 from analysis.modal.shapes import scaled
 from analysis.modal.stabilisation import indicators
 from analysis.results import Mode, RecordingModes
@@ -39,7 +39,8 @@ def modes_of(recording: Recording, method: str, wiring: Wiring | None = None) ->
     scale = _far_scale(recording.data)
     data = recording.data / scale
     try:
-        found = identify_ring_down(data, recording.rate_hz, method=method)
+        start = decay_begins(recording.decay_from_s, data.shape[1], recording.rate_hz)
+        found = identify_ring_down(data, recording.rate_hz, start, method=method)
     except FitFailure as error:
         raise FitFailure(f"{recording.source}: {error}") from error
     poles = np.array([np.exp(m.pole / recording.rate_hz) for m in found.modes], np.complex128)

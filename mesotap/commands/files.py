@@ -64,11 +64,12 @@ def analyze(
     mac: Path | None = None,
     force: ForceOptions = NO_FORCE,
     clock_ppm: float | None = None,
+    decay_from_s: float | None = None,
 ) -> None:
     """Analyse each file, print its table, and write the answers: one, or a list of them for several files.
 
     ``mac`` is a recording beside whose modes those of each file are put; ``clock_ppm`` how far the recorder's clock
-    may be off.
+    may be off; ``decay_from_s`` where the free decay of a recording begins.
     """
     if method is not None and method not in METHODS:
         raise ConfigError(f"--method {method}: allowed are {' and '.join(METHODS)}")
@@ -76,7 +77,10 @@ def analyze(
     changes += [] if clock_ppm is None else [f"rig.wiring.clock_accuracy_ppm={clock_ppm}"]
     other = None if mac is None else _other(mac, rate, load_config(config_path, changes))
     if len(files) == 1:
-        write_json(json_path, _analyze_one(files[0], rate, config_path, changes, report, console, model, other, force))
+        write_json(
+            json_path,
+            _analyze_one(files[0], rate, config_path, changes, report, console, model, other, force, decay_from_s),
+        )
         return
     make_ready(None, report)
     answers: list[dict[str, Any]] = []
@@ -85,7 +89,9 @@ def analyze(
         # session files are often all called alike: the folder's name tells them apart
         folder = None if report is None else report / f"{number:02d}-{file.resolve().parent.name}-{file.stem}"
         try:
-            answers.append(_analyze_one(file, rate, config_path, changes, folder, console, model, other, force))
+            answers.append(
+                _analyze_one(file, rate, config_path, changes, folder, console, model, other, force, decay_from_s)
+            )
         except (RecordingError, AnalysisError, FitFailure) as error:
             refusals.append(str(error))
             answers.append({"format": "mesotap-refusal", "version": 1, "source": str(file), "reason": str(error)})
@@ -104,9 +110,15 @@ def _analyze_one(
     model: Path | None,
     other: tuple[Recording, RecordingModes] | None,
     force: ForceOptions,
+    decay_from_s: float | None,
 ) -> dict[str, Any]:
     opened = opened_file(file, rate)
     if isinstance(opened, Session) and opened.rig.is_tester:
+        if decay_from_s is not None:
+            raise RecordingError(
+                f"{file}: is a session of the tester, whose taps begin where they begin; --decay-from is for other "
+                "recordings"
+            )
         if other is not None:
             raise RecordingError(f"{file}: is a session of the tester; --mac compares the modes of other recordings")
         if force.driving_point is not None:
@@ -121,6 +133,7 @@ def _analyze_one(
     if model is not None:
         raise RecordingError(f"{file}: is not a session of the tester, so no diagnosis of one corrects it")
     recording = _as_recording(opened) if isinstance(opened, Session) else opened
+    recording = replace(recording, decay_from_s=decay_from_s)
     show_left_out(recording, console)
     config = load_config(config_path, changes)
     created = opened.created if isinstance(opened, Session) else None

@@ -67,6 +67,19 @@ def test_the_configuration_says_how_good_the_clock_is_too(tmp_path: Path) -> Non
     assert half_width(analysed(file, "--clock-ppm", 500)) == half_width(declared)
 
 
+def test_it_can_be_said_where_the_decay_begins(tmp_path: Path) -> None:
+    early = np.exp(-1500 * T) * np.sin(2 * np.pi * 300 * T)  # as far as one can tell an impact
+    noise = 0.02 * np.random.default_rng(1).standard_normal((2, T.size))
+    file = as_csv(tmp_path, np.array([DECAY, 0.5 * DECAY]) + early + noise)
+    found = analysed(file)
+    assert [round(mode["frequency_hz"]["value"], -1) for mode in found["modes"]] == [700]
+    assert any("say when the free decay begins" in note for note in found["notes"])
+    said = analysed(file, "--decay-from", 0)["modes"]
+    assert [round(mode["frequency_hz"]["value"], -1) for mode in said] == [pytest.approx(380, abs=40), 700]
+    beyond = run("analyze", file, "--decay-from", 99)
+    assert "cannot begin at 99 s: the recording is" in str(beyond.exception)
+
+
 def test_each_channel_has_its_own_unit_in_the_answer_and_on_the_page(tmp_path: Path) -> None:
     head = "time [s],top [m/s^2],laser [um/s],plain"
     columns = np.array([T, DECAY, 3 * DECAY, -2 * DECAY]).T

@@ -1,0 +1,58 @@
+"""Oscillations that run on whatever the impact does, as mains hum: they are there before it, and no modes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.modal.model_order import price_of_a_mode
+from analysis.modal.modes import ModeEstimate
+
+Real = NDArray[np.float64]
+
+PERIODS = 2.0  # before the impact, at least, by which an oscillation is told from an offset
+AS_STRONG = (
+    0.25  # of the energy that a mode begins with, before the impact: what an earlier one left has mostly decayed
+)
+
+
+def runs_before(y: Real, onset: int, modes: Sequence[ModeEstimate], sample_rate_hz: float) -> list[bool]:
+    """Whether each oscillation is in the samples before an impact, too, and as strong as after it.
+
+    Parameters
+    ----------
+    y
+        (c, n) record.
+    onset
+        Samples that belong to no impact.
+    modes
+        Found after it.
+    sample_rate_hz
+        Samples a second.
+
+    Examples
+    --------
+    >>> from analysis.modal.modes import mode_from_sampled_pole
+    >>> hum = np.cos(0.1 * np.arange(900)) + 0.01 * np.random.default_rng(1).standard_normal(900)
+    >>> found = mode_from_sampled_pole(np.exp(0.1j - 1e-9), 1e-8 * np.eye(2), np.array([0.5 + 0j]), 1e3)
+    >>> runs_before(hum[None], 400, [found], 1e3)
+    [True]
+    """
+    before = y[:, :onset]
+    c, n = before.shape
+    told = []
+    for mode in modes:
+        turn = mode.pole.imag / sample_rate_hz
+        if n < 8 or n * turn < 2 * np.pi * PERIODS:
+            told.append(False)
+            continue
+        angle = turn * np.arange(n)
+        design = np.array([np.cos(angle), np.sin(angle), np.ones(n)]).T
+        found = np.linalg.lstsq(design, before.T, rcond=None)[0]
+        noise = np.maximum(((before.T - design @ found) ** 2).mean(axis=0), 1e-300)
+        strength = (found[:2] ** 2).sum(axis=0)
+        heard = float((strength / noise).sum()) * n / 2 > price_of_a_mode(c, n)
+        told.append(heard and float(strength.sum()) > AS_STRONG * float((np.abs(2 * mode.amplitude) ** 2).sum()))
+    return told

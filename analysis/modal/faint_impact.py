@@ -64,10 +64,14 @@ def begun_with(start: int, model: Model, notes: list[str]) -> Begun:
     return Begun(start, model, np.zeros(j, np.complex128), np.zeros((j, 2, 2)), tuple(notes))
 
 
-def is_loud(record: Record, model: Model) -> bool:
-    """Whether a record stands so far out of its noise that what begins in it is seen."""
-    noise = stats.median_abs_deviation(model.residual, axis=1, scale="normal")
-    return bool((np.abs(record.y).max(axis=1) > LOUD * noise).any())
+def is_loud(y: Real) -> bool:
+    """Whether a record (c, n) stands so far out of its noise that what begins in it is seen.
+
+    The noise is told from third differences at the end of the record, of which what oscillates slowly leaves little.
+    """
+    last = np.diff(y[:, -y.shape[1] // 4 :], 3, axis=1)
+    noise = stats.median_abs_deviation(last, axis=1, scale="normal") / np.sqrt(20.0)  # 1 + 9 + 9 + 1 variances
+    return bool((np.abs(y).max(axis=1) > LOUD * noise).any())
 
 
 def begun_in_noise(record: Record, model: Model, sample_rate_hz: float) -> Begun | None:

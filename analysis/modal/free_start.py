@@ -160,8 +160,18 @@ def from_the_impact_on(
     if chosen.start > onset:
         back = _reach(y, onset, chosen.start, chosen.model, clipped)
         chosen = _fitted_from(y, chosen.start - back, chosen, clipped) or chosen
-        chosen = _past_the_tail(y, onset, chosen, clipped)
+        chosen = _heard(y, _past_the_tail(y, onset, chosen, clipped), clipped)
     return chosen.start, chosen.model, _told(chosen.start, onset, unseen, sample_rate_hz)
+
+
+def _heard(y: Real, begun: _Counted, clipped: NDArray[np.int64]) -> _Counted:
+    """The same without modes that have sunk by a later start: what little is left of them may be anything."""
+    heard = begun.periods > PERIODS
+    if heard.all() or not heard.any():
+        return begun
+    record = record_from(y, begun.start, clipped, begun.record.y.shape[1])
+    less = fitted(record, begun.model.poles[heard], without_modes(record))
+    return begun if less is None else _Counted(begun.start, record, less)
 
 
 def _past_the_tail(y: Real, onset: int, begun: _Counted, clipped: NDArray[np.int64]) -> _Counted:

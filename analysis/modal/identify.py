@@ -17,7 +17,7 @@ from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
 from analysis.modal.realised_modes import realised_modes
 from analysis.modal.ring_down_model import Model, fitted, record_from, strong, unresolved, without_modes, worth_of
 from analysis.modal.stabilisation import COLUMNS, StablePole, realisations, stable_poles
-from analysis.modal.steady import runs_before
+from analysis.modal.steady import perhaps_hum, runs_before
 from analysis.modal.whitening import (
     COLOURED,
     Whitened,
@@ -107,7 +107,8 @@ def identify_ring_down(
     y = y - y.mean(axis=1, keepdims=True)
     impact = decay_start(y, sample_rate_hz) if start is None else None
     found = _identified(y, sample_rate_hz, start, impact, largest_order, method)
-    return found if impact is None else _without_steady(found, y, impact, sample_rate_hz)
+    found = found if impact is None else _without_steady(found, y, impact, sample_rate_hz)
+    return replace(found, notes=(*found.notes, *perhaps_hum(found.modes, (impact or 0) / sample_rate_hz)))
 
 
 def decay_begins(time_s: float | None, samples: int, sample_rate_hz: float) -> int | None:
@@ -213,8 +214,7 @@ def _begun(white: Whitened, start: int | None, impact: int | None, sample_rate_h
     first = white.order
     if impact is None:
         whole = record_from(white.y, first, white.clipped, COLUMNS)
-        model = modes_of(whole)
-        in_noise = None if is_loud(whole, model) else begun_in_noise(whole, model, sample_rate_hz)
+        in_noise = None if is_loud(whole.y) else begun_in_noise(whole, modes_of(whole), sample_rate_hz)
         if in_noise is not None:
             return replace(in_noise, start=in_noise.start + first)
     onset, unseen = (first, True) if impact is None else (impact, False)

@@ -192,6 +192,8 @@ def _about(tail: Real, poles: Complex, sample_rate_hz: float) -> tuple[Real, NDA
         off = np.log(poles[own_index] / fit.poles[i])
         apart = np.array([off.real, off.imag])
         covariance = widened(fit.log_pole_covariance[i], wider[i]) * spread[i]
+        if not np.linalg.det(covariance) > 0:
+            return None  # least squares stand where the likelihood has no maximum
         own = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
         both = covariance + np.outer(apart, apart)
         scale = own * half_width_about(np.abs(apart) / own) / NORMAL_95 / np.sqrt(np.diagonal(both))

@@ -12,6 +12,9 @@ from analysis.modal.modes import ModeEstimate
 
 Real = NDArray[np.float64]
 
+MAINS_HZ = (50.0, 60.0)
+OFF_HZ = 0.2  # by which the mains frequency may be off
+HARMONICS = 7  # of the mains, at which a lasting oscillation is told to be perhaps hum
 PERIODS = 2.0  # before the impact, at least, by which an oscillation is told from an offset
 AS_STRONG = (
     0.25  # of the energy that a mode begins with, before the impact: what an earlier one left has mostly decayed
@@ -55,4 +58,31 @@ def runs_before(y: Real, onset: int, modes: Sequence[ModeEstimate], sample_rate_
         strength = (found[:2] ** 2).sum(axis=0)
         heard = float((strength / noise).sum()) * n / 2 > price_of_a_mode(c, n)
         told.append(heard and float(strength.sum()) > AS_STRONG * float((np.abs(2 * mode.amplitude) ** 2).sum()))
+    return told
+
+
+def perhaps_hum(modes: Sequence[ModeEstimate], quiet_s: float) -> list[str]:
+    """Sentences about modes at a multiple of the mains frequency that do not decay, as far as a record tells.
+
+    Parameters
+    ----------
+    modes
+        Of the record.
+    quiet_s
+        Time before the impact, s: long enough, it shows what runs there.
+    """
+    told = []
+    for mode in modes:
+        f, zeta = mode.frequency_hz, mode.damping_ratio
+        mains = [
+            hz
+            for hz in MAINS_HZ
+            for k in range(1, HARMONICS + 1)
+            if f.low - k * OFF_HZ <= k * hz <= f.high + k * OFF_HZ
+        ]
+        if mains and zeta.low <= 0 and quiet_s * f.value < PERIODS:
+            told.append(
+                f"the mode at {f.value:.5g} Hz may be hum of the mains ({mains[0]:g} Hz): it does not decay as far as "
+                "the recording tells, and too little was recorded before an impact to show whether it was there"
+            )
     return told

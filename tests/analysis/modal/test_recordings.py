@@ -196,6 +196,15 @@ def test_hum_that_runs_before_the_impact_is_told_and_left_out():
         assert any("runs before the impact" in note for note in found.notes)
 
 
+def test_what_may_be_hum_is_told_where_nothing_was_recorded_before():
+    y = decays([50.0, 210.0], [0.0, 0.02], [[0.3, 1.0]])
+    found = identified(noisy(y, 40, np.random.default_rng(25)))
+    assert len(found.modes) == 2
+    assert sum("may be hum" in note for note in found.notes) == 1
+    damped = decays([50.0, 210.0], [0.02, 0.02], [[0.3, 1.0]])
+    assert not any("may be hum" in note for note in identified(noisy(damped, 40, np.random.default_rng(25))).notes)
+
+
 def test_coloured_noise_alone_is_told_and_makes_few_modes():
     rng = np.random.default_rng(24)
     found = []

@@ -24,6 +24,9 @@ def constant_intervals(fitted: SimulatedFit) -> dict[str, tuple[float, float]]:
     for k, p in enumerate(fitted.simulation.parameters):
         if p.scope != "rig" or p.name not in values:
             continue
+        if p.name in fitted.simulation.untold:  # they change with each other, and every channel shows the same
+            found[p.name] = (p.low, p.high)
+            continue
         variance = float(fitted.covariance[k, k])
         reach = NORMAL_95 * math.sqrt(variance) if variance > 0 and math.isfinite(variance) else math.inf
         value = float(values[p.name])

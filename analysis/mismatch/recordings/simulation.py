@@ -14,6 +14,7 @@ from analysis.mismatch.parameters import FreeParameter, Term, lines_of, rounding
 from analysis.mismatch.recordings.inputs import peaks_of, raised
 from analysis.mismatch.recordings.motion import Motion, Own, impulse
 from analysis.mismatch.recordings.recorded import Recorded
+from analysis.mismatch.recordings.untold import SINGULAR, untold_offsets
 from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.acting import extended, laws_in, shaken
 from sim_backend.arrangement import DERIVATIVES, Row
@@ -28,7 +29,7 @@ FEWEST_SUBSTEPS: Final = 3  # dry friction turns at once, however slow the rig
 MOST_SUBSTEPS: Final = 8
 SHORTEST_FILTERED: Final = 60  # samples that a band's filter can be run over
 TOLERANCE: Final = 1e-5  # see `propagate`: along a decay of 60 periods errors of 3e-4 add up to a quarter of the noise
-SINGULAR: Final = 1e9  # condition of a stiffness matrix that says nothing of where the rig rests
+HELD: Final = 1e-6  # standard error of an offset that nothing tells, over its size: it stays where it is
 
 
 class Simulation:
@@ -59,6 +60,9 @@ class Simulation:
         self.lines = lines_of(terms)
         self.struck = next((t.place[0] for t in terms if isinstance(t.mechanism, SecondImpact)), None)
         self.substeps = [self._substeps(r) for r in self.recordings]
+        mass = self.arrangement.matrices(self.constants)[0]
+        pushed = self._vectors(self.constants, mass).T
+        self.untold = untold_offsets(rig, self.arrangement, self.constants, self.terms, list(pushed))
         self.parameters = tuple(self._parameters())
         self._inputs = [self._between(r, s) for r, s in zip(self.recordings, self.substeps, strict=True)]
 
@@ -106,6 +110,8 @@ class Simulation:
             prior, low = None, -math.inf
             if p.name in offsets:  # weakly held: a linear rig cannot tell an input's offset from its sensor's
                 scale, prior = offsets[p.name], (0.0, 1.0)
+                if p.name in self.untold and p.name in {d.offset for d in self.rig.drives}:
+                    prior = value / scale, HELD
             elif math.isfinite(p.uncertainty):
                 inner = math.log(p.value / scale) if p.positive else p.value / scale
                 prior = (inner, p.uncertainty / (p.value if p.positive else scale))

@@ -169,7 +169,8 @@ def _identified(
             notes.append(COLOURED)
     notes += [*begun.notes, *_weak_ones(white, begun, sample_rate_hz)]
     first = begun.start
-    realised = realisations(y[:, first:], largest_order) if largest_order >= 2 else []
+    tail = white.y[:, first:]
+    realised = realisations(tail, largest_order) if largest_order >= 2 else []
     diagram, chosen = stable_poles(realised, y.shape[1] - first, sample_rate_hz)
     if method == "ml":
         begun = replace(begun, model=_over_all(white.y, first, white.clipped, begun.model))
@@ -178,7 +179,8 @@ def _identified(
             return found
         if begun.model.fit is not None:
             notes.append("the modes are those of ERA: least squares did not settle")
-    modes, share, lost = realised_modes(y[:, first:], chosen, realised, sample_rate_hz, largest_order)
+    modes, share, lost = realised_modes(tail, chosen, realised, sample_rate_hz, largest_order)
+    modes = tuple(replace(m, amplitude=white.amplitudes(m.amplitude, np.exp(m.pole / sample_rate_hz))) for m in modes)
     if not modes:
         told = lost or ["no mode stands out of the noise"]
         return RingDownModes((), diagram, first, 1.0, (*notes, *told), method)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from analysis.modal.clipping import clipped_samples
 from analysis.modal.free_start import decay_start
@@ -117,6 +118,17 @@ def test_era_says_so_and_covers_its_noise():
         assert found.method == "era"
         off += scores(found, f, zeta)
     assert np.mean(np.abs(off) < 1.96) > 0.8
+
+
+def test_era_sees_a_record_whose_noise_is_white():
+    rng = np.random.default_rng(26)
+    for _ in range(3):
+        y = tapped([200.0, 700.0], [0.01, 0.02], 0.5e-3, 800, rng)
+        y += 0.03 * signal.lfilter([1.0], [1.0, -0.9], rng.standard_normal(y.size))
+        era, ml = (identify_ring_down(y, RATE, **o) for o in ({"method": "era", "largest_order": 24}, {}))
+        assert [m.frequency_hz.value for m in era.modes] == pytest.approx([200, 700], rel=0.02)
+        for own, other in zip(era.modes, ml.modes, strict=True):
+            assert abs(own.amplitude[0]) == pytest.approx(abs(other.amplitude[0]), rel=0.1)
 
 
 def test_era_invents_no_mode_in_noise():

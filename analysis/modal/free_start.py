@@ -284,15 +284,16 @@ def _continues(now: _Counted, later: _Counted) -> bool:
 
 def _told(start: int, onset: int, unseen: bool, sample_rate_hz: float) -> list[str]:
     """Sentences about where the decay is used from."""
-    soon, used = 1e3 * SOON_S, 1e3 * (start - onset) / sample_rate_hz
     if unseen and start > onset:
-        used = 1e3 * start / sample_rate_hz
         return [
-            f"the record begins with more than its modes, an impact perhaps: they are used from {used:.2g} ms on "
-            "(say when the free decay begins, if that is known)"
+            f"the record begins with more than its modes, an impact perhaps: they are used from "
+            f"{1e3 * start / sample_rate_hz:.2g} ms on (say when the free decay begins, if that is known)"
         ]
-    if used > soon:
-        return [f"the impact lasts longer than {soon:.2g} ms: the decay is used from {used:.2g} ms after its onset"]
+    if start - onset > SOON_S * sample_rate_hz:
+        return [
+            f"the decay is used from {1e3 * (start - onset) / sample_rate_hz:.2g} ms after the onset of the impact: "
+            "from there on the modes are the same however late one begins"
+        ]
     return []
 
 

@@ -28,7 +28,7 @@ LATEST_S = 10e-3  # after the onset, by which a pulse is over
 LATEST = 128  # samples after it, by which it may be, at a low sampling rate
 FIRST = 4  # samples after the onset: the earliest start
 CHANGED = 1e-4  # chance of what differs between the modes from two starts, below which they are not the same
-PERIODS = 0.75  # that a mode is heard at least: of 111 starts within pulses 7 show only oscillations that are heard for
+PERIODS = 0.6  # that a mode is heard at least: of 111 starts within pulses 8 show only oscillations that are heard for
 # more; of 29 modes of 15 to 30 % damping in free decays all are
 TAIL = 0.5  # of a pulse that is seen, that may follow unseen
 SPARED = 0.2  # of the energy of the fastest mode, that is given up for it
@@ -154,6 +154,8 @@ def from_the_impact_on(
     """
     starts = _starts(y.shape[1], onset, sample_rate_hz)
     chosen, last = _earliest(y, [onset, *starts] if unseen else starts, clipped, longest)
+    if chosen is None and last.start == onset and last.model.poles.size == 1:
+        return last.start, last.model, [HARDLY_HEARD]  # and nothing else is heard that it could be the impact of
     if chosen is None:
         record = record_from(y, last.start, clipped, longest)
         return last.start, without_modes(record), [NONE_HEARD] if last.model.fit is not None else []
@@ -233,6 +235,7 @@ NONE_HEARD = (
     f"nothing is heard for {PERIODS:g} periods: what there is may be an impact as well as a mode that decays so fast "
     "(say when the free decay begins, if that is known)"
 )
+HARDLY_HEARD = f"the mode is heard for less than {PERIODS:g} periods: it may be an impact as well"
 
 
 def _starts(samples: int, onset: int, sample_rate_hz: float) -> list[int]:

@@ -26,6 +26,7 @@ MAX_ITERATIONS = 60
 CONVERGED = 1e-12  # relative fall of the sum of squares
 SETTLED = 1e-4  # squared standard errors of the poles, by which a last step may still move them
 ROUNDING = 1e-13  # of a record's energy: a fall of the sum of squares that rounding can feign
+CANCELLED = 1e-16  # of a record's energy: a sum of squares that rounding leaves of nothing
 RIDGE = 1e-13  # on a correlation matrix, below which columns are the same
 NONE_MISSING = np.zeros(0, np.int64)
 LARGEST_GROWTH = 1.02  # a sampled pole beyond this modulus cannot be a ring-down
@@ -202,7 +203,7 @@ def fit_exponentials(
         raise FitFailure("two of the exponentials cannot be told apart") from singular
     if not converged:
         raise FitFailure("the search for the poles did not settle")
-    scale = max(total, 0.0) / dof
+    scale = max(float(total), CANCELLED * float(((y**2).sum(axis=1) / variance).sum()), 1e-300) / dof
     return ExponentialFit(
         poles=poles,
         amplitudes=amplitudes[:, :j].copy(),

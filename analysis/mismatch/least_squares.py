@@ -19,8 +19,7 @@ from sim_backend.arrays import Real
 
 TIES = 1e-6  # rise of the objective that still counts as none
 LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e5
-DAMPED_MORE = 5.0  # factor from a step that failed to the next try, doubled with each further one
-DAMPED_LESS = 10.0  # factor back after a step that did well at once
+DAMPED_MORE, DAMPED_LESS = 5.0, 10.0  # factors from a step that failed to the next, doubled each time; and back
 PROBED = 0.1  # of a step, at which its second derivative is looked up
 MOST_BENT = 0.75  # second over first derivative along a step, beyond which it is straight
 SLOW_START = 4  # linearisations after which slopes are computed in full

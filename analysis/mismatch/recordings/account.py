@@ -336,8 +336,7 @@ class BlockAccount(Account[SimulatedFit]):
             None,
             STRONGER / 2,
             (named[0].id, others[0]),
-            f"The two best explanations differ most at the largest amplitude: a recording {STRONGER / 2:g} times as "
-            "strong would part them further.",
+            f"The two differ most at the largest amplitude: {STRONGER / 2:g} times as strong they would part further.",
             ("input",) if self.described.drives else ("tap",),
         )
 
@@ -346,7 +345,6 @@ class BlockAccount(Account[SimulatedFit]):
         units = {p.name: p.unit for p in self.judge.problem.arrangement.parameters}
         best, values = self.selection.best, self.selection.best.values
         found = constant_intervals(best)
-        constants = {
-            k: Interval(v, *found.get(k, (v, v)), self.unit(units[k])) for k, v in values.items() if k in units
-        }
+        known = {k: v for k, v in values.items() if k in units}
+        constants = {k: Interval(v, *found.get(k, (v, v)), self.unit(units[k])) for k, v in known.items()}
         return FittedRig(constants, off=far_off(values, self.described.arrangement.parameters))

@@ -20,8 +20,8 @@ from analysis.mismatch.policy import POLICY, SelectionPolicy
 from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Problem
 from analysis.mismatch.recordings.model import DRAWS, Point, SimulationModel, residual
 from analysis.mismatch.recordings.motion import Own
-from analysis.mismatch.recordings.noise import NoiseModel, floor_of, innovation_rms, noise_of
-from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, UNUSED, Recorded, duration, level
+from analysis.mismatch.recordings.noise import NoiseModel, mostly_missed, noise_of
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, duration, level
 from analysis.mismatch.recordings.second_impact import second_impact_score
 from analysis.mismatch.recordings.signatures import columns_of
 from analysis.mismatch.recordings.simulation import Simulation
@@ -239,18 +239,8 @@ class SimulatedFit(Fit):
     def far_off(self) -> bool:
         """Whether a channel's error is most of what it shows, and could have been predicted from the error itself."""
         policy = self.problem.policy
-        for number, recorded in enumerate(self.problem.recordings):
-            off, at = self.error(number, whole=True)
-            part = recorded.part[at]
-            for row, shown, size in zip(off, recorded.outputs[:, at], level(recorded), strict=True):
-                innovation = innovation_rms(row[recorded.fitted], floor_of(recorded))
-                for kept in (k for k in (part != UNUSED, part == HELD) if np.any(k)):
-                    error = math.sqrt(float(np.mean(row[kept] ** 2)))
-                    # a decay has faded where it is held out: there it is held against the whole of the recording
-                    all_of_it = max(float(np.std(shown[kept])), float(size))
-                    if error > max(policy.missed * all_of_it, policy.predictable * innovation):
-                        return True
-        return False
+        errors = ((r, *self.error(i, whole=True)) for i, r in enumerate(self.problem.recordings))
+        return any(mostly_missed(r, off, at, policy.missed, policy.predictable) for r, off, at in errors)
 
     def pinned(self) -> bool:
         """Whether a parameter of a mechanism ends at a bound of its range."""

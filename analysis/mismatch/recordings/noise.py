@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.fft import next_fast_len
 
-from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, level
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, UNUSED, Recorded, level
 from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.arrays import Complex, Real
 
@@ -274,6 +274,19 @@ def correlation(row: Real) -> float:
     r = r / r[0] if r[0] > 0 else np.ones(1)
     end = int(np.argmax(np.abs(r) < MOST_CORRELATED)) or r.size
     return max(1.0, 1 + 2 * float(np.sum(r[1 : max(4 * end, 2)] ** 2)))
+
+
+def mostly_missed(recorded: Recorded, error: Real, at: slice, share: float, predictable: float) -> bool:
+    """Whether an error (c, n) is more than a share of a channel, and than so many times what it does not foretell."""
+    part = recorded.part[at]
+    for row, shown, size in zip(error, recorded.outputs[:, at], level(recorded), strict=True):
+        innovation = innovation_rms(row[recorded.fitted], floor_of(recorded))
+        for kept in (k for k in (part != UNUSED, part == HELD) if np.any(k)):
+            # a decay has faded where it is held out: there it is held against the whole of the recording
+            all_of_it = max(float(np.std(shown[kept])), float(size))
+            if math.sqrt(float(np.mean(row[kept] ** 2))) > max(share * all_of_it, predictable * innovation):
+                return True
+    return False
 
 
 def noise_of(recorded: Recorded, error: Real, at: slice) -> Real:

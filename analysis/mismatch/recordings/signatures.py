@@ -27,81 +27,98 @@ LITTLE = 0.01  # of a trial, that a mechanism is tried with beside others
 SMALLEST, LARGEST = 0.3, 3.0  # what that may make, in deviations of the noise
 
 
-def columns_of(
-    problem: SimulatedRecordings, fitted: SimulatedFit, number: int, terms: Sequence[Term], ringing: Sequence[Term]
-) -> Columns:
-    """Return what a recording's residual is compared with, whitened as a problem asks; held-out samples take no part.
+class _Compared:
+    """A recording's residual, and what other simulations make of it: both whitened, without what is held out.
 
     What is not whitened only ranks mechanisms: it is of so much of the recording as rough fits look at.
     """
-    recorded, plain = fitted.problem.recordings[number], problem.plain
-    size = recorded.fitted.stop - recorded.fitted.start
-    count = math.ceil(problem.looked_at * size) if plain else size
-    # the noise of a force cell is in the residual: in what a mechanism does to it, it would look like the mechanism
-    inputs = np.array([at_rest_between_pulses(u) for u in recorded.inputs]).reshape(recorded.inputs.shape)
-    simulation = fitted.simulation.with_inputs(number, inputs)
-    own = fitted.own[number]
 
-    def off_by(other: Simulation, x: Real, moved: Own) -> Real:
-        return residual(other, x, moved, number, samples=count)[0]
+    def __init__(self, problem: SimulatedRecordings, fitted: SimulatedFit, number: int):
+        self.fitted, self.number, self.plain = fitted, number, problem.plain
+        self.recorded = recorded = fitted.problem.recordings[number]
+        size = recorded.fitted.stop - recorded.fitted.start
+        self.count = math.ceil(problem.looked_at * size) if self.plain else size
+        # the noise of a force cell is in the residual: in what a mechanism does to it, it would look like the mechanism
+        inputs = np.array([at_rest_between_pulses(u) for u in recorded.inputs]).reshape(recorded.inputs.shape)
+        self.simulation = fitted.simulation.with_inputs(number, inputs)
+        self.own = fitted.own[number]
+        self.off, self.at = residual(fitted.simulation, fitted.x, self.own, number, samples=self.count)
+        same = self.simulation is fitted.simulation
+        self.shown = self.off if same else self.off_by(self.simulation, fitted.x, self.own)
+        self.used = np.isin(recorded.part[self.at], (FIT, CHOOSE))
+        self.noise = None if self.plain else fitted.noise(number)
 
-    off, at = residual(fitted.simulation, fitted.x, own, number, samples=count)
-    shown = off if simulation is fitted.simulation else off_by(simulation, fitted.x, own)
-    used = np.isin(recorded.part[at], (FIT, CHOOSE))
-    noise = None if plain else fitted.noise(number)
+    def off_by(self, other: Simulation, x: Real, moved: Own) -> Real:
+        """Return the residual (c, n) that a simulation leaves."""
+        return residual(other, x, moved, self.number, samples=self.count)[0]
 
-    def white(y: Real) -> Real:
-        return (y if noise is None else noise.white(y))[:, used].ravel()
+    def white(self, y: Real) -> Real:
+        """Return one row of all channels' samples that count."""
+        return (y if self.noise is None else self.noise.white(y))[:, self.used].ravel()
 
-    def changed(x: Real, moved: Own) -> Real:
-        return white(off_by(simulation, x, moved) - shown)
+    def changed(self, x: Real, moved: Own) -> Real:
+        """Return what other constants and another state make."""
+        return self.white(self.off_by(self.simulation, x, moved) - self.shown)
 
-    def with_term(term: Term) -> tuple[Simulation, Own]:
-        other = simulation.with_terms((*fitted.terms, term), fitted.values)
-        return other, replace(other.own(fitted.state(number)), tones=own.tones, impact=own.impact)
+    def with_term(self, term: Term) -> tuple[Simulation, Own]:
+        """Return the simulation with one mechanism more, and the recording's own numbers in it."""
+        other = self.simulation.with_terms((*self.fitted.terms, term), self.fitted.values)
+        state = other.own(self.fitted.state(self.number))
+        return other, replace(state, tones=self.own.tones, impact=self.own.impact)
 
-    def made(term: Term) -> Real:
-        other, state = with_term(term)
-        return white(off_by(other, other.begin(), state) - shown)
+    def made(self, term: Term) -> Real:
+        """Return what a mechanism makes."""
+        other, state = self.with_term(term)
+        return self.white(self.off_by(other, other.begin(), state) - self.shown)
 
-    def little(term: Term) -> Real:
+    def little(self, term: Term) -> Real:
         """Return what it makes per trial, of so little of it that this is in proportion beside what is at work."""
-        weak = weakened(term, LITTLE) if fitted.terms and not plain else None
+        weak = weakened(term, LITTLE) if self.fitted.terms and not self.plain else None
         if weak is None:
-            return made(term)
-        column, share = made(weak), LITTLE
+            return self.made(term)
+        column, share = self.made(weak), LITTLE
         size = float(np.sqrt(np.mean(column**2)))
         if not SMALLEST < size < LARGEST:
             share = min(LITTLE / max(size, 1e-300), 1.0)
-            column = made(weakened(term, share) or term)
+            column = self.made(weakened(term, share) or term)
         return column / share
 
-    def rings(index: int) -> tuple[Real, Real]:
-        if not isinstance(ringing[index].mechanism, Tones):
-            other, state = with_term(ringing[index])
-            begun = off_by(other, other.begin(), state)
-            scale = np.diag(other.own_scale(number, state))
+    def rings(self, term: Term) -> tuple[Real, Real]:
+        """Return (k, n) what each start of what rings makes, and what it makes if nothing set it going."""
+        if not isinstance(term.mechanism, Tones):
+            other, state = self.with_term(term)
+            begun = self.off_by(other, other.begin(), state)
+            scale = np.diag(other.own_scale(self.number, state))
             # what nothing drives began somehow; what is driven was at rest, or has forgotten it
-            starts = [i + j for i in (0, other.n) for j in range(simulation.n, other.n) if recorded.free]
-            moved = [off_by(other, other.begin(), state.moved(scale[i])) for i in starts]
-            made_by = white(begun - shown)
-            return np.array([white(y - begun) for y in moved]).reshape(len(starts), made_by.size), made_by
-        waves = simulation.waves(number, at, lines_of([ringing[index]]))
-        rows = [white(np.where(np.arange(len(off))[:, None] == c, w, 0.0)) for c in range(len(off)) for w in waves]
-        return np.array(rows), np.zeros(int(used.sum()) * len(off))
+            added = range(self.simulation.n, other.n) if self.recorded.free else ()
+            starts = [i + j for i in (0, other.n) for j in added]
+            moved = [self.off_by(other, other.begin(), state.moved(scale[i])) for i in starts]
+            made_by = self.white(begun - self.shown)
+            return np.array([self.white(y - begun) for y in moved]).reshape(len(starts), made_by.size), made_by
+        waves = self.simulation.waves(self.number, self.at, lines_of([term]))
+        channel = np.arange(len(self.off))[:, None]
+        rows = [self.white(np.where(channel == c, w, 0.0)) for c in range(len(self.off)) for w in waves]
+        return np.array(rows), np.zeros(int(self.used.sum()) * len(self.off))
 
+
+def columns_of(
+    problem: SimulatedRecordings, fitted: SimulatedFit, number: int, terms: Sequence[Term], ringing: Sequence[Term]
+) -> Columns:
+    """Return what a recording's residual is compared with, whitened as a problem asks, without what is held out."""
+    compared = _Compared(problem, fitted, number)
     forward = np.ones(fitted.x.size)
-    scale = simulation.own_scale(number, own)
-    common, own_slopes = slopes(changed, fitted.x, own, step_of(simulation), forward, scale)
+    scale = compared.simulation.own_scale(number, compared.own)
+    step = step_of(compared.simulation)
+    common, own_slopes = slopes(compared.changed, fitted.x, compared.own, step, forward, scale)
     q, _ = np.linalg.qr(own_slopes)
-    columns = np.array([little(t) for t in terms]).reshape(len(terms), len(own_slopes)).T
+    columns = np.array([compared.little(t) for t in terms]).reshape(len(terms), len(own_slopes)).T
 
     def rung(against: Real) -> list[Rung]:
-        return [Rung.of(i, *rings(i), against) for i in range(len(ringing))]
+        return [Rung.of(i, *compared.rings(t), against) for i, t in enumerate(ringing)]
 
     counted = problem.draws(fitted) > 0
-    drawn = np.array([y[:, used].ravel() for y in noise_drawn(fitted, number)]).T if counted else None
-    return Columns(np.arange(fitted.x.size), common, columns, -white(off), q, rung, drawn)
+    drawn = np.array([y[:, compared.used].ravel() for y in noise_drawn(fitted, number)]).T if counted else None
+    return Columns(np.arange(fitted.x.size), common, columns, -compared.white(compared.off), q, rung, drawn)
 
 
 def noise_drawn(fitted: SimulatedFit, number: int, samples: int | None = None) -> Real:

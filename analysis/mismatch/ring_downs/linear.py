@@ -13,7 +13,7 @@ import numpy as np
 
 from analysis.mismatch.ring_downs.noise import NoiseModel
 from sim_backend.arrangement import DERIVATIVES, Arrangement
-from sim_backend.arrays import Complex, Real
+from sim_backend.arrays import Complex, Real, Whole
 from sim_backend.state_space import SMALL, StateSpace, pairs
 
 
@@ -90,24 +90,16 @@ def linear_rigs(
     for count in np.unique(counts):  # nearly always all have as many
         at = np.flatnonzero(counts == count)
         modes = order[at, :count]
-        poles = np.take_along_axis(s[at], modes, axis=1)
+        poles: Complex = np.take_along_axis(s[at], modes, axis=1)
         shapes = np.take_along_axis(right[at, :n], modes[:, None], axis=2) / scale[at]
         left = np.take_along_axis(inverse[at, :, n:], modes[:, :, None], axis=1).swapaxes(1, 2) / mass[at, :, None]
         seen = [arrangement.vector(q.row, values)[at] for q in arrangement.sensors]
-        strains = [[part[at] for part in arrangement.strain(q, values)] for q in arrangement.sensors]
-        rows = np.stack(
-            [
-                (v[:, None] @ shapes)[:, 0] * poles ** DERIVATIVES[q.quantity]
-                + (strained[0][:, None] @ shapes)[:, 0]
-                + (strained[1][:, None] @ shapes)[:, 0] * poles
-                for v, q, strained in zip(seen, arrangement.sensors, strains, strict=True)
-            ],
-            axis=1,
-        )
+        rows: Complex = _shown(arrangement, values, at, poles, shapes)
         # always the same sensor where two see a mode alike: gains stay smooth functions of the constants
         clear = np.argmax(np.abs(rows) >= 0.5 * np.abs(rows).max(axis=1, keepdims=True), axis=1)
         best = np.take_along_axis(rows, clear[:, None], axis=1)
-        shapes, left, rows = shapes / best, left * best, rows / best
+        shapes, rows = shapes / best, rows / best
+        inputs: Complex = left * best
         filtered = rows * transfer(analog, poles)[:, None]
         gains = np.stack([filtered[:, c] * m.gain(poles, sample_rate_hz) for c, m in enumerate(noise)], axis=1)
         direct = np.stack(
@@ -117,13 +109,24 @@ def linear_rigs(
             ],
             axis=1,
         )
-        tapped = left[:, arrangement.bodies.index(arrangement.tapped)]
+        tapped = inputs[:, arrangement.bodies.index(arrangement.tapped)]
         weight = pairs(poles)
         for i, rig in enumerate(at):
             found[rig] = LinearRig(
-                poles[i], shapes[i], left[i], tapped[i], gains[i], rows[i], filtered[i], direct[i], weight[i]
+                poles[i], shapes[i], inputs[i], tapped[i], gains[i], rows[i], filtered[i], direct[i], weight[i]
             )
     return found  # type: ignore[return-value]
+
+
+def _shown(arrangement: Arrangement, values: Mapping[str, Real], at: Whole, poles: Complex, shapes: Complex) -> Complex:
+    """What the sensors (k, c, modes) show of modes: of motion, and of the strain of what they sit on."""
+    found = []
+    for q in arrangement.sensors:
+        stretched, sheared = (part[at] for part in arrangement.strain(q, values))
+        row = arrangement.vector(q.row, values)[at]
+        moved = (row[:, None] @ shapes)[:, 0] * poles ** DERIVATIVES[q.quantity]
+        found.append(moved + (stretched[:, None] @ shapes)[:, 0] + (sheared[:, None] @ shapes)[:, 0] * poles)
+    return np.asarray(np.stack(found, axis=1), np.complex128)
 
 
 def transfer(system: StateSpace, s: Complex) -> Complex:

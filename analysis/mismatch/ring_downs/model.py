@@ -24,7 +24,6 @@ from sim_backend.arrays import Complex, Real
 if TYPE_CHECKING:
     from analysis.mismatch.ring_downs.problem import RingDowns
 
-
 SUBSTEPS = 4
 COMPETING_SUBSTEPS = 2  # while fits compete; the one that wins goes on with `SUBSTEPS`
 TOGETHER = 8  # iterations in which constants and amplitudes are stepped together; then the amplitudes follow

@@ -145,7 +145,6 @@ class SelectionPolicy:
         -6.0, "evidence beside steady responses from which on an explanation is told apart", "chi-squared", RECORDED, 50
     )
     alike_losses: float = _chosen(2.0, "factor in mean square within which explanations are alike", "1", RECORDED, 50)
-    close_losses: float = _chosen(10.0, "the same for one that an experiment should rule out", "1", RECORDED, 50)
     equal_in_time: float = _chosen(
         0.1, "of what the linear rig missed, that a rival in time may leave to count as equal", "1", RECORDED, 50
     )

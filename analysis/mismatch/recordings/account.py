@@ -27,6 +27,7 @@ from analysis.mismatch.recordings.second_impact import impulse_share, said_of, s
 from analysis.mismatch.recordings.start_check import far_off_words
 from analysis.mismatch.remainder import frequency_words
 from analysis.mismatch.rig_description import DescribedRig
+from analysis.mismatch.rivals import LIKELY
 from analysis.mismatch.score_test import Screening
 from analysis.mismatch.selection import Candidate, SelectionStep
 from sim_backend.arrays import Real
@@ -326,16 +327,15 @@ class BlockAccount(Account[SimulatedFit]):
         )
 
     def _stronger(self, named: Sequence[Named], fits: Sequence[Candidate[SimulatedFit]]) -> NextExperiment | None:
-        close = self.judge.problem.policy.close_losses
-        own = next((mean_of(c.losses) for c in fits if c.id == named[0].id), 0.0)
-        listed = [c for c in fits if not (self.settled and with_time(c.mechanism))]
-        others = [c.id for c in listed if c.id != named[0].id and mean_of(c.losses) < close * own]
+        weights = self.weights(0)
+        listed = [c.id for c in fits if c.id != named[0].id and not (self.settled and with_time(c.mechanism))]
+        others = [i for i in listed if weights.of.get(i, 0.0) > LIKELY * weights.total]
         if not others:
             return None
         return NextExperiment(
             None,
             STRONGER / 2,
-            (named[0].id, others[0]),
+            (named[0].id, max(others, key=weights.of.__getitem__)),
             f"The two differ most at the largest amplitude: {STRONGER / 2:g} times as strong they would part further.",
             ("input",) if self.described.drives else ("tap",),
         )

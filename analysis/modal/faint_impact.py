@@ -69,7 +69,7 @@ def is_loud(y: Real) -> bool:
 
     The noise is told from third differences at the end of the record, of which what oscillates slowly leaves little.
     """
-    last = np.diff(y[:, -y.shape[1] // 4 :], 3, axis=1)
+    last = np.diff(y[:, -max(LEAST, y.shape[1] // 4) :], 3, axis=1)
     noise = stats.median_abs_deviation(last, axis=1, scale="normal") / np.sqrt(20.0)  # 1 + 9 + 9 + 1 variances
     return bool((np.abs(y).max(axis=1) > LOUD * noise).any())
 

@@ -16,16 +16,15 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from analysis.modal.exponentials import FitFailure, fit_exponentials
-from analysis.modal.model_order import modes_of, price_of_a_mode
+from analysis.modal.model_order import groups, modes_of, price_of_a_mode, without_slices
 from analysis.modal.pulse_end import innovations, samples_before
 from analysis.modal.ring_down_model import LEAST_LEFT, Model, Record, fitted, record_from, without_modes, worth_of
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
 
-SOON_S = 1e-3  # that an impact has to be louder than the noise before it, and that its pulse is expected to last
-LATEST_S = 10e-3  # after the onset, by which a pulse is over
-LATEST = 128  # samples after it, by which it may be, at a low sampling rate
+SOON_S = 1e-3  # that a pulse is expected to last
+LATEST = 0.5  # of what is recorded after the onset, by which impacts are over
 FIRST = 4  # samples after the onset: the earliest start
 CHANGED = 1e-4  # chance of what differs between the modes from two starts, below which they are not the same
 PERIODS = 0.6  # that a mode is heard at least: of 111 starts within pulses 8 show only oscillations that are heard for
@@ -35,58 +34,11 @@ SPARED = 0.2  # of the energy of the fastest mode, that is given up for it
 MOVES = 6  # of the start, each by a quarter of the pulse
 TAIL_SEEN = 0.02  # chance of what a mode from two starts differs by, below which the earlier is within the pulse
 SUNK = 1.5  # exponent of the energy that a mode loses between two starts, beyond which the later says little
+CROWD = 3  # modes within each other's width that appear at once: a step along the record is made of them (a second hit)
 SURELY_HEARD = 3.0  # times what a mode costs, at which it is found
-LOUDER = 50.0  # twice the log-likelihood ratio of a record that is quiet before an onset
-SUDDEN = 2.0  # times the energy before it, that an impact has at once
-QUIET = 16  # samples that it has to be quiet
 LEAST = 64  # samples of free decay
 LEAST_APART = 1e-3  # of a variance, by which it differs between two starts
 CURVED = 3.0  # relative errors of a decay, by which its variance is uncertain
-
-
-def decay_start(y: Real, sample_rate_hz: float) -> int | None:
-    """Onset of an impact; None where the record begins with the decay, or within the impact.
-
-    Parameters
-    ----------
-    y
-        (c, n) record without its mean.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> ringing = np.cos(0.3 * np.arange(2000)) * 0.999 ** np.arange(2000)
-    >>> decay_start(ringing[None], 1e4) is None
-    True
-    >>> decay_start(np.append(np.zeros(100), ringing)[None], 1e4)
-    100
-    """
-    n = y.shape[1]
-    energy = (y**2 / np.maximum((y**2).mean(axis=1, keepdims=True), 1e-300)).sum(axis=0)
-    peak = int(np.argmax(energy))
-    at_once = max(QUIET, int(SOON_S * sample_rate_hz))
-    onset = _onset(energy[: min(n, peak + 1 + at_once)])
-    if onset is None:
-        return None
-    beside = 2 * at_once
-    if energy[onset : onset + beside].mean() < SUDDEN * energy[max(0, onset - beside) : onset].mean():
-        return None  # what swells is a beat
-    return onset
-
-
-def _onset(energy: Real) -> int | None:
-    """Sample at which a record that was quiet becomes loud, by the likelihood of two variances; None if it is not."""
-    n = energy.size
-    if n <= 2 * QUIET:
-        return None
-    total = np.cumsum(energy)
-    k = np.arange(QUIET, n - 2)
-    floor = 1e-12 * total[-1] / n
-    before = np.maximum(total[k - 1] / k, floor)
-    after = np.maximum((total[-1] - total[k - 1]) / (n - k), floor)
-    ratio = n * np.log(max(total[-1] / n, floor)) - k * np.log(before) - (n - k) * np.log(after)
-    best = int(np.argmax(np.where(after > before, ratio, -np.inf)))
-    return int(k[best]) if ratio[best] > LOUDER and after[best] > 2 * before[best] else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,8 +104,18 @@ def from_the_impact_on(
     start, model, notes
         First sample used, the modes from there on, and sentences for the reader.
     """
-    starts = _starts(y.shape[1], onset, sample_rate_hz)
-    chosen, last = _earliest(y, [onset, *starts] if unseen else starts, clipped, longest)
+    starts = _starts(y.shape[1], onset)
+    if unseen:
+        starts = [onset, *starts]
+    chosen, last = _earliest(y, starts, clipped, longest)
+    if chosen is None and last.start > onset and last.model.fit is not None:
+        # decays of which no part is like another, or an impact that is not over: from where it should be
+        start = min((k for k in starts if k - onset >= SOON_S * sample_rate_hz), default=last.start)
+        last = _counted_from(y, start, None, clipped, longest)
+        if (last.periods > PERIODS).any():
+            told = NEVER_THE_SAME.format(1e3 * (start - onset) / sample_rate_hz)
+            heard = _heard(y, last, clipped)
+            return start, without_slices(heard.record, heard.model, white=False), [told]
     if chosen is None and last.start == onset and last.model.poles.size == 1:
         return last.start, last.model, [HARDLY_HEARD]  # and nothing else is heard that it could be the impact of
     if chosen is None:
@@ -219,7 +181,7 @@ def _differ(now: _Counted, later: _Counted, i: int, j: int) -> float:
     """Squared distance of a mode from two starts, in what they may differ by: of one model, Hausman's (1978)."""
     here, there = np.log(now.model.poles[i]), np.log(later.model.poles[j])
     covariance, own = later.model.modes.log_pole_covariance[j], now.model.modes.log_pole_covariance[i]
-    if not np.linalg.det(covariance) > 1e-12 * np.trace(covariance) ** 2:
+    if not np.linalg.eigvalsh(covariance)[0] > 1e-12 * np.trace(covariance):
         return float("inf")  # it is no pole of what is there
     root = np.linalg.cholesky(covariance)
     off = np.linalg.solve(root, [(here - there).real, (here - there).imag])
@@ -235,24 +197,33 @@ NONE_HEARD = (
     f"nothing is heard for {PERIODS:g} periods: what there is may be an impact as well as a mode that decays so fast "
     "(say when the free decay begins, if that is known)"
 )
+NEVER_THE_SAME = (
+    "the modes are others from whichever sample one begins: they change along the decay, or the impact is not over; "
+    "they are used from {:.2g} ms after its onset on"
+)
 HARDLY_HEARD = f"the mode is heard for less than {PERIODS:g} periods: it may be an impact as well"
 
 
-def _starts(samples: int, onset: int, sample_rate_hz: float) -> list[int]:
-    """Samples after an onset by which its pulse may be over, each twice as far from it as the one before."""
-    latest = int(min(max(LATEST_S * sample_rate_hz, LATEST), (samples - onset) / 4, samples - onset - LEAST))
-    away = [FIRST * 2**k for k in range(max(0, latest // FIRST).bit_length())] or [max(0, min(FIRST, latest))]
+def _starts(samples: int, onset: int) -> list[int]:
+    """Samples after an onset by which its pulse may be over, each about twice as far from it as the one before."""
+    latest = int(min(LATEST * (samples - onset), samples - onset - LEAST))
+    away = [max(0, min(FIRST, latest))]
+    while 2 * away[-1] <= latest and away[-1] > 0:
+        away.append(2 * away[-1])
+    away[-1] = max(latest, 0) if len(away) > 1 else away[-1]
     return [onset + k for k in away]
 
 
 def _earliest(y: Real, starts: list[int], clipped: NDArray[np.int64], longest: int) -> tuple[_Counted | None, _Counted]:
     """Modes from the earliest start from which on a record is a free decay, if any; and from the last one tried."""
     later = _counted_from(y, starts[-1], None, clipped, longest)
-    chosen = later if later.are_modes else None
+    chosen: _Counted | None = None
     for start in reversed(starts[:-1]):
         now = _counted_from(y, start, later.model, clipped, longest)
         if not _continues(now, later):
-            break
+            return chosen, later if chosen is not None else now
+        if chosen is None and later.are_modes:
+            chosen = later
         chosen = now if now.are_modes else chosen
         later = now
     return chosen, later
@@ -280,6 +251,9 @@ def _continues(now: _Counted, later: _Counted) -> bool:
     faint = later.worth < SURELY_HEARD * later.price
     if not ((same_here | sunk).all() and (same_there | faint).all()):
         return False
+    more = now.model.poles[~same_here]
+    if any(len(group) >= CROWD for group in groups(more, now.record.y.shape[1])):
+        return False  # that is what a step along the record is made of
     between = now.record.samples * (now.model.residual[:, :apart] ** 2).sum(axis=1) / np.maximum(now.model.left, 1e-300)
     noise = float(stats.chi2.isf(CHANGED, between.size * apart))
     return bool(between.sum() < noise * rounding)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from analysis.modal.clipping import clipped_samples
 from analysis.modal.exponentials import FitFailure
 from analysis.modal.faint_impact import Begun, begun_in_noise, begun_with, is_loud
-from analysis.modal.free_start import decay_start, from_the_impact_on
+from analysis.modal.free_start import from_the_impact_on
+from analysis.modal.impact_onset import decay_start
 from analysis.modal.likelihood_interval import spread_along, widened, widening
 from analysis.modal.model_order import groups, is_white, modes_of
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole

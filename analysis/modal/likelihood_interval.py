@@ -75,7 +75,7 @@ def widening(y: Real, fit: ExponentialFit, known: Complex, missing: NDArray[np.i
         units = np.sqrt(QUANTILE * np.maximum(np.diagonal(fit.log_pole_covariance[m]), 1e-300))
         try:
             factors[m] = _widening(record, weight, fit.poles, known, missing, int(m), units, fall)
-        except np.linalg.LinAlgError:
+        except (np.linalg.LinAlgError, ZeroDivisionError):  # of what is no pole of the record
             continue
     return factors
 

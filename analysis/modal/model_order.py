@@ -243,7 +243,7 @@ def modes_of(record: Record, start: Model | None = None) -> Model:
     model = _apart(record, start or without_modes(record), price)
     if model.poles.size < MOST:
         model = _with_pairs(record, _pruned(record, model, price), price)
-    return _without_slices(record, model, white=is_white(record, model))
+    return without_slices(record, model, white=is_white(record, model))
 
 
 def is_white(record: Record, model: Model) -> bool:
@@ -260,7 +260,7 @@ def is_white_noise(residual: Real, samples: int | None = None) -> bool:
     return bool(stats.chi2.sf(score, residual.shape[0] * LAGS) > WHITE)
 
 
-def _without_slices(record: Record, model: Model, white: bool) -> Model:
+def without_slices(record: Record, model: Model, white: bool) -> Model:
     """One mode for slices of one: modes of one shape that overlap, and
 
     - in a record that exponentials explain, are of one frequency: what differs in decay alone is one mode that changes;

@@ -14,6 +14,7 @@ Real = NDArray[np.float64]
 
 MAINS_HZ = (50.0, 60.0)
 OFF_HZ = 0.2  # by which the mains frequency may be off
+LASTING = 3.0  # standard errors of its damping, by which what never decays may seem to
 HARMONICS = 7  # of the mains, at which a lasting oscillation is told to be perhaps hum
 PERIODS = 2.0  # before the impact, at least, by which an oscillation is told from an offset
 AS_STRONG = (
@@ -22,7 +23,7 @@ AS_STRONG = (
 
 
 def runs_before(y: Real, onset: int, modes: Sequence[ModeEstimate], sample_rate_hz: float) -> list[bool]:
-    """Whether each oscillation is in the samples before an impact, too, and as strong as after it.
+    """Whether each oscillation is in the samples before an impact, too, as strong as after it, and does not decay.
 
     Parameters
     ----------
@@ -48,7 +49,8 @@ def runs_before(y: Real, onset: int, modes: Sequence[ModeEstimate], sample_rate_
     told = []
     for mode in modes:
         turn = mode.pole.imag / sample_rate_hz
-        if n < 8 or n * turn < 2 * np.pi * PERIODS:
+        zeta = mode.damping_ratio
+        if n < 8 or n * turn < 2 * np.pi * PERIODS or zeta.value > LASTING * zeta.standard_error:
             told.append(False)
             continue
         angle = turn * np.arange(n)

@@ -9,8 +9,8 @@ import pytest
 from scipy import signal
 
 from analysis.modal.clipping import clipped_samples
-from analysis.modal.free_start import decay_start
 from analysis.modal.identify import identify_ring_down
+from analysis.modal.impact_onset import decay_start
 from analysis.modal.model_order import groups, modes_of
 from analysis.modal.modes import sampled_pole
 from analysis.modal.realised_modes import half_width_about
@@ -183,6 +183,37 @@ def test_an_impact_with_which_a_record_begins_is_no_mode(before):
     assert np.mean(np.abs(off) < 1.96) > 0.8
     assert np.abs(off).max() < 4
     assert told >= 6
+
+
+def test_the_decay_begins_after_a_second_hit():
+    rng, off = np.random.default_rng(27), []
+    f, zeta = [150.0, 600.0], [0.006, 0.01]
+    for gap in (40, 90, 160):
+        y = tapped(f, zeta, 0.6e-3, 300, rng, samples=4000)
+        y[gap:] += 0.7 * y[:-gap]  # the same structure, hit again
+        found = identified(noisy(y, 35, rng))
+        assert found.start > 300 + gap
+        off += scores(found, f, zeta)
+    assert np.abs(off).max() < 4
+
+
+def test_a_deflection_that_is_let_go_is_no_impact_of_its_own():
+    rng, off = np.random.default_rng(28), []
+    f, zeta = [150.0, 600.0], [0.006, 0.01]
+    for held in (60, 250):
+        y = np.hstack([np.full((1, held), 2.0), decays(f, zeta, [[1.0, 1.0]], samples=4000)])
+        found = identified(noisy(y, 35, rng))
+        assert found.start >= held
+        off += scores(found, f, zeta)
+    assert np.abs(off).max() < 4
+
+
+def test_a_decay_that_is_nowhere_the_same_is_told():
+    k = np.arange(3000)
+    y = np.maximum(1 - k / 400, 0) * np.cos(0.3 * k)  # dry friction alone: over after 400 samples
+    found = identified(noisy(np.hstack([np.zeros(300), y]), 40, np.random.default_rng(29)))
+    assert any(abs(m.frequency_hz.value / (0.3 * RATE / 2 / np.pi) - 1) < 0.03 for m in found.modes)
+    assert any("the modes are others from whichever sample" in note for note in found.notes)
 
 
 @pytest.mark.slow

@@ -210,8 +210,7 @@ def _starts(samples: int, onset: int) -> list[int]:
     away = [max(0, min(FIRST, latest))]
     while 2 * away[-1] <= latest and away[-1] > 0:
         away.append(2 * away[-1])
-    away[-1] = max(latest, 0) if len(away) > 1 else away[-1]
-    return [onset + k for k in away]
+    return [onset + k for k in (*away, *([latest] if latest > away[-1] else []))]
 
 
 def _earliest(y: Real, starts: list[int], clipped: NDArray[np.int64], longest: int) -> tuple[_Counted | None, _Counted]:

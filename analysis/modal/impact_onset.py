@@ -10,6 +10,7 @@ Real = NDArray[np.float64]
 SOON_S = 1e-3  # that an impact has to be louder than what was before it
 LOUDER = 50.0  # twice the log-likelihood ratio of a record that is quiet before an onset
 SUDDEN = 2.0  # times the energy before it, that an impact has at once
+OUTSHINES = 30.0  # times the energy before it: more than what swells
 QUIET = 16  # samples that it has to be quiet
 
 
@@ -45,7 +46,8 @@ def decay_start(y: Real, sample_rate_hz: float) -> int | None:
 
 def _swells_slowly(y: Real, onset: int, beside: int) -> bool:
     """Whether something slow is in the samples before an onset, and nothing quick begins there: no impact."""
-    if onset < 2 * QUIET:
+    energy = (y**2).mean(axis=0)
+    if onset < 2 * QUIET or energy[onset : 2 * onset].mean() > OUTSHINES * energy[:onset].mean():
         return False
     quick = np.diff(y, 3, axis=1) ** 2 / 20.0  # of white noise as large as itself; of what is slow next to nothing
     before = quick[:, :onset].mean(axis=1)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from analysis.modal.clipping import clipped_samples
 from analysis.modal.exponentials import FitFailure
 from analysis.modal.faint_impact import Begun, begun_in_noise, begun_with, is_loud
-from analysis.modal.free_start import from_the_impact_on
+from analysis.modal.free_start import APERIODIC, from_the_impact_on
 from analysis.modal.impact_onset import decay_start
 from analysis.modal.likelihood_interval import spread_along, widened, widening
 from analysis.modal.model_order import groups, is_white, modes_of
@@ -109,6 +109,7 @@ def identify_ring_down(
     impact = decay_start(y, sample_rate_hz) if start is None else None
     found = _identified(y, sample_rate_hz, start, impact, largest_order, method)
     found = found if impact is None else _without_steady(found, y, impact, sample_rate_hz)
+    found = _without_aperiodic(found)
     return replace(found, notes=(*found.notes, *perhaps_hum(found.modes, (impact or 0) / sample_rate_hz)))
 
 
@@ -132,6 +133,19 @@ def decay_begins(time_s: float | None, samples: int, sample_rate_hz: float) -> i
             f"the free decay cannot begin at {time_s:g} s: the recording is {samples / sample_rate_hz:.4g} s long"
         )
     return min(samples - 1, int(np.ceil(time_s * sample_rate_hz - ROUNDED)))
+
+
+def _without_aperiodic(found: RingDownModes) -> RingDownModes:
+    """Leave out what hardly oscillates."""
+    slow = [m.damping_ratio.value > APERIODIC for m in found.modes]
+    told = [
+        f"a decay within {1e3 / -m.pole.real:.3g} ms that hardly oscillates is no mode and is left out: a sensor that "
+        "is coupled for alternating signals shows one, and drift"
+        for m, out in zip(found.modes, slow, strict=True)
+        if out
+    ]
+    kept = tuple(m for m, out in zip(found.modes, slow, strict=True) if not out)
+    return replace(found, modes=kept, notes=(*found.notes, *told))
 
 
 def _without_steady(found: RingDownModes, y: Real, impact: int, sample_rate_hz: float) -> RingDownModes:

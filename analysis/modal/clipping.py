@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 Real = NDArray[np.float64]
 
 IN_A_ROW = 3  # equal extreme samples that no unclipped oscillation has
+STEEP = 1.5  # steps of the converter, by which a sample beside them differs: a peak that is rounded is flat
 ALIKE = 1e-6  # of the range, within which samples are equal
 
 
@@ -38,17 +39,23 @@ def clipped_samples(y: Real) -> NDArray[np.int64]:
         span = high - low
         if not span > 0:
             continue
+        step = float(np.diff(np.unique(channel)).min())
         for extreme in (low, high):
-            if _longest_run(channel, extreme, ALIKE * span) >= IN_A_ROW:
+            if _longest_run(channel, extreme, ALIKE * span, STEEP * step) >= IN_A_ROW:
                 found |= np.abs(channel - extreme) <= ALIKE * span
     return np.flatnonzero(found)
 
 
 @njit(cache=True)
-def _longest_run(y: Real, value: float, within: float) -> int:
-    """Samples in a row, at most, that are this value."""
-    longest, run = 0, 0
-    for sample in y:
-        run = run + 1 if abs(sample - value) <= within else 0
-        longest = max(longest, run)
-    return longest
+def _longest_run(y: Real, value: float, within: float, steep: float) -> int:
+    """Samples in a row, at most, that are this value, with a sample beside them that is far from it."""
+    longest, run, begun = 0, 0, np.inf
+    for i in range(y.size):
+        off = abs(y[i] - value)
+        if off <= within:
+            run += 1
+            continue
+        if run > longest and max(off, begun) > steep:
+            longest = run
+        run, begun = 0, off
+    return run if run > longest and begun > steep else longest

@@ -9,7 +9,7 @@ are heard for hardly a period, and none of them is taken for a mode.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,32 +34,20 @@ SPARED = 0.2  # of the energy of the fastest mode, that is given up for it
 MOVES = 6  # of the start, each by a quarter of the pulse
 TAIL_SEEN = 0.02  # chance of what a mode from two starts differs by, below which the earlier is within the pulse
 SUNK = 1.5  # exponent of the energy that a mode loses between two starts, beyond which the later says little
-APERIODIC = 0.9  # damping ratio of what hardly oscillates
-ALIKE = 2.0  # ratio of two decays of it, by which they are of the same
 CROWD = 3  # modes within each other's width that appear at once: a step along the record is made of them (a second hit)
 SURELY_HEARD = 3.0  # times what a mode costs, at which it is found
-LEAST = 64  # samples of free decay
+LEAST = 24  # samples of free decay
 LEAST_APART = 1e-3  # of a variance, by which it differs between two starts
 CURVED = 3.0  # relative errors of a decay, by which its variance is uncertain
 
 
 @dataclass(frozen=True, slots=True)
 class _Counted:
-    """Modes of a record from one sample on; ``lasting`` are those that hardly oscillate and were there from later, too.
-
-    A sensor that is coupled for alternating signals has such a tail. It is no mode, and no part of a pulse.
-    """
+    """Modes of a record from one sample on."""
 
     start: int
     record: Record
     model: Model
-    lasting: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
-
-    @property
-    def aperiodic(self) -> NDArray[np.bool_]:
-        """Which of its poles hardly oscillate."""
-        s = np.log(self.model.poles)
-        return np.asarray(-s.real > APERIODIC * np.abs(s), np.bool_)
 
     @property
     def price(self) -> float:
@@ -82,10 +70,7 @@ class _Counted:
     @property
     def are_modes(self) -> bool:
         """Whether there are modes, and all are heard for longer than what a pulse is made of."""
-        if self.model.fit is None:
-            return False
-        tail = self.lasting if self.lasting.size else np.zeros(self.model.poles.size, np.bool_)
-        return bool((tail | (self.periods > PERIODS)).all() and not tail.all())
+        return self.model.fit is not None and bool((self.periods > PERIODS).all())
 
     @property
     def rounding(self) -> float:
@@ -146,7 +131,6 @@ def from_the_impact_on(
 def _heard(y: Real, begun: _Counted, clipped: NDArray[np.int64]) -> _Counted:
     """The same without modes that have sunk by a later start: what little is left of them may be anything."""
     heard = begun.periods > PERIODS
-    heard |= begun.lasting if begun.lasting.size else False
     if heard.all() or not heard.any():
         return begun
     record = record_from(y, begun.start, clipped, begun.record.y.shape[1])
@@ -177,16 +161,20 @@ def _fitted_from(y: Real, start: int, begun: _Counted, clipped: NDArray[np.int64
     """The same modes, fitted from another sample on; None if that fails."""
     record = record_from(y, start, clipped, begun.record.y.shape[1])
     model = fitted(record, begun.model.poles, without_modes(record))
-    if model is None or model.poles.size != begun.model.poles.size:
-        return None
-    return _Counted(start, record, model, begun.lasting)
+    return None if model is None or model.poles.size != begun.model.poles.size else _Counted(start, record, model)
 
 
 def _agree(now: _Counted, later: _Counted) -> bool:
     """Whether the modes from a start are those from a later one, as far as these have not sunk."""
-    limit = float(stats.chi2.isf(TAIL_SEEN, 2)) * max(now.rounding, later.rounding)
-    lost = -2 * np.log(now.model.poles).real * (later.start - now.start)
-    return all(lost[i] > SUNK or _differ(now, later, i, j) <= limit for i, j in _pairs(now, later))
+    here, there = np.log(now.model.poles), np.log(later.model.poles)
+    own, other = optimize.linear_sum_assignment(np.abs(here[:, None] - there))
+    rounding = max(now.rounding, later.rounding)
+    for i, j in zip(own, other, strict=True):
+        if -2 * here[i].real * (later.start - now.start) > SUNK:
+            continue
+        if _differ(now, later, int(i), int(j)) > stats.chi2.isf(TAIL_SEEN, 2) * rounding:
+            return False
+    return True
 
 
 def _differ(now: _Counted, later: _Counted, i: int, j: int) -> float:
@@ -235,10 +223,9 @@ def _earliest(y: Real, starts: list[int], clipped: NDArray[np.int64], longest: i
             return chosen, later if chosen is not None else now
         if chosen is None and later.are_modes:
             chosen = later
-        now = replace(now, lasting=now.aperiodic & _partnered(now, later))
         chosen = now if now.are_modes else chosen
         later = now
-    return chosen, later
+    return chosen or (later if later.are_modes else None), later
 
 
 def _counted_from(y: Real, start: int, begun: Model | None, clipped: NDArray[np.int64], longest: int) -> _Counted:
@@ -249,22 +236,16 @@ def _counted_from(y: Real, start: int, begun: Model | None, clipped: NDArray[np.
     return _Counted(start, record, modes_of(record, fitted(record, begun.poles, without_modes(record))))
 
 
-def _partnered(now: _Counted, later: _Counted) -> NDArray[np.bool_]:
-    """Which poles of one start have one from another that decays about as fast and hardly oscillates."""
-    here, there = np.log(now.model.poles), np.log(later.model.poles[later.aperiodic])
-    ratio = np.minimum(here.real, -1e-12)[:, None] / np.minimum(there.real, -1e-12)
-    near = np.abs(np.log(ratio)) < np.log(ALIKE)
-    return np.asarray(near.any(axis=1), np.bool_)
-
-
 def _continues(now: _Counted, later: _Counted) -> bool:
     """Whether the modes from one start are those from a later one, and nothing else is in between."""
     apart = later.start - now.start
-    here = np.log(now.model.poles)
-    same_here, same_there = now.aperiodic & _partnered(now, later), later.aperiodic & _partnered(later, now)
-    limit = float(stats.chi2.isf(CHANGED, 2)) * max(now.rounding, later.rounding)
-    for i, j in _pairs(now, later):
-        same_here[i] = same_there[j] = _differ(now, later, i, j) < limit
+    limit = float(stats.chi2.isf(CHANGED, 2))
+    here, there = np.log(now.model.poles), np.log(later.model.poles)
+    own, other = optimize.linear_sum_assignment(np.abs(here[:, None] - there))
+    rounding = max(now.rounding, later.rounding)
+    same_here, same_there = np.zeros(here.size, np.bool_), np.zeros(there.size, np.bool_)
+    for i, j in zip(own, other, strict=True):
+        same_here[i] = same_there[j] = _differ(now, later, int(i), int(j)) < limit * rounding
     sunk = now.worth * np.exp(2 * here.real * apart) < SURELY_HEARD * now.price
     faint = later.worth < SURELY_HEARD * later.price
     if not ((same_here | sunk).all() and (same_there | faint).all()):
@@ -274,15 +255,7 @@ def _continues(now: _Counted, later: _Counted) -> bool:
         return False  # that is what a step along the record is made of
     between = now.record.samples * (now.model.residual[:, :apart] ** 2).sum(axis=1) / np.maximum(now.model.left, 1e-300)
     noise = float(stats.chi2.isf(CHANGED, between.size * apart))
-    return bool(between.sum() < noise * max(now.rounding, later.rounding))
-
-
-def _pairs(now: _Counted, later: _Counted) -> list[tuple[int, int]]:
-    """Oscillations of one start, each with the nearest one of another."""
-    here, there = np.flatnonzero(~now.aperiodic), np.flatnonzero(~later.aperiodic)
-    off = np.abs(np.log(now.model.poles[here])[:, None] - np.log(later.model.poles[there]))
-    own, other = optimize.linear_sum_assignment(off)
-    return [(int(here[i]), int(there[j])) for i, j in zip(own, other, strict=True)]
+    return bool(between.sum() < noise * rounding)
 
 
 def _told(start: int, onset: int, unseen: bool, sample_rate_hz: float) -> list[str]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from analysis.modal.clipping import clipped_samples
 from analysis.modal.exponentials import FitFailure
 from analysis.modal.faint_impact import Begun, begun_in_noise, begun_with, is_loud
-from analysis.modal.free_start import APERIODIC, from_the_impact_on
+from analysis.modal.free_start import from_the_impact_on
 from analysis.modal.impact_onset import decay_start
 from analysis.modal.likelihood_interval import spread_along, widened, widening
 from analysis.modal.model_order import groups, is_white, modes_of
@@ -18,7 +18,7 @@ from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
 from analysis.modal.realised_modes import realised_modes
 from analysis.modal.ring_down_model import Model, fitted, record_from, strong, unresolved, without_modes, worth_of
 from analysis.modal.stabilisation import COLUMNS, StablePole, realisations, stable_poles
-from analysis.modal.steady import perhaps_hum, runs_before
+from analysis.modal.steady import perhaps_lasting, runs_before
 from analysis.modal.whitening import (
     COLOURED,
     Whitened,
@@ -34,6 +34,7 @@ LARGEST_ORDER = 60
 ITERATIONS = 300  # of the fit to a whole long record
 GUARD = 8  # samples before the onset that may already belong to the impact
 ROUNDED = 1e-6  # samples by which a time may be rounded
+APERIODIC = 0.9  # damping ratio of what hardly oscillates
 NO_GROWTH = 3.0  # standard errors by which a mode that does not decay may seem to grow
 
 
@@ -109,8 +110,8 @@ def identify_ring_down(
     impact = decay_start(y, sample_rate_hz) if start is None else None
     found = _identified(y, sample_rate_hz, start, impact, largest_order, method)
     found = found if impact is None else _without_steady(found, y, impact, sample_rate_hz)
-    found = _without_aperiodic(found)
-    return replace(found, notes=(*found.notes, *perhaps_hum(found.modes, (impact or 0) / sample_rate_hz)))
+    found = _modes_alone(found, sample_rate_hz)
+    return replace(found, notes=(*found.notes, *perhaps_lasting(found.modes, (impact or 0) / sample_rate_hz)))
 
 
 def decay_begins(time_s: float | None, samples: int, sample_rate_hz: float) -> int | None:
@@ -135,17 +136,20 @@ def decay_begins(time_s: float | None, samples: int, sample_rate_hz: float) -> i
     return min(samples - 1, int(np.ceil(time_s * sample_rate_hz - ROUNDED)))
 
 
-def _without_aperiodic(found: RingDownModes) -> RingDownModes:
-    """Leave out what hardly oscillates."""
-    slow = [m.damping_ratio.value > APERIODIC for m in found.modes]
-    told = [
-        f"a decay within {1e3 / -m.pole.real:.3g} ms that hardly oscillates is no mode and is left out: a sensor that "
-        "is coupled for alternating signals shows one, and drift"
-        for m, out in zip(found.modes, slow, strict=True)
-        if out
-    ]
-    kept = tuple(m for m, out in zip(found.modes, slow, strict=True) if not out)
-    return replace(found, modes=kept, notes=(*found.notes, *told))
+def _modes_alone(found: RingDownModes, sample_rate_hz: float) -> RingDownModes:
+    """Leave out what hardly oscillates, and what is no frequency that was sampled."""
+    kept, told = [], []
+    for m in found.modes:
+        if m.damping_ratio.value > APERIODIC:
+            told.append(
+                f"a decay within {1e3 / -m.pole.real:.3g} ms that hardly oscillates is no mode and is left out: a "
+                "sensor that is coupled for alternating signals shows one, and drift"
+            )
+        elif m.frequency_hz.value > sample_rate_hz / 2:
+            told.append(f"an oscillation at {m.frequency_hz.value:.5g} Hz is above half the sampling rate and left out")
+        else:
+            kept.append(m)
+    return replace(found, modes=tuple(kept), notes=(*found.notes, *told))
 
 
 def _without_steady(found: RingDownModes, y: Real, impact: int, sample_rate_hz: float) -> RingDownModes:

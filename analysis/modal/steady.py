@@ -63,8 +63,8 @@ def runs_before(y: Real, onset: int, modes: Sequence[ModeEstimate], sample_rate_
     return told
 
 
-def perhaps_hum(modes: Sequence[ModeEstimate], quiet_s: float) -> list[str]:
-    """Sentences about modes at a multiple of the mains frequency that do not decay, as far as a record tells.
+def perhaps_lasting(modes: Sequence[ModeEstimate], quiet_s: float) -> list[str]:
+    """Sentences about modes that do not decay as far as a record tells: hum of the mains, or an excitation.
 
     Parameters
     ----------
@@ -76,15 +76,14 @@ def perhaps_hum(modes: Sequence[ModeEstimate], quiet_s: float) -> list[str]:
     told = []
     for mode in modes:
         f, zeta = mode.frequency_hz, mode.damping_ratio
-        mains = [
-            hz
-            for hz in MAINS_HZ
-            for k in range(1, HARMONICS + 1)
-            if f.low - k * OFF_HZ <= k * hz <= f.high + k * OFF_HZ
-        ]
-        if mains and zeta.low <= 0 and quiet_s * f.value < PERIODS:
-            told.append(
-                f"the mode at {f.value:.5g} Hz may be hum of the mains ({mains[0]:g} Hz): it does not decay as far as "
-                "the recording tells, and too little was recorded before an impact to show whether it was there"
-            )
+        if zeta.low > 0 or quiet_s * f.value >= PERIODS:
+            continue
+        half = f.high - f.value
+        lines = ((hz, k) for hz in MAINS_HZ for k in range(1, HARMONICS + 1))
+        mains = [hz for hz, k in lines if abs(f.value - k * hz) < half + k * OFF_HZ]
+        what = f"hum of the mains ({mains[0]:g} Hz)" if mains else "something that goes on, not a decay"
+        told.append(
+            f"the mode at {f.value:.5g} Hz may be {what}: it does not decay as far as the recording tells, and too "
+            "little was recorded before an impact to show whether it was there"
+        )
     return told

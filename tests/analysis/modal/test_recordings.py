@@ -270,6 +270,27 @@ def test_clipped_samples_are_left_out():
     assert any("clipped" in note for note in found.notes)
 
 
+def test_a_rounded_peak_is_not_clipped():
+    y = decays([40.0], [0.01], [[1.0]])[:, 30:]
+    assert clipped_samples(np.round(12 * y) / 12).size == 0  # a converter of few steps: its peaks are flat
+    assert clipped_samples(np.round(100 * np.clip(y, -0.6, 0.6)) / 100).size > 20
+
+
+def test_what_hardly_oscillates_is_no_mode():
+    y = decays([150.0], [0.006], [[1.0]], samples=4000) + 0.5 * np.exp(-2 * np.pi * 8 * np.arange(4000) / RATE)
+    found = identified(noisy(y, 35, np.random.default_rng(30)), start=0)
+    assert [m.frequency_hz.value for m in found.modes] == pytest.approx([150.0], rel=1e-3)
+    assert any("hardly oscillates" in note for note in found.notes)
+
+
+def test_a_record_of_a_few_periods_is_told():
+    rng = np.random.default_rng(31)
+    for f in (800.0, 1500.0, 3000.0):
+        found = identified(noisy(decays([f], [0.02], [[1.0]], samples=40), 40, rng))
+        assert [m.frequency_hz.value for m in found.modes] == pytest.approx([f], rel=0.02)
+        assert not any("may be an impact" in note for note in found.notes)
+
+
 def test_a_mode_that_changes_along_the_decay_is_one_mode():
     k = np.arange(6000)
     amplitude = 1 / (1 + k / 400)  # dry friction and more: no exponential

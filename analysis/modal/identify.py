@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.modal.clipping import clipped_samples
+from analysis.modal.converter_steps import dithered
 from analysis.modal.exponentials import FitFailure
 from analysis.modal.faint_impact import Begun, begun_in_noise, begun_with, is_loud
 from analysis.modal.free_start import from_the_impact_on
@@ -173,6 +174,7 @@ def _identified(
     notes: list[str] = []
     if clipped.size:
         notes.append(f"{clipped.size} samples are clipped; they are left out")
+    y = dithered(y)
     quiet = [c[: 0 if impact is None else max(0, impact - GUARD)] for c in y]
     white = whitened(y, [[q] for q in quiet], clipped)
     begun = _begun(white, start, impact, sample_rate_hz)

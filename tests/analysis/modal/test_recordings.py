@@ -270,6 +270,14 @@ def test_clipped_samples_are_left_out():
     assert any("clipped" in note for note in found.notes)
 
 
+def test_a_decay_of_a_few_steps_of_the_converter_has_its_modes_and_no_other():
+    rng = np.random.default_rng(32)
+    for _ in range(3):
+        y = np.hstack([np.zeros((1, 200)), decays([150.0, 600.0], [0.006, 0.02], [[1.0, 0.7]], samples=4000)])
+        found = identified(np.round(20 * y + 0.1 * rng.standard_normal(y.shape)) / 20)
+        assert [m.frequency_hz.value for m in found.modes] == pytest.approx([150, 600], rel=0.01)
+
+
 def test_a_rounded_peak_is_not_clipped():
     y = decays([40.0], [0.01], [[1.0]])[:, 30:]
     assert clipped_samples(np.round(12 * y) / 12).size == 0  # a converter of few steps: its peaks are flat

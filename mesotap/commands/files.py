@@ -351,8 +351,7 @@ def _show_modes(modes: RecordingModes, console: Console) -> None:
             with_uncertainty(mode.frequency_hz),
             with_uncertainty(mode.damping_ratio, 100),
             f"{max(mode.amplitude):.4g}",
-            f"{mode.emac:.2f}",
-            "\N{EN DASH}" if np.isnan(mode.mpc) else f"{mode.mpc:.2f}",
+            *("\N{EN DASH}" if np.isnan(share) else f"{share:.2f}" for share in (mode.emac, mode.mpc)),
         )
     console.print(shown)
     if len(modes.modes) > 1 and len(modes.modes[0].shape) > 1:

@@ -259,6 +259,16 @@ def test_coloured_noise_alone_is_told_and_makes_few_modes():
     assert sum(any("coloured" in note for note in f.notes) for f in found) >= 4
 
 
+def test_a_burst_of_noise_is_no_ring_down():
+    rng = np.random.default_rng(33)
+    swell = np.zeros(3000)
+    swell[300:800] = np.sin(np.pi * np.arange(500) / 500) ** 2
+    for _ in range(2):
+        found = identified(swell * rng.standard_normal(3000) + 0.03 * rng.standard_normal(3000))
+        assert not found.modes
+        assert any("is no ring-down" in note for note in found.notes)
+
+
 def test_clipped_samples_are_left_out():
     rng = np.random.default_rng(8)
     y = noisy(decays([300.0, 900.0], [0.01, 0.02], [[1.0, 0.8]]), 50, rng)

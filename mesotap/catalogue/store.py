@@ -32,6 +32,7 @@ CACHE_KB = (
 )
 FILE = "catalogue.sqlite"
 
+_DAMAGED = "is damaged ({}); delete it: it is made anew from the session files"
 _TABLES = """
 CREATE TABLE session (
     id INTEGER PRIMARY KEY, path BLOB UNIQUE NOT NULL, signature TEXT NOT NULL, created REAL, state TEXT NOT NULL,
@@ -160,13 +161,15 @@ class Catalogue:
         """Turn what SQLite raises into a sentence."""
         try:
             yield
+        except UnicodeDecodeError as error:  # of SQLite's own sentence, which quotes what it cannot read
+            raise CatalogueError(f"{self.path}: {_DAMAGED.format('its schema is unreadable')}") from error
         except sqlite3.DatabaseError as error:
             if isinstance(error, sqlite3.OperationalError) and "locked" in str(error):
                 what = "another process has kept it locked; try again"
             elif isinstance(error, sqlite3.OperationalError) and "malformed" not in str(error):
                 what = f"cannot be used: {error}"
             else:
-                what = f"is damaged ({error}); delete it: it is made anew from the session files"
+                what = _DAMAGED.format(error)
             raise CatalogueError(f"{self.path}: {what}") from error
 
     @contextlib.contextmanager

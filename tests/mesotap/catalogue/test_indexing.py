@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import multiprocessing
-import os
+import random
 import shutil
 import sqlite3
 from pathlib import Path
@@ -208,11 +208,15 @@ def test_a_damaged_catalogue_says_to_delete_it(tmp_path):
         for number in range(3):
             filed(tmp_path / "lab" / f"s{number}", session(seed=number))
         update(catalogue, [tmp_path / "lab"])
-    content = bytearray((tmp_path / "i.sqlite").read_bytes())
-    content[200:] = os.urandom(len(content) - 200)
-    (tmp_path / "i.sqlite").write_bytes(content)
-    with pytest.raises(CatalogueError, match="delete it"), Catalogue(tmp_path / "i.sqlite") as catalogue:
-        catalogue.find()
+    sound = (tmp_path / "i.sqlite").read_bytes()
+    noise = [sound[:200] + random.Random(seed).randbytes(len(sound) - 200) for seed in range(20)]
+    # SQLite quotes the name of what it cannot read
+    quoted = sound.replace(b"tablesession", b"table\xff\xfession")
+    quoted = quoted.replace(b"CREATE TABLE session", b"CREATE TABLX session")
+    for content in (*noise, quoted):
+        (tmp_path / "i.sqlite").write_bytes(content)
+        with pytest.raises(CatalogueError, match="delete it"), Catalogue(tmp_path / "i.sqlite") as catalogue:
+            catalogue.find()
 
 
 def test_an_index_of_another_schema_is_made_anew(tmp_path):

@@ -89,7 +89,7 @@ def from_the_impact_on(
     y
         (c, n) record.
     onset
-        Of the impact, from `decay_start`; where there is none, the first sample that may be used.
+        Of the impact, from `impact_onset`; where there is none, the first sample that may be used.
     clipped
         Samples that say nothing.
     sample_rate_hz

@@ -12,7 +12,7 @@ from analysis.modal.converter_steps import dithered
 from analysis.modal.exponentials import FitFailure
 from analysis.modal.faint_impact import Begun, begun_in_noise, begun_with, is_loud
 from analysis.modal.free_start import from_the_impact_on
-from analysis.modal.impact_onset import decay_start
+from analysis.modal.impact_onset import impact_onset
 from analysis.modal.likelihood_interval import spread_along, widened, widening
 from analysis.modal.model_order import groups, is_white, modes_of
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
@@ -109,7 +109,7 @@ def identify_ring_down(
     if moving.any() and not moving.all():  # what never changes has no noise to be weighed by, and tells nothing
         return _among(moving, identify_ring_down(y[moving], sample_rate_hz, start, largest_order, method))
     y = y - y.mean(axis=1, keepdims=True)
-    impact = decay_start(y, sample_rate_hz) if start is None else None
+    impact = impact_onset(y, sample_rate_hz) if start is None else None
     found = _identified(y, sample_rate_hz, start, impact, largest_order, method)
     found = found if impact is None else _without_steady(found, y, impact, sample_rate_hz)
     found = _modes_alone(found, sample_rate_hz)

@@ -14,7 +14,7 @@ OUTSHINES = 30.0  # times the energy before it: more than what swells
 QUIET = 16  # samples that it has to be quiet
 
 
-def decay_start(y: Real, sample_rate_hz: float) -> int | None:
+def impact_onset(y: Real, sample_rate_hz: float) -> int | None:
     """Onset of an impact; None where the record begins with the decay, or within the impact.
 
     Parameters
@@ -26,9 +26,9 @@ def decay_start(y: Real, sample_rate_hz: float) -> int | None:
     --------
     >>> import numpy as np
     >>> ringing = np.cos(0.3 * np.arange(2000)) * 0.999 ** np.arange(2000)
-    >>> decay_start(ringing[None], 1e4) is None
+    >>> impact_onset(ringing[None], 1e4) is None
     True
-    >>> decay_start(np.append(np.zeros(100), ringing)[None], 1e4)
+    >>> impact_onset(np.append(np.zeros(100), ringing)[None], 1e4)
     100
     """
     n = y.shape[1]

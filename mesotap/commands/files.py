@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from analysis.modal.exponentials import FitFailure
+from analysis.modal.identify import decay_begins
 from analysis.results import RecordingModes, SessionResults
 from analysis.session import AnalysisError
 from daq.errors import RecordingError
@@ -133,6 +134,10 @@ def _analyze_one(
     if model is not None:
         raise RecordingError(f"{file}: is not a session of the tester, so no diagnosis of one corrects it")
     recording = _as_recording(opened) if isinstance(opened, Session) else opened
+    try:
+        decay_begins(decay_from_s, recording.data.shape[1], recording.rate_hz)
+    except FitFailure as error:
+        raise RecordingError(f"{file}: {error} (--decay-from)") from error
     recording = replace(recording, decay_from_s=decay_from_s)
     show_left_out(recording, console)
     config = load_config(config_path, changes)

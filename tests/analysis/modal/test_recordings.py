@@ -10,7 +10,7 @@ from scipy import signal
 
 from analysis.modal.clipping import clipped_samples
 from analysis.modal.identify import identify_ring_down
-from analysis.modal.impact_onset import decay_start
+from analysis.modal.impact_onset import impact_onset
 from analysis.modal.model_order import groups, modes_of
 from analysis.modal.modes import sampled_pole
 from analysis.modal.realised_modes import half_width_about
@@ -155,7 +155,7 @@ def test_modes_that_begin_in_the_noise_are_not_taken_to_begin_with_the_record():
     for _ in range(8):
         y = np.hstack([np.zeros((1, 400)), decays([281.0, 733.0], [0.002, 0.01], [[1.0, 1.0]])])
         y += 0.75 * rng.standard_normal(y.shape)
-        assert decay_start(y - y.mean(), RATE) is None
+        assert impact_onset(y - y.mean(), RATE) is None
         found = identified(y)
         assert found.start == pytest.approx(400, abs=60)
         assert any("ms into the record" in note for note in found.notes)
@@ -321,8 +321,8 @@ def test_a_mode_that_changes_along_the_decay_is_one_mode():
 
 def test_a_decay_without_an_impact_begins_with_the_record():
     y = noisy(decays([600.0, 606.0], [0.001, 0.001], [[1.0, -0.9]]), 30, np.random.default_rng(10))
-    assert decay_start(y, RATE) is None
-    assert decay_start(np.concatenate([np.zeros((1, 200)), y], axis=1), RATE) == pytest.approx(200, abs=12)
+    assert impact_onset(y, RATE) is None
+    assert impact_onset(np.concatenate([np.zeros((1, 200)), y], axis=1), RATE) == pytest.approx(200, abs=12)
 
 
 def test_what_overlaps_is_a_group():

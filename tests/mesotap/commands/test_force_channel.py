@@ -200,6 +200,12 @@ def test_a_force_that_says_neither_name_nor_unit_is_told_to_look_like_one(tmp_pa
     assert "short pushes" not in mesotap("analyze", tmp_path / "two.csv").stdout
 
 
+def test_a_decay_beyond_the_recording_is_refused_beside_a_force_too(both_seen):
+    refused = mesotap("analyze", both_seen, "--decay-from", 99, code=2)
+    assert "cannot begin at 99 s: the recording is" in refused.stderr
+    assert "--decay-from" in refused.stderr
+
+
 def test_a_recording_without_any_noise_has_no_warning(tmp_path):
     t = np.arange(4000) / 5000.0
     decay = np.exp(-8 * t) * np.sin(2 * np.pi * 120 * t) + np.exp(-20 * t) * np.sin(2 * np.pi * 700 * t)

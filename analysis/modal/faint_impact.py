@@ -9,6 +9,7 @@ left when the impact is surely over is not told from the impact.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -33,8 +34,7 @@ LOUD = 8.0  # standard deviations of the noise: a sample that no noise makes, an
 LATE = 0.975  # probability that the impact was over by the sample at which a mode has to be heard
 
 
-@dataclass(frozen=True, slots=True)
-class Begun:
+class Begun(NamedTuple):
     """Modes of a record from where they begin on.
 
     Attributes
@@ -56,12 +56,6 @@ class Begun:
     shift: Complex
     scatter: Real
     notes: tuple[str, ...] = ()
-
-
-def begun_with(start: int, model: Model, notes: list[str]) -> Begun:
-    """Modes whose beginning is known."""
-    j = model.poles.size
-    return Begun(start, model, np.zeros(j, np.complex128), np.zeros((j, 2, 2)), tuple(notes))
 
 
 def is_loud(y: Real) -> bool:

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.modal.changing_modes import changes_of
 from analysis.modal.clipping import clipped_samples
 from analysis.modal.converter_steps import dithered
-from analysis.modal.exponentials import FitFailure
-from analysis.modal.faint_impact import Begun, begun_in_noise, begun_with, is_loud
-from analysis.modal.free_start import from_the_impact_on
+from analysis.modal.distortion import products_of_modes, wider_by_distortion
+from analysis.modal.exponentials import NONE_MISSING, FitFailure
+from analysis.modal.faint_impact import begun_in_noise, is_loud
+from analysis.modal.free_start import FreeDecay, decay_with, from_the_impact_on
 from analysis.modal.impact_onset import impact_onset
 from analysis.modal.likelihood_interval import spread_along, widened, widening
 from analysis.modal.model_order import groups, is_white, modes_of
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
 from analysis.modal.realised_modes import realised_modes
-from analysis.modal.ring_down_model import Model, fitted, record_from, strong, unresolved, without_modes, worth_of
+from analysis.modal.ring_down_model import Model, Record, Recorded, fitted, strong, unresolved, without_modes, worth_of
 from analysis.modal.stabilisation import COLUMNS, StablePole, realisations, stable_poles
 from analysis.modal.steady import perhaps_lasting, runs_before
 from analysis.modal.whitening import (
@@ -36,7 +39,13 @@ ITERATIONS = 300  # of the fit to a whole long record
 GUARD = 8  # samples before the onset that may already belong to the impact
 ROUNDED = 1e-6  # samples by which a time may be rounded
 MANY = 5  # modes, all weak in what is not white: 13 of 14 such bursts of noise have as many, 1 / f up to three
+MOSTLY_LEFT = (
+    0.65  # of the energy, by modes that are others from every sample: 5 of 5 bursts of noise leave as much that
+)
+# are not many weak modes, none of 14 taps on structures does
+HEARD = 0.9  # of the energy of modes, until which what they leave is compared with it
 APERIODIC = 0.9  # damping ratio of what hardly oscillates
+TURNS = 2.0  # periods in the record, of an oscillation that is told from a drift though it does not decay
 NO_GROWTH = 3.0  # standard errors by which a mode that does not decay may seem to grow
 
 
@@ -109,11 +118,20 @@ def identify_ring_down(
     if moving.any() and not moving.all():  # what never changes has no noise to be weighed by, and tells nothing
         return _among(moving, identify_ring_down(y[moving], sample_rate_hz, start, largest_order, method))
     y = y - y.mean(axis=1, keepdims=True)
-    impact = impact_onset(y, sample_rate_hz) if start is None else None
+    impact = _impact(y, sample_rate_hz) if start is None else None
     found = _identified(y, sample_rate_hz, start, impact, largest_order, method)
     found = found if impact is None else _without_steady(found, y, impact, sample_rate_hz)
-    found = _modes_alone(found, sample_rate_hz)
+    found = _without_products(_modes_alone(found, sample_rate_hz, (y.shape[1] - found.start) / sample_rate_hz))
     return replace(found, notes=(*found.notes, *perhaps_lasting(found.modes, (impact or 0) / sample_rate_hz)))
+
+
+def _impact(y: Real, sample_rate_hz: float) -> int | None:
+    """Onset of the impact in a record about its mean, beside something slow, too; None if there is none."""
+    seen = impact_onset(y, sample_rate_hz)
+    if seen is not None:
+        return seen
+    settling = Recorded(y, NONE_MISSING, slow=True).stretch(0)
+    return impact_onset(without_modes(settling).residual, sample_rate_hz)
 
 
 def decay_begins(time_s: float | None, samples: int, sample_rate_hz: float) -> int | None:
@@ -138,8 +156,8 @@ def decay_begins(time_s: float | None, samples: int, sample_rate_hz: float) -> i
     return min(samples - 1, int(np.ceil(time_s * sample_rate_hz - ROUNDED)))
 
 
-def _modes_alone(found: RingDownModes, sample_rate_hz: float) -> RingDownModes:
-    """Leave out what hardly oscillates, and what is no frequency that was sampled."""
+def _modes_alone(found: RingDownModes, sample_rate_hz: float, heard_s: float) -> RingDownModes:
+    """Leave out what hardly oscillates, what is no frequency that was sampled, and what may be a drift."""
     kept, told = [], []
     for m in found.modes:
         if m.damping_ratio.value > APERIODIC:
@@ -149,9 +167,33 @@ def _modes_alone(found: RingDownModes, sample_rate_hz: float) -> RingDownModes:
             )
         elif m.frequency_hz.value > sample_rate_hz / 2:
             told.append(f"an oscillation at {m.frequency_hz.value:.5g} Hz is above half the sampling rate and left out")
+        elif m.damping_ratio.low <= 0 and m.frequency_hz.value * heard_s < TURNS:
+            told.append(
+                f"something goes on at {m.frequency_hz.value:.3g} Hz for less than {TURNS:g} periods: it may be a "
+                "drift and is left out"
+            )
         else:
             kept.append(m)
     return replace(found, modes=tuple(kept), notes=(*found.notes, *told))
+
+
+def _without_products(found: RingDownModes) -> RingDownModes:
+    """Leave out what a distortion makes of modes."""
+    made = products_of_modes(found.modes)
+    if not made:
+        return found
+
+    def hz(indices: Iterable[int]) -> str:
+        return ", ".join(f"{found.modes[i].frequency_hz.value:.5g}" for i in sorted(set(indices)))
+
+    told = (
+        f"oscillations at {hz(made)} Hz are where a distortion puts some, of the modes at "
+        f"{hz(k for parts in made.values() for k in parts)} Hz, as of a sensor that saturates or a "
+        "spring that hardens: they are left out, and the intervals of damping are wider by what it does to decays"
+    )
+    wider = wider_by_distortion(found.modes, made)
+    kept = tuple(mode for i, mode in enumerate(wider) if i not in made)
+    return replace(found, modes=kept, notes=(*found.notes, told))
 
 
 def _without_steady(found: RingDownModes, y: Real, impact: int, sample_rate_hz: float) -> RingDownModes:
@@ -179,7 +221,7 @@ def _identified(
     quiet = [c[: 0 if impact is None else max(0, impact - GUARD)] for c in y]
     white = whitened(y, [[q] for q in quiet], clipped)
     begun = _begun(white, start, impact, sample_rate_hz)
-    record, colour = record_from(white.y, begun.start, white.clipped, COLUMNS), None
+    record, colour = begun.recorded.stretch(begun.start, COLUMNS), None
     if impact is not None:
         colour = colour_after_an_impact(white, record, begun.model)
     elif start is None:
@@ -189,16 +231,19 @@ def _identified(
         begun = _begun(white, start, impact, sample_rate_hz)
         if impact is None:
             notes.append(COLOURED)
-    begun, told = _weak_ones(white, begun, sample_rate_hz)
+    begun, told = _weak_ones(begun, sample_rate_hz)
     notes += [*begun.notes, *told]
     if told and begun.model.fit is None:
         return RingDownModes((), (), begun.start, 1.0, tuple(notes), method)
     first = begun.start
-    tail = white.y[:, first:]
+    tail = begun.recorded.y[:, first:]
     realised = realisations(tail, largest_order) if largest_order >= 2 else []
-    diagram, chosen = stable_poles(realised, y.shape[1] - first, sample_rate_hz)
+    diagram, chosen = stable_poles(realised, tail.shape[1], sample_rate_hz)
     if method == "ml":
-        begun = replace(begun, model=_over_all(white.y, first, white.clipped, begun.model))
+        scatter, changing = changes_of(begun.recorded, begun.counted, sample_rate_hz) if begun.model.fit else (0.0, [])
+        notes += changing
+        begun = replace(begun, scatter=begun.scatter + scatter)
+        begun = replace(begun, model=_over_all(begun))
         found = _likely(white, begun, diagram, sample_rate_hz, notes)
         if found is not None:
             return found
@@ -212,10 +257,14 @@ def _identified(
     return RingDownModes(modes, diagram, first, share, (*notes, *lost), "era")
 
 
-def _weak_ones(white: Whitened, begun: Begun, sample_rate_hz: float) -> tuple[Begun, list[str]]:
+def _weak_ones(begun: FreeDecay, sample_rate_hz: float) -> tuple[FreeDecay, list[str]]:
     """The same without modes that are many and all weak in what is not white; and a sentence about weak modes there."""
-    record = record_from(white.y, begun.start, white.clipped, COLUMNS)
-    if begun.model.fit is None or is_white(record, begun.model):
+    record = begun.recorded.stretch(begun.start, COLUMNS)
+    if begun.model.fit is None:
+        return begun, []
+    if not begun.settled and _left_while_heard(record, begun.model) > MOSTLY_LEFT:
+        return begun.with_model(without_modes(record)), [NO_RING_DOWN]
+    if is_white(record, begun.model):
         return begun, []
     weak = worth_of(record, begun.model) < strong(record)
     if not weak.any():
@@ -224,8 +273,21 @@ def _weak_ones(white: Whitened, begun: Begun, sample_rate_hz: float) -> tuple[Be
     told = ", ".join(f"{f:.5g}" for f in found)
     if weak.all() and weak.size >= MANY:
         said = f"{weak.size} oscillations, none of them strong, and more is left: a noise that changes is no ring-down"
-        return begun_with(begun.start, without_modes(record), list(begun.notes)), [said]
+        return begun.with_model(without_modes(record)), [said]
     return begun, [f"what the modes leave is not white noise: those that are weak, at {told} Hz, may be part of it"]
+
+
+def _left_while_heard(record: Record, model: Model) -> float:
+    """Share of the energy that modes leave, while most of their own is there."""
+    own = np.cumsum(((record.y - model.residual) ** 2).sum(axis=0))
+    heard = 1 + int(np.searchsorted(own, HEARD * own[-1]))
+    total = (record.y[:, :heard] ** 2).sum()
+    return float((model.residual[:, :heard] ** 2).sum() / max(total, 1e-300))
+
+
+NO_RING_DOWN = (
+    "no part of the record is like another, and oscillations leave most of it: a noise that changes is no ring-down"
+)
 
 
 def _among(moving: NDArray[np.bool_], found: RingDownModes) -> RingDownModes:
@@ -238,38 +300,40 @@ def _among(moving: NDArray[np.bool_], found: RingDownModes) -> RingDownModes:
     return replace(found, modes=tuple(modes))
 
 
-def _begun(white: Whitened, start: int | None, impact: int | None, sample_rate_hz: float) -> Begun:
+def _begun(white: Whitened, start: int | None, impact: int | None, sample_rate_hz: float) -> FreeDecay:
     """The modes of a whitened record, from where they begin on."""
+    recorded = Recorded(white.y, white.clipped)
     if start is not None:
-        return begun_with(start, modes_of(record_from(white.y, start, white.clipped, COLUMNS)), [])
+        return replace(decay_with(recorded, start, modes_of(recorded.stretch(start, COLUMNS))), settled=True)
     first = white.order
     if impact is None:
-        whole = record_from(white.y, first, white.clipped, COLUMNS)
+        whole = recorded.stretch(first, COLUMNS)
         in_noise = None if is_loud(whole.y) else begun_in_noise(whole, modes_of(whole), sample_rate_hz)
         if in_noise is not None:
-            return replace(in_noise, start=in_noise.start + first)
+            begins, model, shift, scatter, told = in_noise
+            return FreeDecay(recorded, begins + first, model, scatter, shift, settled=True, notes=told)
     onset, unseen = (first, True) if impact is None else (impact, False)
-    started = from_the_impact_on(white.y, onset, white.clipped, sample_rate_hz, COLUMNS, unseen)
-    return begun_with(*started)
+    return from_the_impact_on(recorded, onset, sample_rate_hz, COLUMNS, unseen)
 
 
-def _over_all(y: Real, first: int, clipped: NDArray[np.int64], model: Model) -> Model:
+def _over_all(begun: FreeDecay) -> Model:
     """The same modes, fitted to the whole record where they were counted in its first part."""
-    if model.fit is None or y.shape[1] - first <= COLUMNS:
+    model = begun.model
+    if model.fit is None or begun.recorded.y.shape[1] - begun.start <= COLUMNS:
         return model
-    whole = record_from(y, first, clipped)
+    whole = begun.recorded.stretch(begun.start)
     return fitted(whole, model.poles, without_modes(whole), ITERATIONS) or Model(None, whole.y, model.left)
 
 
 def _likely(
-    white: Whitened, begun: Begun, diagram: tuple[StablePole, ...], sample_rate_hz: float, notes: list[str]
+    white: Whitened, begun: FreeDecay, diagram: tuple[StablePole, ...], sample_rate_hz: float, notes: list[str]
 ) -> RingDownModes | None:
     """Modes of a model with their intervals; None if it has none that decays."""
     first, model = begun.start, begun.model
     if model.fit is None:
         return None
     fit = model.fit
-    record = record_from(white.y, first, white.clipped)
+    record = begun.recorded.stretch(first)
     spread = spread_along(record, fit)
     wider = widening(record.y, fit, record.known, record.missing)
     overlapping = [g for g in groups(fit.poles, record.y.shape[1]) if len(g) > 1]

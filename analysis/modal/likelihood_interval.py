@@ -94,7 +94,8 @@ def spread_along(record: Record, fit: ExponentialFit) -> Real:
     n = record.y.shape[1]
     k = np.arange(n)
     columns = fit.poles[:, None] ** k[None, :]
-    residual = record.y - 2.0 * (fit.amplitudes @ columns).real - fit.fixed_amplitudes
+    known = (fit.fixed_amplitudes @ record.known[:, None] ** k).real
+    residual = record.y - 2.0 * (fit.amplitudes @ columns).real - known
     residual[:, record.missing] = 0.0
     weight = 1.0 / np.maximum(fit.noise_variance, 1e-300)
     factors = np.ones(fit.poles.size)

@@ -189,14 +189,11 @@ def _divided(record: Record, model: Model, group: list[int]) -> tuple[Complex | 
 
 
 def _collapsed(record: Record, model: Model, group: list[int]) -> Model:
-    """One mode for a group of slices: the strongest of them, fitted to what all of them were."""
-    n = record.y.shape[1]
-    decay = np.maximum(-2 * np.log(model.poles[group]).real, 1e-12)
-    energy = (np.abs(model.modes.amplitudes[:, group]) ** 2).sum(axis=0) * -np.expm1(-decay * n) / decay
+    """One mode for a group of slices: the one that explains most of what all of them were, fitted to it."""
     part, now = _alone(record, model, group)
-    strongest = model.poles[group][int(np.argmax(energy))]
-    one = fitted(part, np.array([strongest]), now)
-    pole = strongest if one is None or not _decaying(one.poles) else one.poles[0]
+    alone = [m for i in group if (m := fitted(part, model.poles[[i]], now)) and _decaying(m.poles)]
+    best = min(alone, key=lambda m: float(np.log(np.maximum(m.left, 1e-300)).sum()), default=None)
+    pole = model.poles[group[0]] if best is None else best.poles[0]
     rest = [i for i in range(model.poles.size) if i not in group]
     return fitted(record, np.append(model.poles[rest], pole), model) or model
 
@@ -279,15 +276,18 @@ def without_slices(record: Record, model: Model, white: bool) -> Model:
 
 
 def _slices(model: Model, group: list[int], white: bool) -> list[int]:
-    """Modes of a group that are slices of the first of them that has any."""
+    """Modes of a group that are slices of the narrowest of them that has any."""
     shapes = model.modes.amplitudes[:, group] / np.sqrt(np.maximum(model.modes.noise_variance, 1e-300))[:, None]
     shapes = shapes / np.linalg.norm(shapes, axis=0)
     s = np.log(model.poles[group])
     alike = np.abs(shapes.conj().T @ shapes) ** 2 > SAME_SHAPE
+    apart = np.abs(s.imag[:, None] - s.imag)
     if white:
-        narrower = np.minimum(*np.meshgrid(-s.real, -s.real))
-        alike &= np.abs(s.imag[:, None] - s.imag) < ONE_FREQUENCY * np.abs(narrower)
-    for row in alike:
+        alike &= apart < ONE_FREQUENCY * np.abs(np.minimum(*np.meshgrid(-s.real, -s.real)))
+    else:  # one that is broad overlaps with modes that do not with each other
+        width = _width(s, model.residual.shape[1])
+        alike &= apart < APART * np.maximum(*np.meshgrid(width, width))
+    for row in alike[np.argsort(-s.real)]:
         if row.sum() > 1:
             return [g for g, a in zip(group, row, strict=True) if a]
     return []
@@ -312,9 +312,9 @@ def _with_pairs(record: Record, model: Model, price: float) -> Model:
                 if divided is not None and _decaying(divided.poles):
                     break
                 divided = None
-            elif left and len(group) > 1:
-                divided = _collapsed(record, model, group)
-                kept = [complex(z) for z in _nearest(divided.poles, np.append(kept, model.poles[group][:1]))]
+            elif left and (slices := _slices(model, group, white=False)):
+                divided = _collapsed(record, model, slices)
+                kept = [complex(z) for z in _nearest(divided.poles, np.append(kept, model.poles[slices][:1]))]
                 break
             kept += [complex(model.poles[i]) for i in group]
         if divided is None:

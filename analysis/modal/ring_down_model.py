@@ -27,6 +27,7 @@ REWEIGHTED = 4  # times at most, that channels are weighed anew
 SAME_WEIGHTS = 1.1  # ratio of two channels' weights, by which they may still change
 SPLIT_CHANCE = 1e-4  # of taking one mode for two
 OFFSET = np.ones(1, np.complex128)
+SETTLING = (0.0, 1.0, -1.0, -4.0, -16.0, -64.0)  # e-folds in a stretch, of what is slow: they follow a drift, too
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,13 +54,37 @@ class Record:
         return int(self.y.shape[1] - self.missing.size)
 
 
-def record_from(y: Real, first: int, clipped: NDArray[np.int64], longest: int | None = None) -> Record:
-    """The record (c, n) from a sample on, without clipped samples, and no longer than said."""
-    last = y.shape[1] if longest is None else min(y.shape[1], first + longest)
-    missing = clipped[(clipped >= first) & (clipped < last)] - first
-    stretch = y[:, first:last].copy()
-    stretch[:, missing] = 0.0
-    return Record(stretch, missing=missing)
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """A recording in white noise, of which stretches are looked at.
+
+    Attributes
+    ----------
+    y
+        (c, n) samples.
+    clipped
+        Samples that say nothing.
+    slow
+        Whether something slow goes on beside the modes: a sensor that settles, a drift.
+    """
+
+    y: Real
+    clipped: NDArray[np.int64]
+    slow: bool = False
+
+    def stretch(self, first: int, longest: int | None = None) -> Record:
+        """What is recorded from a sample on, without clipped samples, and no longer than said."""
+        last = self.y.shape[1] if longest is None else min(self.y.shape[1], first + longest)
+        missing = self.clipped[(self.clipped >= first) & (self.clipped < last)] - first
+        y = self.y[:, first:last].copy()
+        y[:, missing] = 0.0
+        if self.slow:
+            return Record(y, np.exp(np.array(SETTLING) / max(1, last - first)).astype(np.complex128), missing)
+        return Record(y, missing=missing)
+
+    def until(self, end: int) -> Recorded:
+        """The recording before a sample."""
+        return Recorded(self.y[:, :end], self.clipped[self.clipped < end], self.slow)
 
 
 @dataclass(frozen=True, slots=True)

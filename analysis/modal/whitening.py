@@ -62,6 +62,8 @@ class Whitened:
 def whitened(y: Real, noise: list[list[Real]], clipped: NDArray[np.int64]) -> Whitened:
     """Whiten each channel by the autoregressive model of stretches that hold its noise, if they are long enough."""
     enough = [sum(map(len, stretches)) >= LEAST_QUIET for stretches in noise]
+    # a drift is no noise: what follows it would be whitened by differences of samples, which make noise of modes
+    noise = [[signal.detrend(s) if len(s) >= LEAST_QUIET else s for s in stretches] for stretches in noise]
     filters = tuple(
         noise_model(stretches, _largest_order(stretches)) if e else NoiseModel(np.ones(1), float("nan"))
         for stretches, e in zip(noise, enough, strict=True)

@@ -1,0 +1,99 @@
+"""Oscillations that a distortion makes of modes: a sensor that saturates, a spring that hardens.
+
+The square and the cube of a sum of decays are sums of decays, too, at sums of two or three of their exponents: at three
+times a frequency with three times its decay, at the frequency itself with three times its decay, and between two modes.
+No structure has its modes there by chance, in frequency and in decay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations_with_replacement
+
+import numpy as np
+from scipy import stats
+
+from analysis.modal.modes import ModeEstimate
+
+THIRD = 3  # order of a distortion that acts on the mode itself
+WEAKER = 0.3  # of the amplitude of the weakest mode it is made of, that a product has at most
+OFF = 0.15  # of its decay, by which a product may be off, beside its error: a distortion has higher orders, too
+BASES = 4  # strongest modes, of which a distortion makes others that are seen
+MOST = 6  # modes of a structure, beyond which sums of exponents lie everywhere (2 of 19 of a bolted beam are near one)
+BY_CHANCE = 0.3  # chance of as many modes near the sums of others
+ALIKE = 0.2  # chance of two decays to be as near as that
+SIGNS = 3  # frequencies of a sum of three exponents, by its signs
+ERRORS = 3.0  # standard errors by which it may be off
+
+
+def products_of_modes(modes: Sequence[ModeEstimate]) -> dict[int, tuple[int, ...]]:
+    """Which modes lie where a distortion of stronger ones puts an oscillation: index, and those of what it is made of.
+
+    Examples
+    --------
+    >>> from analysis.modal.modes import mode_from_sampled_pole
+    >>> exact, one = 1e-12 * np.eye(2), np.ones(1, complex)
+    >>> base = mode_from_sampled_pole(np.exp(-0.01 + 0.1j), exact, one, 1e3)
+    >>> third = mode_from_sampled_pole(np.exp(-0.03 + 0.3j), exact, 0.1 * one, 1e3)
+    >>> products_of_modes([base, third])
+    {1: (0, 0, 0)}
+    """
+    strength = [float(np.linalg.norm(mode.amplitude)) for mode in modes]
+    highest = max((abs(mode.pole) for mode in modes), default=1.0)
+    found: dict[int, tuple[int, ...]] = {}
+    base: list[int] = []
+    expected = 0.0
+    for made in (int(i) for i in np.argsort(strength)[::-1]):
+        stronger = [i for i in base[:BASES] if strength[made] < WEAKER * strength[i]]
+        sums = [parts for order in (3, 2) for parts in combinations_with_replacement(stronger, order)]
+        apart = [_apart(modes[made], [modes[i].pole for i in parts]) for parts in sums]
+        width = max((error for _, error in apart), default=0.0)
+        near = [parts for parts, (off, _) in zip(sums, apart, strict=True) if off < ERRORS]
+        expected += ALIKE * SIGNS * len(sums) * 2 * ERRORS * width / highest
+        if near:
+            found[made] = near[0]
+        else:
+            base.append(made)
+    # where there are many modes, some are near the sums of others by chance
+    told = len(base) <= MOST and stats.poisson.sf(len(found) - 1, expected) < BY_CHANCE
+    return found if told else {}
+
+
+def _apart(mode: ModeEstimate, poles: list[complex]) -> tuple[float, float]:
+    """How far a mode is from a sum of exponents, each or its conjugate, in errors; and that of the frequency, rad/s."""
+    decay = -sum(s.real for s in poles)
+    turns = {poles[0].imag}
+    for s in poles[1:]:
+        turns = {t + sign * s.imag for t in turns for sign in (1, -1)}
+    decay_error = abs(mode.pole) * mode.damping_ratio.standard_error + OFF * decay
+    turn_error = 2 * np.pi * mode.frequency_hz.standard_error + OFF * decay / ERRORS
+    off = min(abs(abs(t) - mode.pole.imag) for t in turns) / turn_error
+    return max(off, abs(-mode.pole.real - decay) / decay_error), turn_error
+
+
+def wider_by_distortion(modes: Sequence[ModeEstimate], products: dict[int, tuple[int, ...]]) -> list[ModeEstimate]:
+    """All modes, of those that a distortion of third order acts on the decay wider by what it does to it.
+
+    A cube that puts an oscillation of amplitude ``r`` times its mode's at three times the frequency takes ``3 r`` off
+    the mode itself while it is strong, so that its decay seems slower by a part of that. Where the oscillation at the
+    frequency itself is found, it is that part, and the mode is read without it.
+
+    Parameters
+    ----------
+    modes, products
+        As of `products_of_modes`.
+    """
+    size = [float(np.linalg.norm(mode.amplitude)) for mode in modes]
+    off = np.zeros(len(modes))
+    read = set()
+    for made, parts in products.items():
+        for i in set(parts) if len(parts) == THIRD else ():
+            off[i] = max(off[i], THIRD * size[made] / size[i])
+            if abs(modes[made].pole.imag - modes[i].pole.imag) < abs(modes[i].pole.real):
+                read.add(i)
+    off[list(read)] = 0.0
+    return [
+        replace(mode, pole_covariance=mode.pole_covariance + np.diag([(share * mode.pole.real) ** 2, 0.0]))
+        for mode, share in zip(modes, off, strict=True)
+    ]

@@ -32,6 +32,7 @@ TAIL = 0.5  # of a pulse that is seen, that may follow unseen
 SPARED = 0.2  # of the energy of the fastest mode, that is given up for it
 MOVES = 6  # of the start, each by a quarter of the pulse
 LEAST = 24  # samples of free decay
+CLIPPED = 0.1  # of its samples, from which on a decay is not taken to end at an impact
 CROWDED = 3  # modes within each other's width, that may be made of a step along the record
 
 
@@ -74,6 +75,12 @@ class FreeDecay:
     def counted(self) -> CountedModes:
         """The same as modes of a record."""
         return CountedModes(self.start, self.recorded.stretch(self.start, self.model.residual.shape[1]), self.model)
+
+    @property
+    def clipped(self) -> float:
+        """Share of its samples that say nothing."""
+        record = self.counted.record
+        return record.missing.size / record.y.shape[1]
 
     @property
     def tells(self) -> float:
@@ -134,8 +141,8 @@ def _before_an_impact(
     recorded = whole.recorded if whole.settled else recorded
     for end in ends(recorded.y.shape[1], onset):
         part = _searched(recorded.until(end), onset, sample_rate_hz, longest, unseen)
-        if not part.settled:
-            continue
+        if not part.settled or part.clipped > CLIPPED:
+            continue  # where a converter's limit shapes the record, it ends at once, too
         last = end_before_an_impact(recorded, part.counted)
         if last is None:
             continue

@@ -8,7 +8,6 @@ No structure has its modes there by chance, in frequency and in decay.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -16,7 +15,6 @@ from scipy import stats
 
 from analysis.modal.modes import ModeEstimate
 
-THIRD = 3  # order of a distortion that acts on the mode itself
 WEAKER = 0.3  # of the amplitude of the weakest mode it is made of, that a product has at most
 OFF = 0.15  # of its decay, by which a product may be off, beside its error: a distortion has higher orders, too
 BASES = 4  # strongest modes, of which a distortion makes others that are seen
@@ -70,30 +68,3 @@ def _apart(mode: ModeEstimate, poles: list[complex]) -> tuple[float, float]:
     turn_error = 2 * np.pi * mode.frequency_hz.standard_error + OFF * decay / ERRORS
     off = min(abs(abs(t) - mode.pole.imag) for t in turns) / turn_error
     return max(off, abs(-mode.pole.real - decay) / decay_error), turn_error
-
-
-def wider_by_distortion(modes: Sequence[ModeEstimate], products: dict[int, tuple[int, ...]]) -> list[ModeEstimate]:
-    """All modes, of those that a distortion of third order acts on the decay wider by what it does to it.
-
-    A cube that puts an oscillation of amplitude ``r`` times its mode's at three times the frequency takes ``3 r`` off
-    the mode itself while it is strong, so that its decay seems slower by a part of that. Where the oscillation at the
-    frequency itself is found, it is that part, and the mode is read without it.
-
-    Parameters
-    ----------
-    modes, products
-        As of `products_of_modes`.
-    """
-    size = [float(np.linalg.norm(mode.amplitude)) for mode in modes]
-    off = np.zeros(len(modes))
-    read = set()
-    for made, parts in products.items():
-        for i in set(parts) if len(parts) == THIRD else ():
-            off[i] = max(off[i], THIRD * size[made] / size[i])
-            if abs(modes[made].pole.imag - modes[i].pole.imag) < abs(modes[i].pole.real):
-                read.add(i)
-    off[list(read)] = 0.0
-    return [
-        replace(mode, pole_covariance=mode.pole_covariance + np.diag([(share * mode.pole.real) ** 2, 0.0]))
-        for mode, share in zip(modes, off, strict=True)
-    ]

@@ -85,6 +85,8 @@ class FreeDecay:
     @property
     def tells(self) -> float:
         """How much of its modes a decay tells: e-folds of energy over what a mode costs."""
+        if self.model.fit is None:
+            return 0.0
         counted = self.counted
         return float(np.log(np.maximum(counted.worth / counted.price, 1.0)).sum())
 
@@ -124,10 +126,11 @@ def from_the_impact_on(
         Whether no impact begins at ``onset``: the record may begin with the decay as well as within the impact.
     """
     found = _searched(recorded, onset, sample_rate_hz, longest, unseen)
-    if not found.settled:  # something slow may go on beside the modes
+    soon = onset + SOON * (recorded.y.shape[1] - onset)
+    if not found.settled or found.start > soon:  # something slow may go on beside the modes
         slow = _searched(replace(recorded, slow=True), onset, sample_rate_hz, longest, unseen)
-        soon = slow.start - onset <= SOON * (recorded.y.shape[1] - onset)
-        found = slow if slow.settled and soon else found
+        more = not found.settled or slow.tells > found.tells
+        found = slow if slow.settled and slow.start <= soon and more else found
     late = found.start - onset > SOON_S * sample_rate_hz
     if late or not found.settled or found.doubtful:
         found = _before_an_impact(recorded, onset, sample_rate_hz, longest, unseen, found)
@@ -139,6 +142,7 @@ def _before_an_impact(
 ) -> FreeDecay:
     """The free decay up to a later impact, where there is one and it tells more than the whole."""
     recorded = whole.recorded if whole.settled else recorded
+    best = whole
     for end in ends(recorded.y.shape[1], onset):
         part = _searched(recorded.until(end), onset, sample_rate_hz, longest, unseen)
         if not part.settled or part.clipped > CLIPPED:
@@ -147,11 +151,12 @@ def _before_an_impact(
         if last is None:
             continue
         found = _searched(recorded.until(last), onset, sample_rate_hz, longest, unseen)
-        if not found.settled or (whole.settled and not whole.crowded and found.tells < whole.tells):
+        certain = best.settled and not (best is whole and whole.crowded)
+        if not found.settled or (certain and found.tells < best.tells):
             continue
         told = UNTIL.format(1e3 * (last - onset) / sample_rate_hz)
-        return replace(found, notes=(*found.notes, told))
-    return whole
+        best = replace(found, notes=(*found.notes, told))
+    return best
 
 
 UNTIL = (
@@ -244,14 +249,21 @@ def _earliest(recorded: Recorded, starts: list[int], longest: int) -> tuple[Coun
     """Modes from the earliest start from which on a record is a free decay, if any; and from the last one tried."""
     later = counted_from(recorded, starts[-1], None, longest)
     chosen: CountedModes | None = None
+    parted: CountedModes | None = None
     for start in reversed(starts[:-1]):
         now = counted_from(recorded, start, later.model, longest)
         if not continues(now, later):
-            return chosen, later if chosen is not None else now
+            if parted is not None:
+                break
+            parted = now  # by chance, if from a still earlier start the modes are the same again
+            continue
+        parted = None
         if chosen is None and later.are_modes:
             chosen = later
         chosen = now if now.are_modes else chosen
         later = now
+    if parted is not None:
+        return chosen, later if chosen is not None else parted
     return chosen or (later if later.are_modes else None), later
 
 

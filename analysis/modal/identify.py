@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 from analysis.modal.changing_modes import changes_of
 from analysis.modal.clipping import clipped_samples
 from analysis.modal.converter_steps import dithered
-from analysis.modal.distortion import products_of_modes, wider_by_distortion
+from analysis.modal.distortion import products_of_modes
 from analysis.modal.exponentials import NONE_MISSING, FitFailure
 from analysis.modal.faint_impact import begun_in_noise, is_loud
 from analysis.modal.free_start import FreeDecay, decay_with, from_the_impact_on
-from analysis.modal.impact_onset import impact_onset
+from analysis.modal.impact_onset import decays_before, impact_onset
 from analysis.modal.likelihood_interval import spread_along, widened, widening
 from analysis.modal.model_order import groups, is_white, modes_of
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
 from analysis.modal.realised_modes import realised_modes
 from analysis.modal.ring_down_model import Model, Record, Recorded, fitted, strong, unresolved, without_modes, worth_of
 from analysis.modal.stabilisation import COLUMNS, StablePole, realisations, stable_poles
-from analysis.modal.steady import perhaps_lasting, runs_before
+from analysis.modal.steady import MAINS_HZ, is_harmonic, perhaps_lasting, runs_before
 from analysis.modal.whitening import (
     COLOURED,
     Whitened,
@@ -37,6 +37,7 @@ Real = NDArray[np.float64]
 LARGEST_ORDER = 60
 ITERATIONS = 300  # of the fit to a whole long record
 GUARD = 8  # samples before the onset that may already belong to the impact
+LEAST_BEFORE = 96  # samples before the loudest onset, of which a decay is asked for
 ROUNDED = 1e-6  # samples by which a time may be rounded
 MANY = 5  # modes, all weak in what is not white: 13 of 14 such bursts of noise have as many, 1 / f up to three
 MOSTLY_LEFT = (
@@ -67,6 +68,8 @@ class RingDownModes:
         Sentences for the reader.
     method
         ``"ml"`` or ``"era"``: what the modes and their intervals come from.
+    settled
+        Whether the modes are the same however late one begins.
     """
 
     modes: tuple[ModeEstimate, ...]
@@ -75,6 +78,7 @@ class RingDownModes:
     residual_share: float
     notes: tuple[str, ...] = ()
     method: str = "ml"
+    settled: bool = True
 
 
 def identify_ring_down(
@@ -119,10 +123,27 @@ def identify_ring_down(
         return _among(moving, identify_ring_down(y[moving], sample_rate_hz, start, largest_order, method))
     y = y - y.mean(axis=1, keepdims=True)
     impact = _impact(y, sample_rate_hz) if start is None else None
+    if impact is not None and impact - GUARD >= LEAST_BEFORE and decays_before(y[:, : impact - GUARD]):
+        # what is loudest may be no tap, but something that fell later; and what is ahead of it is no noise
+        before = identify_ring_down(y[:, : impact - GUARD], sample_rate_hz, None, largest_order, method)
+        after = identify_ring_down(y[:, impact - GUARD :], sample_rate_hz, None, largest_order, method)
+        after = replace(after, start=after.start + impact - GUARD)
+        louder = SOMETHING_LOUDER.format(1e3 * impact / sample_rate_hz)
+        return after if _told_by(after) > _told_by(before) else replace(before, notes=(*before.notes, louder))
     found = _identified(y, sample_rate_hz, start, impact, largest_order, method)
     found = found if impact is None else _without_steady(found, y, impact, sample_rate_hz)
-    found = _without_products(_modes_alone(found, sample_rate_hz, (y.shape[1] - found.start) / sample_rate_hz))
-    return replace(found, notes=(*found.notes, *perhaps_lasting(found.modes, (impact or 0) / sample_rate_hz)))
+    found = _modes_alone(found, sample_rate_hz, (y.shape[1] - found.start) / sample_rate_hz)
+    told = [*perhaps_lasting(found.modes, (impact or 0) / sample_rate_hz), *_perhaps_distorted(found.modes)]
+    return replace(found, notes=(*found.notes, *told))
+
+
+SOMETHING_LOUDER = "the modes are those of a decay that something louder ends {:.3g} ms into the record"
+
+
+def _told_by(found: RingDownModes) -> tuple[bool, float]:
+    """Whether modes are the same along a decay, and how well their damping is told: e-folds of relative precision."""
+    told = [m.damping_ratio.value / max(m.damping_ratio.standard_error, 1e-300) for m in found.modes]
+    return found.settled and bool(told), float(np.log(np.maximum(told, 1.0)).sum())
 
 
 def _impact(y: Real, sample_rate_hz: float) -> int | None:
@@ -177,28 +198,28 @@ def _modes_alone(found: RingDownModes, sample_rate_hz: float, heard_s: float) ->
     return replace(found, modes=tuple(kept), notes=(*found.notes, *told))
 
 
-def _without_products(found: RingDownModes) -> RingDownModes:
-    """Leave out what a distortion makes of modes."""
-    made = products_of_modes(found.modes)
+def _perhaps_distorted(modes: Sequence[ModeEstimate]) -> list[str]:
+    """A sentence about modes that a distortion may have made of others."""
+    made = products_of_modes(modes)
     if not made:
-        return found
+        return []
 
     def hz(indices: Iterable[int]) -> str:
-        return ", ".join(f"{found.modes[i].frequency_hz.value:.5g}" for i in sorted(set(indices)))
+        return ", ".join(f"{modes[i].frequency_hz.value:.5g}" for i in sorted(set(indices)))
 
-    told = (
-        f"oscillations at {hz(made)} Hz are where a distortion puts some, of the modes at "
-        f"{hz(k for parts in made.values() for k in parts)} Hz, as of a sensor that saturates or a "
-        "spring that hardens: they are left out, and the intervals of damping are wider by what it does to decays"
-    )
-    wider = wider_by_distortion(found.modes, made)
-    kept = tuple(mode for i, mode in enumerate(wider) if i not in made)
-    return replace(found, modes=kept, notes=(*found.notes, told))
+    return [
+        f"what is at {hz(made)} Hz is where a distortion of the modes at "
+        f"{hz(k for parts in made.values() for k in parts)} Hz would put an oscillation, in frequency and in decay: if "
+        "a sensor saturates or a spring hardens it may be no mode, and the damping of these modes seems less than it is"
+    ]
 
 
 def _without_steady(found: RingDownModes, y: Real, impact: int, sample_rate_hz: float) -> RingDownModes:
     """Leave out oscillations that the impact did not begin."""
     steady = runs_before(y, max(0, impact - GUARD), found.modes, sample_rate_hz)
+    hum = [hz for hz in MAINS_HZ if any(r and is_harmonic(m, hz) for m, r in zip(found.modes, steady, strict=True))]
+    lasting = [m.damping_ratio.low <= 0 and any(is_harmonic(m, hz) for hz in hum) for m in found.modes]
+    steady = [a or b for a, b in zip(steady, lasting, strict=True)]
     told = [
         f"an oscillation at {mode.frequency_hz.value:.5g} Hz runs before the impact, too, as mains hum does: it is no "
         "mode and is left out"
@@ -254,7 +275,7 @@ def _identified(
     if not modes:
         told = lost or ["no mode stands out of the noise"]
         return RingDownModes((), diagram, first, 1.0, (*notes, *told), method)
-    return RingDownModes(modes, diagram, first, share, (*notes, *lost), "era")
+    return RingDownModes(modes, diagram, first, share, (*notes, *lost), "era", begun.settled)
 
 
 def _weak_ones(begun: FreeDecay, sample_rate_hz: float) -> tuple[FreeDecay, list[str]]:
@@ -312,8 +333,9 @@ def _begun(white: Whitened, start: int | None, impact: int | None, sample_rate_h
         if in_noise is not None:
             begins, model, shift, scatter, told = in_noise
             return FreeDecay(recorded, begins + first, model, scatter, shift, settled=True, notes=told)
-    onset, unseen = (first, True) if impact is None else (impact, False)
-    return from_the_impact_on(recorded, onset, sample_rate_hz, COLUMNS, unseen)
+    if impact is None:
+        return from_the_impact_on(recorded, first, sample_rate_hz, COLUMNS, unseen=True)
+    return from_the_impact_on(recorded, impact, sample_rate_hz, COLUMNS)
 
 
 def _over_all(begun: FreeDecay) -> Model:
@@ -356,7 +378,7 @@ def _likely(
         told = ", ".join(f"{abs(np.log(fit.poles[i])) * sample_rate_hz / (2 * np.pi):.5g}" for i in group)
         notes.append(f"the modes at {told} Hz lie within each other's width")
     share = float(model.left.sum() / max((record.y**2).sum(), 1e-300))
-    return RingDownModes(tuple(modes), diagram, first, share, tuple(notes)) if modes else None
+    return RingDownModes(tuple(modes), diagram, first, share, tuple(notes), settled=begun.settled) if modes else None
 
 
 def _unresolved_note(apart: Real, poles: Complex, sample_rate_hz: float) -> str:

@@ -11,6 +11,7 @@ SOON_S = 1e-3  # that an impact has to be louder than what was before it
 LOUDER = 50.0  # twice the log-likelihood ratio of a record that is quiet before an onset
 SUDDEN = 2.0  # times the energy before it, that an impact has at once
 OUTSHINES = 30.0  # times the energy before it: more than what swells
+FALLEN = 4.0  # times the energy of its last eighth, in the first eighth of what decays
 QUIET = 16  # samples that it has to be quiet
 
 
@@ -42,6 +43,20 @@ def impact_onset(y: Real, sample_rate_hz: float) -> int | None:
     if energy[onset : onset + beside].mean() < SUDDEN * energy[max(0, onset - beside) : onset].mean():
         return None  # what swells is a beat
     return None if _swells_slowly(y, onset, beside) else onset
+
+
+def decays_before(y: Real) -> bool:
+    """Whether what is recorded ahead of an onset (c, n) is itself a decay, and not noise.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> noise = rng.standard_normal((1, 800))
+    >>> decays_before(noise), decays_before(noise + 20 * np.exp(-np.arange(800) / 100))
+    (False, True)
+    """
+    eighth = max(1, y.shape[1] // 8)
+    return bool((y[:, :eighth].var(axis=1) > FALLEN * y[:, -eighth:].var(axis=1)).any())
 
 
 def _swells_slowly(y: Real, onset: int, beside: int) -> bool:

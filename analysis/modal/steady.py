@@ -78,14 +78,23 @@ def perhaps_lasting(modes: Sequence[ModeEstimate], quiet_s: float) -> list[str]:
     told = []
     for mode in modes:
         f, zeta = mode.frequency_hz, mode.damping_ratio
-        if zeta.low > 0 or quiet_s * f.value >= PERIODS:
+        if zeta.low > 0:
             continue
-        half = f.high - f.value
-        lines = ((hz, k) for hz in MAINS_HZ for k in range(1, HARMONICS + 1))
-        mains = [hz for hz, k in lines if abs(f.value - k * hz) < half + k * OFF_HZ]
+        mains = [hz for hz in MAINS_HZ if is_harmonic(mode, hz)]
         what = f"hum of the mains ({mains[0]:g} Hz)" if mains else "something that goes on, not a decay"
+        before = (
+            "it is not heard before the impact"
+            if quiet_s * f.value >= PERIODS
+            else "too little was recorded before an impact to show whether it was there"
+        )
         told.append(
-            f"the mode at {f.value:.5g} Hz may be {what}: it does not decay as far as the recording tells, and too "
-            "little was recorded before an impact to show whether it was there"
+            f"the mode at {f.value:.5g} Hz may be {what}: it does not decay as far as the recording tells, and {before}"
         )
     return told
+
+
+def is_harmonic(mode: ModeEstimate, mains_hz: float) -> bool:
+    """Whether a mode is at a multiple of the mains frequency, within its interval."""
+    f = mode.frequency_hz
+    k = round(f.value / mains_hz)
+    return 1 <= k <= HARMONICS and abs(f.value - k * mains_hz) < f.high - f.value + k * OFF_HZ

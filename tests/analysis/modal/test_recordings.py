@@ -449,22 +449,22 @@ def test_what_is_slow_is_no_mode_and_hides_none(slow):
     assert np.mean(np.abs(off) < 1.96) > 0.85
 
 
-def test_what_a_sensor_that_saturates_adds_is_no_mode():
+def test_what_a_sensor_that_saturates_adds_is_told():
     f, zeta = [150.0, 640.0], [0.01, 0.008]
     for seed in range(4):
         rng = np.random.default_rng(seed)
         y = decays(f, zeta, [rng.uniform(0.5, 1, 2)])
         found = identified(noisy(y - y**3 / 12, 50, rng), start=0)
-        assert [m.frequency_hz.value for m in found.modes] == pytest.approx(f, rel=0.01)
-        assert any("distortion" in note for note in found.notes)
-        for mode, true in zip(found.modes, zeta, strict=True):
-            assert abs(mode.damping_ratio.value - true) < 3 * mode.damping_ratio.standard_error
-            assert mode.damping_ratio.standard_error < 0.5 * true
+        assert all(np.abs(np.array([m.frequency_hz.value for m in found.modes]) / own - 1).min() < 0.01 for own in f)
+        assert any("a distortion of the modes at 150" in note for note in found.notes)
 
 
-def test_a_mode_at_three_times_a_frequency_with_a_decay_of_its_own_stays():
-    found = identified(noisy(decays([150.0, 450.0], [0.01, 0.004], [[1.0, 0.1]]), 60, np.random.default_rng(2)))
-    assert [m.frequency_hz.value for m in found.modes] == pytest.approx([150, 450], rel=0.01)
+def test_a_mode_at_three_times_a_frequency_stays_and_one_of_another_decay_is_not_doubted():
+    rng = np.random.default_rng(2)
+    for zeta, doubted in (((0.01, 0.004), False), ((0.01, 0.01), True)):  # a string's, and one of many
+        found = identified(noisy(decays([150.0, 450.0], zeta, [[1.0, 0.1]]), 60, rng))
+        assert [m.frequency_hz.value for m in found.modes] == pytest.approx([150, 450], rel=0.01)
+        assert any("distortion" in note for note in found.notes) == doubted
 
 
 def test_a_background_of_a_narrow_band_that_runs_before_is_no_mode():
@@ -497,3 +497,28 @@ def test_a_broad_oscillation_takes_no_mode_with_it():
             found = modes_of(Record(noisy(y - y**3 / k, 50, np.random.default_rng(seed))))
             hz = np.abs(np.log(found.poles)) * RATE / (2 * np.pi)
             assert all(np.abs(hz / f - 1).min() < 0.01 for f in (150, 640))
+
+
+def test_what_falls_later_and_is_louder_is_no_tap():
+    f, zeta, off = [180.0, 640.0], [0.012, 0.006], []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        y = tapped(f, zeta, 1e-3, 8, rng)
+        y[1800:2000] += 6 * rng.standard_normal(200) * np.exp(-np.arange(200) / 60)
+        found = identified(noisy(y, 50, rng))
+        off += scores(found, f, zeta)
+        assert any("something" in note for note in found.notes)
+    assert np.abs(off).max() < 4
+
+
+def test_harmonics_of_a_hum_that_runs_before_are_no_modes():
+    f, zeta = [180.0, 640.0], [0.012, 0.006]
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        y = tapped(f, zeta, 1e-3, 600, rng)
+        t = np.arange(y.size) / RATE
+        y += sum(a * np.sin(2 * np.pi * 50 * k * t + rng.uniform(0, 6)) for k, a in ((1, 0.05), (3, 0.004), (5, 0.003)))
+        found = identified(noisy(y, 50, rng))
+        hum = [m for m in found.modes if f"the mode at {m.frequency_hz.value:.5g} Hz may be hum" in str(found.notes)]
+        assert [m.frequency_hz.value for m in found.modes if m not in hum] == pytest.approx(f, rel=0.01)
+        assert len(hum) <= 1

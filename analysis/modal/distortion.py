@@ -7,7 +7,7 @@ No structure has its modes there by chance, in frequency and in decay.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -68,3 +68,19 @@ def _apart(mode: ModeEstimate, poles: list[complex]) -> tuple[float, float]:
     turn_error = 2 * np.pi * mode.frequency_hz.standard_error + OFF * decay / ERRORS
     off = min(abs(abs(t) - mode.pole.imag) for t in turns) / turn_error
     return max(off, abs(-mode.pole.real - decay) / decay_error), turn_error
+
+
+def perhaps_distorted(modes: Sequence[ModeEstimate]) -> list[str]:
+    """A sentence about modes that a distortion may have made of others."""
+    made = products_of_modes(modes)
+    if not made:
+        return []
+
+    def hz(indices: Iterable[int]) -> str:
+        return ", ".join(f"{modes[i].frequency_hz.value:.5g}" for i in sorted(set(indices)))
+
+    return [
+        f"what is at {hz(made)} Hz is where a distortion of the modes at "
+        f"{hz(k for parts in made.values() for k in parts)} Hz would put an oscillation, in frequency and in decay: if "
+        "a sensor saturates or a spring hardens it may be no mode, and the damping of these modes seems less than it is"
+    ]

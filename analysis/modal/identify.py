@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from analysis.modal.changing_modes import changes_of
 from analysis.modal.clipping import clipped_samples
 from analysis.modal.converter_steps import dithered
-from analysis.modal.distortion import products_of_modes
+from analysis.modal.distortion import perhaps_distorted
 from analysis.modal.exponentials import NONE_MISSING, FitFailure
 from analysis.modal.faint_impact import begun_in_noise, is_loud
 from analysis.modal.free_start import FreeDecay, decay_with, from_the_impact_on
@@ -19,10 +18,11 @@ from analysis.modal.impact_onset import decays_before, impact_onset
 from analysis.modal.likelihood_interval import spread_along, widened, widening
 from analysis.modal.model_order import groups, is_white, modes_of
 from analysis.modal.modes import ModeEstimate, mode_from_sampled_pole
+from analysis.modal.no_modes import modes_alone
 from analysis.modal.realised_modes import realised_modes
 from analysis.modal.ring_down_model import Model, Record, Recorded, fitted, strong, unresolved, without_modes, worth_of
 from analysis.modal.stabilisation import COLUMNS, StablePole, realisations, stable_poles
-from analysis.modal.steady import MAINS_HZ, is_harmonic, perhaps_lasting, runs_before
+from analysis.modal.steady import perhaps_lasting
 from analysis.modal.whitening import (
     COLOURED,
     Whitened,
@@ -45,8 +45,6 @@ MOSTLY_LEFT = (
 )
 # are not many weak modes, none of 14 taps on structures does
 HEARD = 0.9  # of the energy of modes, until which what they leave is compared with it
-APERIODIC = 0.9  # damping ratio of what hardly oscillates
-TURNS = 2.0  # periods in the record, of an oscillation that is told from a drift though it does not decay
 NO_GROWTH = 3.0  # standard errors by which a mode that does not decay may seem to grow
 
 
@@ -131,10 +129,10 @@ def identify_ring_down(
         louder = SOMETHING_LOUDER.format(1e3 * impact / sample_rate_hz)
         return after if _told_by(after) > _told_by(before) else replace(before, notes=(*before.notes, louder))
     found = _identified(y, sample_rate_hz, start, impact, largest_order, method)
-    found = found if impact is None else _without_steady(found, y, impact, sample_rate_hz)
-    found = _modes_alone(found, sample_rate_hz, (y.shape[1] - found.start) / sample_rate_hz)
-    told = [*perhaps_lasting(found.modes, (impact or 0) / sample_rate_hz), *_perhaps_distorted(found.modes)]
-    return replace(found, notes=(*found.notes, *told))
+    quiet = y[:, : max(0, (impact or 0) - GUARD)]
+    modes, told = modes_alone(found.modes, quiet, (y.shape[1] - found.start) / sample_rate_hz, sample_rate_hz)
+    told += [*perhaps_lasting(modes, (impact or 0) / sample_rate_hz), *perhaps_distorted(modes)]
+    return replace(found, modes=modes, notes=(*found.notes, *told))
 
 
 SOMETHING_LOUDER = "the modes are those of a decay that something louder ends {:.3g} ms into the record"
@@ -175,59 +173,6 @@ def decay_begins(time_s: float | None, samples: int, sample_rate_hz: float) -> i
             f"the free decay cannot begin at {time_s:g} s: the recording is {samples / sample_rate_hz:.4g} s long"
         )
     return min(samples - 1, int(np.ceil(time_s * sample_rate_hz - ROUNDED)))
-
-
-def _modes_alone(found: RingDownModes, sample_rate_hz: float, heard_s: float) -> RingDownModes:
-    """Leave out what hardly oscillates, what is no frequency that was sampled, and what may be a drift."""
-    kept, told = [], []
-    for m in found.modes:
-        if m.damping_ratio.value > APERIODIC:
-            told.append(
-                f"a decay within {1e3 / -m.pole.real:.3g} ms that hardly oscillates is no mode and is left out: a "
-                "sensor that is coupled for alternating signals shows one, and drift"
-            )
-        elif m.frequency_hz.value > sample_rate_hz / 2:
-            told.append(f"an oscillation at {m.frequency_hz.value:.5g} Hz is above half the sampling rate and left out")
-        elif m.damping_ratio.low <= 0 and m.frequency_hz.value * heard_s < TURNS:
-            told.append(
-                f"something goes on at {m.frequency_hz.value:.3g} Hz for less than {TURNS:g} periods: it may be a "
-                "drift and is left out"
-            )
-        else:
-            kept.append(m)
-    return replace(found, modes=tuple(kept), notes=(*found.notes, *told))
-
-
-def _perhaps_distorted(modes: Sequence[ModeEstimate]) -> list[str]:
-    """A sentence about modes that a distortion may have made of others."""
-    made = products_of_modes(modes)
-    if not made:
-        return []
-
-    def hz(indices: Iterable[int]) -> str:
-        return ", ".join(f"{modes[i].frequency_hz.value:.5g}" for i in sorted(set(indices)))
-
-    return [
-        f"what is at {hz(made)} Hz is where a distortion of the modes at "
-        f"{hz(k for parts in made.values() for k in parts)} Hz would put an oscillation, in frequency and in decay: if "
-        "a sensor saturates or a spring hardens it may be no mode, and the damping of these modes seems less than it is"
-    ]
-
-
-def _without_steady(found: RingDownModes, y: Real, impact: int, sample_rate_hz: float) -> RingDownModes:
-    """Leave out oscillations that the impact did not begin."""
-    steady = runs_before(y, max(0, impact - GUARD), found.modes, sample_rate_hz)
-    hum = [hz for hz in MAINS_HZ if any(r and is_harmonic(m, hz) for m, r in zip(found.modes, steady, strict=True))]
-    lasting = [m.damping_ratio.low <= 0 and any(is_harmonic(m, hz) for hz in hum) for m in found.modes]
-    steady = [a or b for a, b in zip(steady, lasting, strict=True)]
-    told = [
-        f"an oscillation at {mode.frequency_hz.value:.5g} Hz runs before the impact, too, as mains hum does: it is no "
-        "mode and is left out"
-        for mode, runs in zip(found.modes, steady, strict=True)
-        if runs
-    ]
-    kept = tuple(mode for mode, runs in zip(found.modes, steady, strict=True) if not runs)
-    return replace(found, modes=kept, notes=(*found.notes, *told))
 
 
 def _identified(

@@ -24,15 +24,13 @@ AS_STRONG = (
 # none had 1e-4 there, of 12 that were part of it all had 0.01
 
 
-def runs_before(y: Real, onset: int, modes: Sequence[ModeEstimate], sample_rate_hz: float) -> list[bool]:
+def runs_before(before: Real, modes: Sequence[ModeEstimate], sample_rate_hz: float) -> list[bool]:
     """Whether each oscillation is in the samples before an impact, too, as strong as after it, and does not decay.
 
     Parameters
     ----------
-    y
-        (c, n) record.
-    onset
-        Samples that belong to no impact.
+    before
+        (c, n) samples ahead of the impact.
     modes
         Found after it.
     sample_rate_hz
@@ -43,10 +41,9 @@ def runs_before(y: Real, onset: int, modes: Sequence[ModeEstimate], sample_rate_
     >>> from analysis.modal.modes import mode_from_sampled_pole
     >>> hum = np.cos(0.1 * np.arange(900)) + 0.01 * np.random.default_rng(1).standard_normal(900)
     >>> found = mode_from_sampled_pole(np.exp(0.1j - 1e-9), 1e-8 * np.eye(2), np.array([0.5 + 0j]), 1e3)
-    >>> runs_before(hum[None], 400, [found], 1e3)
+    >>> runs_before(hum[None, :400], [found], 1e3)
     [True]
     """
-    before = y[:, :onset]
     c, n = before.shape
     told = []
     for mode in modes:

@@ -131,7 +131,7 @@ def identify_ring_down(
     found = _identified(y, sample_rate_hz, start, impact, largest_order, method)
     quiet = y[:, : max(0, (impact or 0) - GUARD)]
     modes, told = modes_alone(found.modes, quiet, (y.shape[1] - found.start) / sample_rate_hz, sample_rate_hz)
-    told += [*perhaps_lasting(modes, (impact or 0) / sample_rate_hz), *perhaps_distorted(modes)]
+    told += [*perhaps_lasting(modes, quiet, sample_rate_hz), *perhaps_distorted(modes)]
     return replace(found, modes=modes, notes=(*found.notes, *told))
 
 

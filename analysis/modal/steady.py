@@ -17,6 +17,7 @@ OFF_HZ = 0.2  # by which the mains frequency may be off
 LASTING = 3.0  # standard errors of its damping, by which what never decays may seem to
 HARMONICS = 7  # of the mains, at which a lasting oscillation is told to be perhaps hum
 PERIODS = 2.0  # before the impact, at least, by which an oscillation is told from an offset
+SURELY = 4.0  # times what is heard by chance: an oscillation that would be heard
 BY_CHANCE = 1e-3  # chance of noise before the impact that looks like an oscillation at that frequency
 AS_STRONG = (
     0.005  # of the energy that a mode begins with, before the impact: of 17 true modes in a noise of narrow band
@@ -62,30 +63,36 @@ def runs_before(before: Real, modes: Sequence[ModeEstimate], sample_rate_hz: flo
     return told
 
 
-def perhaps_lasting(modes: Sequence[ModeEstimate], quiet_s: float) -> list[str]:
+def perhaps_lasting(modes: Sequence[ModeEstimate], quiet: Real, sample_rate_hz: float) -> list[str]:
     """Sentences about modes that do not decay as far as a record tells: hum of the mains, or an excitation.
+
+    None about those that would have been heard before the impact, had they been there.
 
     Parameters
     ----------
     modes
         Of the record.
-    quiet_s
-        Time before the impact, s: long enough, it shows what runs there.
+    quiet
+        (c, n) what was recorded before the impact.
+    sample_rate_hz
+        Samples a second.
     """
     told = []
+    c, n = quiet.shape
+    noise = np.maximum(quiet.var(axis=1), 1e-300) if n else np.ones(c)
     for mode in modes:
-        f, zeta = mode.frequency_hz, mode.damping_ratio
-        if zeta.low > 0:
+        f = mode.frequency_hz
+        if mode.damping_ratio.low > 0:
+            continue
+        long_enough = n * f.value >= PERIODS * sample_rate_hz
+        would_be = float((np.abs(2 * mode.amplitude) ** 2 / noise).sum()) * n / 2
+        if long_enough and would_be > SURELY * stats.chi2.isf(BY_CHANCE, 2 * c):
             continue
         mains = [hz for hz in MAINS_HZ if is_harmonic(mode, hz)]
         what = f"hum of the mains ({mains[0]:g} Hz)" if mains else "something that goes on, not a decay"
-        before = (
-            "it is not heard before the impact"
-            if quiet_s * f.value >= PERIODS
-            else "too little was recorded before an impact to show whether it was there"
-        )
         told.append(
-            f"the mode at {f.value:.5g} Hz may be {what}: it does not decay as far as the recording tells, and {before}"
+            f"the mode at {f.value:.5g} Hz may be {what}: it does not decay as far as the recording tells, and too "
+            "little was recorded before an impact to show whether it was there"
         )
     return told
 

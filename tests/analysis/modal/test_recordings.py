@@ -522,3 +522,11 @@ def test_harmonics_of_a_hum_that_runs_before_are_no_modes():
         hum = [m for m in found.modes if f"the mode at {m.frequency_hz.value:.5g} Hz may be hum" in str(found.notes)]
         assert [m.frequency_hz.value for m in found.modes if m not in hum] == pytest.approx(f, rel=0.01)
         assert len(hum) <= 1
+
+
+def test_a_mode_that_hardly_decays_is_not_doubted_where_it_would_have_been_heard_before():
+    rng = np.random.default_rng(4)
+    y = np.concatenate([np.zeros((1, 400)), decays([356.5, 1406.0], [1e-5, 0.005], [[1.0, 1.0]])], axis=1)
+    found = identified(noisy(y, 50, rng))
+    assert [m.frequency_hz.value for m in found.modes] == pytest.approx([356.5, 1406], rel=0.01)
+    assert not any("goes on" in note for note in found.notes)

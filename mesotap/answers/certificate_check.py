@@ -82,6 +82,8 @@ def read_certificate(path: Path, schema: Path | None = None) -> Certificate:
     """
     try:
         content = read_plain(path, LARGEST_CERTIFICATE)
+    except FileNotFoundError as error:
+        raise RecordingError(f"{path}: there is no such file") from error
     except OSError as error:
         raise RecordingError(f"{path}: {cause_of(error)}") from error
     root = _parsed(path, content)

@@ -151,7 +151,7 @@ def test_hostile_xml_is_refused_in_a_sentence(tmp_path, content, words):
 
 
 def test_a_file_that_is_not_there_is_told(tmp_path):
-    with pytest.raises(RecordingError, match=r"none\.xml"):
+    with pytest.raises(RecordingError, match=r"none\.xml: there is no such file"):
         read_certificate(tmp_path / "none.xml")
 
 

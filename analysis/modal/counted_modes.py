@@ -19,7 +19,7 @@ PERIODS = 0.6  # that a mode is heard at least: of 111 starts within pulses 8 sh
 # more; of 29 modes of 15 to 30 % damping in free decays all are
 TAIL_SEEN = 0.02  # chance of what a mode from two starts differs by, below which the earlier is within the pulse
 SUNK = 1.5  # exponent of the energy that a mode loses between two starts, beyond which the later says little
-CROWD = 3  # modes within each other's width that appear at once: a step along the record is made of them (a second hit)
+CROWD = 3  # modes within each other's width: a step along the record may be made of them, a second hit
 SURELY_HEARD = 3.0  # times what a mode costs, at which it is found
 LEAST_APART = 1e-3  # of a variance, by which it differs between two starts
 CURVED = 3.0  # relative errors of a decay, by which its variance is uncertain

@@ -1,8 +1,9 @@
-"""Oscillations that a distortion makes of modes: a sensor that saturates, a spring that hardens.
+"""Oscillations that a distortion may have made of modes: a sensor that saturates, a spring that hardens.
 
 The square and the cube of a sum of decays are sums of decays, too, at sums of two or three of their exponents: at three
 times a frequency with three times its decay, at the frequency itself with three times its decay, and between two modes.
-No structure has its modes there by chance, in frequency and in decay.
+Few structures have modes there, in frequency and in decay; a string of one damping ratio has all of its own there, so
+that what is found is a doubt.
 """
 
 from __future__ import annotations

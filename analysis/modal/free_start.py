@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.modal.counted_modes import PERIODS, CountedModes, agree, continues, counted_from, fitted_from
+from analysis.modal.counted_modes import CROWD, PERIODS, CountedModes, agree, continues, counted_from, fitted_from
 from analysis.modal.exponentials import FitFailure, fit_exponentials
 from analysis.modal.later_impact import end_before_an_impact, ends
 from analysis.modal.model_order import groups, is_white, without_slices
@@ -25,7 +25,7 @@ Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
 
 SOON_S = 1e-3  # that a pulse is expected to last
-SOON = 0.125  # of what is recorded after the onset, by which the decay has to begin where something slow goes on, too
+EARLY = 0.125  # of what is recorded after the onset, by which the decay has to begin where something slow goes on, too
 LATEST = 0.5  # of what is recorded after the onset, by which impacts are over
 FIRST = 4  # samples after the onset: the earliest start
 TAIL = 0.5  # of a pulse that is seen, that may follow unseen
@@ -33,7 +33,6 @@ SPARED = 0.2  # of the energy of the fastest mode, that is given up for it
 MOVES = 6  # of the start, each by a quarter of the pulse
 LEAST = 24  # samples of free decay
 CLIPPED = 0.1  # of its samples, from which on a decay is not taken to end at an impact
-CROWDED = 3  # modes within each other's width, that may be made of a step along the record
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +92,7 @@ class FreeDecay:
     @property
     def crowded(self) -> bool:
         """Whether its modes may be made of a step along the record: many beside each other."""
-        return any(len(g) >= CROWDED for g in groups(self.model.poles, self.model.residual.shape[1]))
+        return any(len(g) >= CROWD for g in groups(self.model.poles, self.model.residual.shape[1]))
 
     @property
     def doubtful(self) -> bool:
@@ -126,7 +125,7 @@ def from_the_impact_on(
         Whether no impact begins at ``onset``: the record may begin with the decay as well as within the impact.
     """
     found = _searched(recorded, onset, sample_rate_hz, longest, unseen)
-    soon = onset + SOON * (recorded.y.shape[1] - onset)
+    soon = onset + EARLY * (recorded.y.shape[1] - onset)
     if not found.settled or found.start > soon:  # something slow may go on beside the modes
         slow = _searched(replace(recorded, slow=True), onset, sample_rate_hz, longest, unseen)
         more = not found.settled or slow.tells > found.tells

@@ -68,16 +68,13 @@ def end_before_an_impact(recorded: Recorded, part: CountedModes) -> int | None:
     model = _fitted(recorded, part, low)
     if model is None:
         return None
+    decay = CountedModes(start, recorded.until(low).stretch(start), model)
     beside = max(FEWEST, 2 * step)
     off = _continued(recorded, model, start, low + beside)[:, low - start :]
-    variance = model.left / (low - start)
+    variance = model.left / decay.record.samples
     if (off**2 / np.maximum(variance, 1e-300)[:, None]).mean() < SUDDEN:
         return None
-    return (
-        low - step
-        if _rings_on(recorded, CountedModes(start, recorded.until(low).stretch(start), model), step)
-        else None
-    )
+    return low - step if _rings_on(recorded, decay, step) else None
 
 
 def _rings_on(recorded: Recorded, decay: CountedModes, step: int) -> bool:

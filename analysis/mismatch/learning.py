@@ -41,9 +41,10 @@ def with_learned(selection: Selection[Any]) -> Selection[Any]:
     least = max(policy.unnamed, policy.learned_share * explained)
     if named is not None and noise_known and _most_lead(named) < policy.learned_near * least:
         return selection
-    learner, begun = _learner(selection, to_beat=named if _single(named) else None)
-    if named is not None and not _single(named) and _promised(learner.screen(named)) < policy.learned_promise:
-        return selection  # what is named together leaves nothing to a law
+    learner = _learner(selection, to_beat=named if _single(named) else None)
+    if named is not None and not _promises(learner.screen(named), policy.learned_promise, policy.serious * least):
+        return selection
+    begun = _screened(learner, selection)
     found = _found(learner, begun, selection, explained)
     if found is None or not _learned(found):
         return selection
@@ -87,20 +88,25 @@ def with_last_learned(selection: Selection[Any]) -> Selection[Any] | None:
     """Return a selection with a learned law in place of the mechanism accepted last; None if it leaves much."""
     if selection.chosen is None or _single(selection.chosen):
         return None
-    found = _last_learned(*_learner(selection), selection)
+    learner = _learner(selection)
+    found = _last_learned(learner, _screened(learner, selection), selection)
     return None if found is None else _beside(found, selection)
 
 
-def _learner(selection: Selection[Any], to_beat: Any = None) -> tuple[Judge[Any], State[Any]]:
-    """Return a judge that knows families of laws, and the linear rig screened by it."""
+def _learner(selection: Selection[Any], to_beat: Any = None) -> Judge[Any]:
+    """Return a judge that knows families of laws."""
     judge = selection.judge
     judge.on_progress("learning a law that nobody listed")
     judge.training.budget.spent = 0.0
     # a single force without a name is one of the families: it is no reason to name none of them
     anyhow = replace(selection.problem.policy, unnamed=math.inf)
-    learner = judge.knowing(learned_mechanisms(), anyhow, to_beat=to_beat)
+    return judge.knowing(learned_mechanisms(), anyhow, to_beat=to_beat)
+
+
+def _screened(learner: Judge[Any], selection: Selection[Any]) -> State[Any]:
+    """Return the linear rig screened for families of laws."""
     fresh = screened_baseline(learner)
-    return learner, State(fresh.current, replace(fresh.screening, p_value=selection.p_value))
+    return State(fresh.current, replace(fresh.screening, p_value=selection.p_value))
 
 
 def _last_learned(learner: Judge[Any], baseline: State[Any], selection: Selection[Any]) -> Selection[Any] | None:
@@ -135,9 +141,13 @@ def _single(named: Any) -> bool:
     return named is not None and len(named.terms) == 1
 
 
-def _promised(screening: Screening) -> float:
-    """Return the evidence that the best of the scores promises."""
-    return max((screened_evidence(score) for score in screening.scores), default=0.0)
+def _promises(screening: Screening, chance: float, least: float) -> bool:
+    """Whether a law promises something beside what is named: by more than chance, and so much that it matters.
+
+    One in the place of what is named can do no more than both together.
+    """
+    best = max((screened_evidence(score) for score in screening.scores), default=0.0)
+    return screening.p_value < chance and best > least
 
 
 def _beside(found: Selection[Any], listed: Selection[Any]) -> Selection[Any]:

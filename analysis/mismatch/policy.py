@@ -114,7 +114,7 @@ class SelectionPolicy:
         0.005, "share of a learned law's evidence that one with fewer parameters may lack", "1", RECORDED, 140
     )
     learned_promise: float = _chosen(
-        12.0, "evidence that a law must promise beside what is named to be fitted", "chi-squared", NAMED, 132
+        0.05, "p-value of what laws promise beside what is named, from which on none is fitted", "1", NAMED, 132
     )
     learned_near: float = _chosen(
         0.1, "of that lead, up to which a law that can lead no further is not learned", "1", NAMED, 133

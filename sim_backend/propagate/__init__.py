@@ -7,6 +7,6 @@ times, until the force's third difference is small again.
 """
 
 from sim_backend.propagate.inputs import Clock, Given, Impact, Laws, Rigs, laws_of
-from sim_backend.propagate.propagator import TOLERANCE, Motion, propagate
+from sim_backend.propagate.propagator import TOLERANCE, Division, Motion, propagate
 
-__all__ = ["TOLERANCE", "Clock", "Given", "Impact", "Laws", "Motion", "Rigs", "laws_of", "propagate"]
+__all__ = ["TOLERANCE", "Clock", "Division", "Given", "Impact", "Laws", "Motion", "Rigs", "laws_of", "propagate"]

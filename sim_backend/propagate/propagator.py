@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_backend.arrays import Real
 from sim_backend.propagate.inputs import Clock, Given, Impact, Laws, Rigs
-from sim_backend.propagate.stepping import carried
+from sim_backend.propagate.stepping import MOST_DIVIDED, TICKS, carried
+
+Division = NDArray[np.int8]
 
 TOLERANCE: Final = 3e-4  # error of a step's mean extra force, over the largest so far, beyond which it is divided
 
@@ -27,11 +30,14 @@ class Motion:
         each step.
     states
         (runs, samples, 2 n) displacements (m) and velocities (m/s).
+    division
+        (runs, any) how each short step was divided, where that was asked for.
     """
 
     forces: Real
     bends: Real
     states: Real
+    division: Division = field(default_factory=lambda: np.zeros((1, 0), np.int8))
 
 
 def propagate(
@@ -42,6 +48,8 @@ def propagate(
     given: Given | None = None,
     impact: Impact | None = None,
     tolerance: float = TOLERANCE,
+    division: Division | None = None,
+    keeps_division: bool = False,
 ) -> Motion:
     """Carry rigs along from their states ``start`` (runs, 2 n), displacements (m) and velocities (m/s).
 
@@ -50,6 +58,11 @@ def propagate(
     tolerance
         Error of a step's mean extra force, over the largest so far, beyond which the step is divided; infinite for
         steps of one length.
+    division
+        (runs, any) to divide the steps as those of motions nearby were (`Motion.division`): differences between these
+        and such a motion do not hold the errors that another division makes, which are many times as large.
+    keeps_division
+        Whether it is returned.
     """
     runs, n = rigs.mass.shape
     if given is None:
@@ -61,4 +74,10 @@ def propagate(
     begin, end, bend = (np.ascontiguousarray(a, np.float64) for a in given[:3])
     given = Given(begin, end, bend, int(given.held))
     clock = Clock(np.ascontiguousarray(clock.start, np.float64), float(clock.step), int(clock.steps), clock.sampled)
-    return Motion(*carried(rigs, laws, np.ascontiguousarray(start, np.float64), clock, given, impact, float(tolerance)))
+    follows, start = division is not None, np.ascontiguousarray(start, np.float64)
+    if division is None:  # no motion has more short steps: beyond `MOST_DIVIDED`, steps are whole ones again
+        most = (MOST_DIVIDED + 1) * clock.steps + 2 * TICKS if keeps_division else 0
+        division = np.zeros((runs, most), np.int8)
+    division = np.ascontiguousarray(division)
+    forces, bends, states = carried(rigs, laws, start, clock, given, impact, float(tolerance), division, follows)
+    return Motion(forces, bends, states, division)

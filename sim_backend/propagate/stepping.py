@@ -23,6 +23,8 @@ COARSER: Final = 4.0**3  # factor by which the error grows in a step four times 
 MOST_DIVIDED: Final = 12  # short steps for a whole one, on average: beyond, the motion runs away
 RUNAWAY: Final = 1e300  # of the first state: what follows is not computed
 FAINT: Final = 1e-9  # share of an element's linear force below which an extra force is rounding
+BEGUN_ANEW: Final = 4  # added to a step's division where what came before it no longer counts
+LOOSER: Final = 2.0  # factor in the tolerance beyond which a motion that follows another's division divides by itself
 NOW, LAST, NEW, CURVE, OLD_CURVE, PEAK, LINEAR, IMPULSE = range(8)  # rows of `_Run.force`
 
 
@@ -34,6 +36,7 @@ _TABLE = types.Array(types.float64, 2, "C")
 _STACK = types.Array(types.float64, 3, "C")
 
 _WHOLE = types.Array(types.int64, 1, "C")
+_DIVISION = types.Array(types.int8, 2, "C")
 _LAWS = types.UniTuple(types.FunctionType(LAW), SLOTS)
 _SIGNATURE = types.UniTuple(_STACK, 3)(
     types.NamedTuple((_TABLE, _STACK, _STACK, _STACK, _STACK), Rigs),
@@ -43,6 +46,8 @@ _SIGNATURE = types.UniTuple(_STACK, 3)(
     types.NamedTuple((_STACK, _STACK, _STACK, types.int64), Given),
     types.NamedTuple((_WHOLE, _TABLE), Impact),
     types.float64,
+    _DIVISION,
+    types.boolean,
 )
 
 
@@ -223,13 +228,25 @@ def _set_step(own, h):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def _whole_step(run, at, state, tolerance):  # type: ignore[no-untyped-def]
-    """Go on by one step, divided as needed; return the new ``state``: division, values known, steps left, turn."""
-    level, known, left, turn = state
-    tick, force = 0, run.force
+def _whole_step(run, at, state, tolerance, division, follows):  # type: ignore[no-untyped-def]
+    """Go on by one step, divided as needed or as another motion was.
+
+    Returns
+    -------
+    tuple
+        The new ``state``: division, values known, steps left, turn, number of short steps.
+    """
+    level, known, left, turn, short = state
+    tick, over, force, most = 0, 0, run.force, LOOSER * tolerance if follows else tolerance
     for e in range(force.shape[1]):
         force[IMPULSE, e] = 0.0
     while tick < TICKS:
+        if follows and tick == over:
+            other = division[short] % BEGUN_ANEW
+            over = tick + (TICKS >> (2 * other))
+            if other != level:
+                level = other
+                _set_step(run.own, run.h / 4.0**level)
         width = TICKS >> (2 * level)
         run.spans[0] = width * TICK
         shape = _parabola(known, run.spans)
@@ -237,25 +254,32 @@ def _whole_step(run, at, state, tolerance):  # type: ignore[no-untyped-def]
             _inputs(run, at, tick * TICK, (tick + width) * TICK)
         error = _attempt(run, level, known, shape, run.begun + (at + (tick + width) * TICK) * run.h, turn)
         left -= 1
-        if error > tolerance and level < DEEPEST and left > 0:
+        if error > most and level < DEEPEST and left > 0:
             level += 1
             _set_step(run.own, run.h / 4.0**level)
             continue
         _accept(run, level, shape[1])
         turn = 1 - turn
         tick += width
-        known = 1 if error > tolerance and left > 0 else min(known + 1, 3)
+        anew = error > tolerance and left > 0
+        if follows:
+            anew = tick == over and division[short] >= BEGUN_ANEW
+        elif len(division) > 0:
+            division[short] = level + (BEGUN_ANEW if anew else 0)
+        short += 1 if not follows or tick == over else 0
+        known = 1 if anew else min(known + 1, 3)
         calm = (known == 3 and COARSER * error < tolerance) or left <= 0
-        if level > 0 and calm and tick % (4 * width) == 0:
+        if not follows and level > 0 and calm and tick % (4 * width) == 0:
             level -= 1
             _set_step(run.own, run.h / 4.0**level)
-    return level, known, left, turn
+    return level, known, left, turn, short
 
 
 @_uncounted()
-def _carry(run, sees, jump, hit_at, tolerance, sampled, out):  # type: ignore[no-untyped-def]
+def _carry(run, sees, jump, hit_at, tolerance, sampled, divided, out):  # type: ignore[no-untyped-def]
     """Carry one motion along and write its forces, bends and states into ``out``."""
     forces, bends, states = out
+    division, follows = divided
     finest = DEEPEST if tolerance < np.inf else 0
     _set_step(run.own, run.h / 4.0**finest)
     _start(run, sees, run.begun, 0)
@@ -265,15 +289,15 @@ def _carry(run, sees, jump, hit_at, tolerance, sampled, out):  # type: ignore[no
         for j in range(len(jump)):
             states[0, j] = run.known[j]
     steps = bends.shape[1]
-    now = (finest, 1, MOST_DIVIDED * steps + TICKS, 0)
+    now = (finest, 1, MOST_DIVIDED * steps + TICKS, 0, 0)
     for at in range(1, steps + 1):
-        now = _whole_step(run, at - 1, now, tolerance)
+        now = _whole_step(run, at - 1, now, tolerance, division, follows)
         if at == hit_at:
             for j in range(len(jump)):
                 run.known[j] += jump[j]
             _set_step(run.own, run.h / 4.0**finest)
             _start(run, sees, run.begun + at * run.h, now[3])
-            now = (finest, 1, now[2], 0)
+            now = (finest, 1, now[2], 0, now[4])
         for e in range(len(forces)):
             new = run.force[NOW, e]
             bends[e, at - 1] = 6.0 * (0.5 * (forces[e, at - 1] + new) - run.force[IMPULSE, e])
@@ -289,8 +313,8 @@ def _carry(run, sees, jump, hit_at, tolerance, sampled, out):  # type: ignore[no
 
 
 @njit([_SIGNATURE], cache=True, nogil=True)
-def carried(rigs, laws, start, clock, given, impact, tolerance):  # type: ignore[no-untyped-def]
-    """Return forces, bends and states of `Motion`."""
+def carried(rigs, laws, start, clock, given, impact, tolerance, division, follows):  # type: ignore[no-untyped-def]
+    """Return forces, bends and states of `Motion`; ``division`` (runs, any) is filled in, or followed."""
     runs, n = rigs.mass.shape
     elements, inputs, h = rigs.rows.shape[1], rigs.inputs.shape[2], clock.step
     forces, bends = np.zeros((runs, elements, clock.steps + 1)), np.zeros((runs, elements, clock.steps))
@@ -313,7 +337,7 @@ def carried(rigs, laws, start, clock, given, impact, tolerance):  # type: ignore
             np.zeros((2, SLOTS, MEMORY)), np.ones(3),
         )  # fmt: skip
         jump, out = impact.jump[i] * scale, (forces[i], bends[i], states[i])
-        _carry(run, sees, jump, impact.step[i], tolerance, clock.sampled, out)
+        _carry(run, sees, jump, impact.step[i], tolerance, clock.sampled, (division[i], follows), out)
         for k in range(samples):
             states[i, k] /= scale
     return forces, bends, states

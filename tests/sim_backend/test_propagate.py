@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from scipy.linalg import expm
 
 from sim_backend.force_law import SLOTS, no_law
 from sim_backend.mechanisms.catalogue import catalogue
-from sim_backend.propagate import Clock, Given, Rigs, laws_of, propagate
+from sim_backend.propagate import Clock, Given, Motion, Rigs, laws_of, propagate
 from sim_backend.propagate.exact_step import phi_functions
 from tests.sim_backend.motions import (
     DAMPING,
@@ -187,3 +188,40 @@ def test_what_runs_away_ends_in_no_numbers() -> None:
 def test_more_laws_than_can_act_together_are_refused() -> None:
     with pytest.raises(ValueError, match=f"no more than {SLOTS}"):
         laws_of([(no_law, 0)] * (SLOTS + 1), [[np.zeros(4)] * (SLOTS + 1)])
+
+
+def rubbing(
+    friction: float, substeps: int, tolerance: float = 1e-5, stiffness: float = 5200.0, **division: Any
+) -> Motion:
+    """Return a driven mass that rubs, with a sign rounded off to a thousandth of its speed, at 600 samples."""
+    law, h, samples = catalogue()["guide_friction"][0].law, 5e-4 / substeps, 600
+    laws = laws_of([(law, 0)], [[np.array([0.0, 0.0, 0.0, h, friction, 3e-4])]])
+    rigs = Rigs(*(np.array([p]) for p in ([0.9], [[1.5]], [[stiffness]], [[1.0]], [[1.0]])))
+    t = np.arange((samples - 1) * substeps + 1) * h
+    push = 9 * np.sin(70 * t) + 7 * np.sin(41 * t + 1)
+    given_push = Given(push[None, None, :-1], push[None, None, 1:], 0 * push[None, None, 1:], 1)
+    clock = Clock(np.zeros(1), h, (samples - 1) * substeps, substeps)
+    return propagate(rigs, laws, np.array([[0.0, 0.4]]), clock, given_push, None, tolerance, **division)
+
+
+def test_steps_divided_as_another_motion_s_give_the_same_motion_and_clean_differences() -> None:
+    force, k, step = 4.0, 5200.0, 5e-3
+    base = rubbing(force, 3, keeps_division=True)
+    again = rubbing(force, 3, division=base.division)
+    assert np.array_equal(again.states, base.states)
+    near = (rubbing(force, 3, stiffness=k + step, division=base.division).states - base.states) / step
+    ends = [rubbing(force, 256, np.inf, k + sign * step).states for sign in (1, -1)]
+    fine = (ends[0] - ends[1]) / (2 * step)
+    own = (rubbing(force, 3, stiffness=k + step).states - base.states) / step  # divided by its own errors
+    off, off_alone = (np.linalg.norm(d - fine, axis=(0, 1)) / np.linalg.norm(fine, axis=(0, 1)) for d in (near, own))
+    assert np.all(off < 1e-3)
+    assert np.all(off_alone > 10 * off)  # else there is nothing to follow a division for
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(0.3, 3.0), st.floats(-0.5, 0.5))
+def test_a_motion_that_follows_a_division_far_from_its_own_stays_near_its_own(force: float, change: float) -> None:
+    division = rubbing(force, 3, keeps_division=True).division
+    alone, found = rubbing(force * (1 + change), 3), rubbing(force * (1 + change), 3, division=division)
+    size = np.abs(alone.states).max(axis=(0, 1))
+    np.testing.assert_allclose(found.states / size, alone.states / size, rtol=0, atol=2e-3)

@@ -150,10 +150,10 @@ def _whitened(fitted: SimulatedFit, number: int) -> _Whitened:
     simulation, own, recorded = fitted.simulation, fitted.own[number], fitted.problem.recordings[number]
     off, at = residual(simulation, fitted.x, own, number, samples=recorded.samples)
     part = recorded.part[at]
-    noise = fitted.noise(number)
+    noise, near = fitted.noise(number), simulation.near(fitted.x, own, number, recorded.samples)
 
     def changed(x: Real, moved: Own) -> Real:
-        return noise.white(residual(simulation, x, moved, number, samples=recorded.samples)[0] - off).ravel()
+        return noise.white(residual(near, x, moved, number, samples=recorded.samples)[0] - off).ravel()
 
     scale, forward = simulation.own_scale(number, own), np.ones(fitted.x.size)
     common, begun = slopes(changed, fitted.x, own, step_of(simulation), forward, scale)

@@ -132,9 +132,9 @@ class SimulationModel:
         self.noise = 1.0  # variance by which priors are weighed
         self.basis = _basis(simulation)
 
-    def used(self, x: Real, own: Own, number: int) -> Real:
+    def used(self, x: Real, own: Own, number: int, simulation: Simulation | None = None) -> Real:
         """Return minus the residual (c, m) at the samples that are fitted."""
-        off, at = residual(self.simulation, x, own, number, samples=self.samples[number])
+        off, at = residual(simulation or self.simulation, x, own, number, samples=self.samples[number])
         return -off[:, np.isin(self.simulation.recordings[number].part[at], self.parts)]
 
     def evaluate(self, point: Point) -> Evaluation[Point]:
@@ -150,7 +150,8 @@ class SimulationModel:
         for number, (own, base) in enumerate(zip(at.point.own, at.residuals, strict=True)):
             reach = x + step * np.maximum(1.0, np.abs(x))
             signs = np.where((reach > self.low) & (reach < self.high), 1.0, -1.0)
-            changed = partial(self._changed, number, base)
+            near = self.simulation.near(x, own, number, self.samples[number])
+            changed = partial(self._changed, near, number, base)
             common, own_slopes = slopes(changed, x, own, step, signs, self.scales[number])
             tangent = Tangent.of(np.arange(k), own_slopes, common @ self.basis)
             normal += tangent.common.T @ tangent.common
@@ -159,8 +160,8 @@ class SimulationModel:
             normal[i, i] += self.noise / error**2
         return Linearisation(self.basis, normal, tuple(tangents))
 
-    def _changed(self, number: int, base: Real, x: Real, own: Own) -> Real:
-        return np.asarray(base - self.used(x, own, number), np.float64).ravel()
+    def _changed(self, near: Simulation, number: int, base: Real, x: Real, own: Own) -> Real:
+        return np.asarray(base - self.used(x, own, number, near), np.float64).ravel()
 
     def spread(self, found: Evaluation[Point]) -> tuple[Real, tuple[NoiseModel, ...]]:
         """Return the covariance that noise as it is gives to least squares, which weigh all of it alike, and the noise.

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from sim_backend.arrays import Real
+from sim_backend.propagate import Division
 
 BEFORE = 32  # samples before the first that what remembers is shown
 GROWTH = 10.0  # of a motion followed backwards, up to which it is: what has died out cannot be told
@@ -48,11 +49,15 @@ class Own:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """At the samples: states (n, 2 bodies), extra forces (n, elements), inputs' forces on the bodies (n, bodies)."""
+    """At the samples: states (n, 2 bodies), extra forces (n, elements), inputs' forces on the bodies (n, bodies).
+
+    ``division`` is that of its steps, where it was asked for; see `sim_backend.propagate.Motion`.
+    """
 
     states: Real
     extra: Real
     force: Real
+    division: Division = field(default_factory=lambda: np.zeros((1, 0), np.int8))
 
     def begun_earlier(self, mass: Real, damping: Real, stiffness: Real, rate_hz: float) -> Motion:
         """Return a free decay with samples before its first, as the linear rig (n,), (n, n), (n, n) came there."""
@@ -97,3 +102,11 @@ def impulse(substeps: int, substep: float, size: float) -> Real:
     if 0 <= first < substeps - 1:
         out[first], out[first + 1] = size * (1 - substep + first), size * (substep - first)
     return out
+
+
+def sensible(mass: Real, damping: Real, stiffness: Real, rate: float) -> bool:
+    """Whether the rig can be stepped at all: the extra forces aside, no mode faster than the sampling allows."""
+    if not (np.all(np.isfinite(mass)) and np.all(mass > 0) and np.all(np.isfinite(stiffness))):
+        return False
+    fastest = math.sqrt(float(np.abs(stiffness / mass[:, None]).sum(axis=1).max()))
+    return fastest < 40 * rate and float(np.abs(damping / mass[:, None]).sum(axis=1).max()) < 100 * rate

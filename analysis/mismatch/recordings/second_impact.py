@@ -80,13 +80,13 @@ class _Free:
         simulation, own, recorded = fitted.simulation, fitted.own[number], fitted.problem.recordings[number]
         off, at = fitted.off(number)
         used = np.isin(recorded.part[at], (FIT, CHOOSE))
-        noise = None if plain else fitted.noise(number)
+        noise, near = None if plain else fitted.noise(number), simulation.near(fitted.x, own, number)
 
         def white(y: Real) -> Real:
             return y if noise is None else noise.white(y)
 
         def changed(x: Real, moved: Own) -> Real:
-            return white(residual(simulation, x, moved, number)[0] - off).ravel()
+            return white(residual(near, x, moved, number)[0] - off).ravel()
 
         scale = simulation.own_scale(number, own)
         common, begun = slopes(changed, fitted.x, own, step_of(simulation), np.ones(fitted.x.size), scale)

@@ -45,6 +45,7 @@ class _Compared:
         self.off, self.at = residual(fitted.simulation, fitted.x, self.own, number, samples=self.count)
         same = self.simulation is fitted.simulation
         self.shown = self.off if same else self.off_by(self.simulation, fitted.x, self.own)
+        self.near = self.simulation.near(fitted.x, self.own, number, self.count)
         self.used = np.isin(recorded.part[self.at], (FIT, CHOOSE))
         self.noise = None if self.plain else fitted.noise(number)
 
@@ -58,7 +59,7 @@ class _Compared:
 
     def changed(self, x: Real, moved: Own) -> Real:
         """Return what other constants and another state make."""
-        return self.white(self.off_by(self.simulation, x, moved) - self.shown)
+        return self.white(self.off_by(self.near, x, moved) - self.shown)
 
     def with_term(self, term: Term) -> tuple[Simulation, Own]:
         """Return the simulation with one mechanism more, and the recording's own numbers in it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,8 +12,9 @@ import numpy as np
 from scipy import signal
 
 from analysis.mismatch.parameters import FreeParameter, Term, lines_of, rounding_of, with_values
+from analysis.mismatch.recordings.channels import rows_of, shown_by
 from analysis.mismatch.recordings.inputs import peaks_of, raised
-from analysis.mismatch.recordings.motion import Motion, Own, impulse
+from analysis.mismatch.recordings.motion import Motion, Own, impulse, sensible
 from analysis.mismatch.recordings.recorded import Recorded
 from analysis.mismatch.recordings.untold import SINGULAR, untold_offsets
 from analysis.mismatch.rig_description import DescribedRig
@@ -20,7 +22,7 @@ from sim_backend.acting import extended, laws_in, shaken
 from sim_backend.arrangement import DERIVATIVES, Row
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion, ForceLaw, SecondImpact
-from sim_backend.propagate import Clock, Given, Laws, Rigs, laws_of, propagate
+from sim_backend.propagate import Clock, Division, Given, Laws, Rigs, laws_of, propagate
 
 Values = Mapping[str, float]
 
@@ -29,6 +31,7 @@ FEWEST_SUBSTEPS: Final = 3  # dry friction turns at once, however slow the rig
 MOST_SUBSTEPS: Final = 8
 SHORTEST_FILTERED: Final = 60  # samples that a band's filter can be run over
 TOLERANCE: Final = 1e-5  # see `propagate`: along a decay of 60 periods errors of 3e-4 add up to a quarter of the noise
+LITTLE_DAMPING: Final = 1e-4  # ratio to the critical one
 HELD: Final = 1e-6  # standard error of an offset that nothing tells, over its size: it stays where it is
 
 
@@ -65,6 +68,21 @@ class Simulation:
         self.untold = untold_offsets(rig, self.arrangement, self.constants, self.terms, list(pushed))
         self.parameters = tuple(self._parameters())
         self._inputs = [self._between(r, s) for r, s in zip(self.recordings, self.substeps, strict=True)]
+        self._divided: dict[int, tuple[slice, Division]] = {}
+
+    def near(self, x: Real, own: Own, number: int, samples: int | None = None) -> Simulation:
+        """Return the simulation for parameters near these: along this recording, its steps are divided as theirs are.
+
+        Of what is fitted, or of so many samples from its beginning. Beside a force that jumps, what another division
+        changes is far more than what a small step of a parameter does.
+        """
+        at = self._span(number, whole=False, samples=samples)
+        moved = self.motion(x, own, number, at, whole=False, keeps_division=True) if laws_in(self.terms) else None
+        if moved is None:
+            return self
+        found = copy.copy(self)
+        found._divided = {number: (at, moved.division)}
+        return found
 
     @property
     def jumps(self) -> bool:
@@ -116,13 +134,19 @@ class Simulation:
                 inner = math.log(p.value / scale) if p.positive else p.value / scale
                 prior = (inner, p.uncertainty / (p.value if p.positive else scale))
             elif p.unit == "N s/m":
-                low = 0.0
+                low, scale = 0.0, max(scale, self._little_damping)
             found.append(FreeParameter(p.name, p.unit, scale, p.positive, low, prior=prior))
         for i, term in enumerate(self.terms):
             if term.nonlinear and not isinstance(term.mechanism, SecondImpact):  # that is each recording's own
                 found += [FreeParameter.of(q, i, term.values[q.name]) for q in term.mechanism.parameters]
                 found += rounding_of(term, i)
         return found
+
+    @property
+    def _little_damping(self) -> float:
+        """A damping (N s/m) that is little, but no rounding of none: a fit may end at the bound."""
+        mass = self.arrangement.matrices(self.constants)[0]
+        return LITTLE_DAMPING * 2 * float(np.mean(mass)) * 2 * math.pi * self.highest_hz
 
     def _offset_scale(self) -> dict[str, float]:
         """Return how large offsets may well be: as large as what they are added to."""
@@ -178,17 +202,16 @@ class Simulation:
             So many only, or beyond what is fitted.
         """
         recorded = self.recordings[number]
-        first = 0 if whole else recorded.fitted.start
-        last = recorded.samples if whole else recorded.fitted.stop
-        last = last if samples is None else min(recorded.samples, first + samples)
+        at = self._span(number, whole, samples)
+        first, last = at.start, at.stop
         constants, terms = self.read(x)
-        moved = self.motion(x, own, number, slice(first, last), whole)
+        moved = self.motion(x, own, number, at, whole)
         if moved is None:
             return np.full((len(self.rig.seen), last - first), np.nan), slice(first, last)
         distortions = [(t, t.mechanism) for t in terms if isinstance(t.mechanism, ChannelDistortion)]
         if distortions and recorded.free:  # some remember what was before
             moved = moved.begun_earlier(*self.arrangement.matrices(constants), recorded.rate_hz)
-        shown = self._shown(constants, moved)
+        shown = shown_by(self.rig.seen, self.arrangement, constants, moved)
         for term, m in distortions if np.all(np.isfinite(shown)) else ():
             if m.of == "sensor":
                 rows = list(term.place)
@@ -197,10 +220,17 @@ class Simulation:
                 shown[rows] = m.distort(shown[rows], told, recorded.rate_hz)
         shown = shown[:, shown.shape[1] - (last - first) :]
         if self.lines:
-            shown += own.tones @ self.waves(number, slice(first, last))
+            shown += own.tones @ self.waves(number, at)
         if recorded.band is not None and np.all(np.isfinite(shown)) and shown.shape[1] > SHORTEST_FILTERED:
             shown = signal.sosfiltfilt(recorded.band, shown, axis=1)
-        return shown, slice(first, last)
+        return shown, at
+
+    def _span(self, number: int, whole: bool, samples: int | None) -> slice:
+        """Return the samples of a recording that are simulated."""
+        recorded = self.recordings[number]
+        first = 0 if whole else recorded.fitted.start
+        last = recorded.samples if whole else recorded.fitted.stop
+        return slice(first, last if samples is None else min(recorded.samples, first + samples))
 
     def _told_by(self, term: Term, recorded: Recorded) -> Sequence[Recorded]:
         """Return the recordings whose peak a distortion is measured by: all, unless it says that it is each one's."""
@@ -217,19 +247,17 @@ class Simulation:
         moved = self.motion(x, own, number, self.recordings[number].fitted, False)
         if moved is None:
             return (np.zeros((len(self.arrangement.elements), 1)),) * 2
-        rows = self._rows(self.read(x)[0])
+        rows = rows_of(self.arrangement, self.read(x)[0])
         return rows @ moved.states[:, : self.n].T, rows @ moved.states[:, self.n :].T
 
-    def _rows(self, constants: Values) -> Real:
-        arrangement = self.arrangement
-        return np.array([arrangement.vector(e.row, constants) for e in arrangement.elements]).reshape(-1, self.n)
-
-    def motion(self, x: Real, own: Own, number: int, at: slice, whole: bool) -> Motion | None:
+    def motion(
+        self, x: Real, own: Own, number: int, at: slice, whole: bool, keeps_division: bool = False
+    ) -> Motion | None:
         """Return the motion between two samples; None where there is no such rig."""
         constants, terms = self.read(x)
         recorded, sub = self.recordings[number], self.substeps[number]
         mass, damping, stiffness = self.arrangement.matrices(constants)
-        if not _sensible(mass, damping, stiffness, recorded.rate_hz):
+        if not sensible(mass, damping, stiffness, recorded.rate_hz):
             return None
         h = 1 / recorded.rate_hz / sub
         vectors = self._vectors(constants, mass)
@@ -246,15 +274,19 @@ class Simulation:
         if whole and recorded.fitted.start > 0:
             start = self._at_rest(constants, mass, stiffness, number)
         bent = sorted({element for _, _, element in laws_in(terms)})  # the elements with more than spring and damper
-        rigs = Rigs(mass[None], damping[None], stiffness[None], self._rows(constants)[None, bent], vectors[None])
+        rigs = Rigs(
+            mass[None], damping[None], stiffness[None], rows_of(self.arrangement, constants)[None, bent], vectors[None]
+        )
         clock = Clock(np.array([at.start / recorded.rate_hz]), h, (at.stop - 1 - at.start) * sub, sub)
         begin, end = (inputs, inputs) if held else (inputs[:, :-1], inputs[:, 1:])
         given = Given(begin[None], end[None], np.zeros((1, *begin.shape)), sub if held else 1)
         laws = self._laws(terms, constants, h, bent)
-        found = propagate(rigs, laws, start[None], clock, given, tolerance=TOLERANCE)
+        near, division = self._divided.get(number, (None, None))
+        division = division if near == at else None
+        found = propagate(rigs, laws, start[None], clock, given, None, TOLERANCE, division, keeps_division)
         extra = np.zeros((len(found.states[0]), len(self.arrangement.elements)))
         extra[:, bent] = found.forces[0, :, ::sub].T
-        return Motion(found.states[0], extra, force)
+        return Motion(found.states[0], extra, force, found.division)
 
     def _at_rest(self, constants: Values, mass: Real, stiffness: Real, number: int) -> Real:
         recorded = self.recordings[number]
@@ -312,36 +344,6 @@ class Simulation:
         rest = [AtRest.of(element, constants, self.rig.preload_n) for element in self.arrangement.elements]
         rows = [m.packed(terms[i].values, rest[e], h) for i, m, e in acting]
         return laws_of([(m.law, bent.index(e)) for _, m, e in acting], [rows])
-
-    def _shown(self, constants: Values, moved: Motion) -> Real:
-        n, arrangement = self.n, self.arrangement
-        x, v = moved.states[:, :n], moved.states[:, n:]
-        shown = np.empty((len(self.rig.seen), len(moved.states)))
-        sensors = arrangement.sensors  # a body that is added may be seen too
-        with np.errstate(over="ignore", invalid="ignore"):  # of a mechanism that runs away: it counts as lost
-            for c, (seen, sensor) in enumerate(zip(self.rig.seen, sensors, strict=True)):
-                row = arrangement.vector(sensor.row, constants)
-                if sensor.quantity == "acceleration":
-                    own = self._acceleration(constants, moved) @ row
-                else:
-                    own = (x if sensor.quantity == "displacement" else v) @ row
-                shown[c] = constants[seen.gain] * own + constants[seen.offset]
-        return shown
-
-    def _acceleration(self, constants: Values, moved: Motion) -> Real:
-        """Return (samples, n) the bodies' accelerations, from their equations."""
-        mass, damping, stiffness = self.arrangement.matrices(constants)
-        x, v = moved.states[:, : self.n], moved.states[:, self.n :]
-        found: Real = (moved.force - x @ stiffness.T - v @ damping.T - moved.extra @ self._rows(constants)) / mass
-        return found
-
-
-def _sensible(mass: Real, damping: Real, stiffness: Real, rate: float) -> bool:
-    """Whether the rig can be stepped at all: the extra forces aside, no mode faster than the sampling allows."""
-    if not (np.all(np.isfinite(mass)) and np.all(mass > 0) and np.all(np.isfinite(stiffness))):
-        return False
-    fastest = math.sqrt(float(np.abs(stiffness / mass[:, None]).sum(axis=1).max()))
-    return fastest < 40 * rate and float(np.abs(damping / mass[:, None]).sum(axis=1).max()) < 100 * rate
 
 
 def _rms(row: Real) -> float:

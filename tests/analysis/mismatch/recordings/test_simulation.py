@@ -140,3 +140,27 @@ def test_a_distortion_of_a_simulation_that_runs_away_is_lost_and_no_error() -> N
     simulation = Simulation(rig, [prepared], constants, 3.2, terms)
     shown, _ = simulation.run(simulation.begin(), simulation.own(np.array([1.0, 0.0])), 0)
     assert not np.all(np.isfinite(shown))
+
+
+def test_a_damping_that_ended_at_its_bound_is_still_a_parameter_that_tells() -> None:
+    # friction takes the place of the damping, which a fit then leaves at a rounding of none
+    rig = parse_rig(
+        "bodies: {mass: 2}\nsprings: [{between: [mass, ground], stiffness: 800, damping: unknown}]\n"
+        "inputs: [{channel: 0, force_on: mass}]\n" + sensor("velocity")
+    )
+    t = np.arange(SAMPLES) / RATE
+    prepared = prepare(recorded([np.sin(15 * t), np.ones(SAMPLES) + t], RATE, 0.0), rig)
+    found = []
+    for damping in (0.0, 1e-130, 1e-3):
+        constants = {p.name: p.value for p in rig.arrangement.parameters} | {"damping of spring": damping}
+        simulation = Simulation(rig, [prepared], constants, 3.2)
+        (k,) = (i for i, p in enumerate(simulation.parameters) if p.name == "damping of spring")
+        x, own = simulation.begin(), simulation.own(np.zeros(2))
+        p = simulation.parameters[k]
+        moved = np.where(np.arange(x.size) == k, p.inward(damping + 1e-3), x)
+        found.append(simulation.run(moved, own, 0)[0] - simulation.run(x, own, 0)[0])
+        # a step of the differences moves the channel by far more than numbers are rounded
+        nudged = np.where(np.arange(x.size) == k, x + 1e-6 * max(1.0, abs(x[k])), x)
+        assert np.abs(simulation.run(nudged, own, 0)[0] - simulation.run(x, own, 0)[0]).max() > 1e-12
+    for one in found[1:]:
+        np.testing.assert_allclose(one, found[0], rtol=0, atol=1e-2 * np.abs(found[0]).max())

@@ -103,11 +103,13 @@ class Simulation:
 
     def with_inputs(self, number: int, inputs: Real) -> Simulation:
         """Return a simulation with other inputs (inputs, n) of one recording; this one where they are the same."""
-        recordings = list(self.recordings)
-        if np.array_equal(inputs, recordings[number].inputs):
+        if np.array_equal(inputs, self.recordings[number].inputs):
             return self
-        recordings[number] = replace(recordings[number], inputs=inputs)
-        return Simulation(self.rig, recordings, self.constants, self.highest_hz, self.terms)
+        found, recorded = copy.copy(self), replace(self.recordings[number], inputs=inputs)
+        found.recordings = (*self.recordings[:number], recorded, *self.recordings[number + 1 :])
+        found._inputs = [*self._inputs]
+        found._inputs[number] = self._between(recorded, self.substeps[number])
+        return found
 
     def _parameters(self) -> list[FreeParameter]:
         found = []
@@ -167,8 +169,7 @@ class Simulation:
 
     def own(self, state: Real) -> Own:
         """Return what is a recording's own, for a state of the rig without the terms' bodies."""
-        n = len(self.rig.arrangement.bodies) if state.size < 2 * self.n else self.n
-        full = np.zeros(2 * self.n)
+        n, full = len(self.rig.arrangement.bodies) if state.size < 2 * self.n else self.n, np.zeros(2 * self.n)
         full[:n], full[self.n : self.n + n] = state[:n], state[n:]
         return Own(full, np.zeros((len(self.rig.seen), 2 * len(self.lines))))
 
@@ -201,8 +202,7 @@ class Simulation:
         samples
             So many only, or beyond what is fitted.
         """
-        recorded = self.recordings[number]
-        at = self._span(number, whole, samples)
+        recorded, at = self.recordings[number], self._span(number, whole, samples)
         first, last = at.start, at.stop
         constants, terms = self.read(x)
         moved = self.motion(x, own, number, at, whole)
@@ -281,7 +281,7 @@ class Simulation:
         begin, end = (inputs, inputs) if held else (inputs[:, :-1], inputs[:, 1:])
         given = Given(begin[None], end[None], np.zeros((1, *begin.shape)), sub if held else 1)
         laws = self._laws(terms, constants, h, bent)
-        near, division = self._divided.get(number, (None, None))
+        near, division = self._divided.get(number, (at, None))
         division = division if near == at else None
         found = propagate(rigs, laws, start[None], clock, given, None, TOLERANCE, division, keeps_division)
         extra = np.zeros((len(found.states[0]), len(self.arrangement.elements)))

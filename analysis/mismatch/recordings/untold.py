@@ -9,6 +9,7 @@ told.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -83,9 +84,14 @@ def _laws_see(
         element = arrangement.elements[e]
         if _differs(arrangement.vector(element.row, constants), moved):
             rest = AtRest.of(element, constants, rig.preload_n)
-            if depends_on_place(mechanism, terms[i].values, rest):
+            if _depends(mechanism, tuple(sorted(terms[i].values.items())), rest):
                 return True
     return False
+
+
+@lru_cache(maxsize=4096)  # fits and screenings ask the same of the same terms hundreds of times
+def _depends(mechanism: ForceLaw, values: tuple[tuple[str, float], ...], rest: AtRest) -> bool:
+    return depends_on_place(mechanism, dict(values), rest)
 
 
 def depends_on_place(mechanism: ForceLaw, values: Values, rest: AtRest) -> bool:

@@ -14,6 +14,7 @@ _STACK = types.Array(types.float64, 3, "C")
 _COMPLEX_TABLE = types.Array(types.complex128, 2, "C")
 _COMPLEX_STACK = types.Array(types.complex128, 3, "C")
 SMALL, TERMS = 0.1, 8  # |s h| below which the weights are summed as series, of so many terms
+NOTHING = 1e-200  # N, and of what is left of a mode: below, numbers lose digits and take a hundred times as long
 EXACT = 64  # steps after which powers of e^(s h) begin anew
 
 
@@ -87,8 +88,14 @@ def respond(force, bends, weights, residues, pairs, direct, substeps):  # type: 
             b[:] = 0.0
             for n in range(count):
                 if n > 0:
+                    before, now, bent = f[n - 1], f[n], bend[n - 1]
+                    quiet = abs(before) < NOTHING and abs(now) < NOTHING and abs(bent) < NOTHING
                     for j in range(poles):
-                        b[j] = w[0, j] * b[j] + w[1, j] * f[n - 1] + w[2, j] * f[n] + w[3, j] * bend[n - 1]
+                        b[j] *= w[0, j]
+                        if not quiet:
+                            b[j] += w[1, j] * before + w[2, j] * now + w[3, j] * bent
+                        elif abs(b[j].real) < NOTHING and abs(b[j].imag) < NOTHING:
+                            b[j] = 0.0
                 if n % substeps == 0:
                     k = n // substeps
                     for c in range(channels):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
+
 import numpy as np
 
 from sim_backend.mechanisms.kinds import ChannelDistortion, Quantity, Real, Values
@@ -20,21 +23,24 @@ def distort(rows: Real, values: Values, sample_rate_hz: float) -> Real:
     inner = slice(*np.searchsorted(first, [1, max(count - TAPS, 1)]))
     out = np.empty(rows.shape)
     if inner.stop > inner.start:
-        weights = _weights(at[inner.start] - first[inner.start], min(TAPS, count))
+        weights = _weights(float(at[inner.start] - first[inner.start]), min(TAPS, count))
         used = rows[:, first[inner.start] : first[inner.stop - 1] + TAPS]
         out[:, inner] = [np.convolve(row, weights[::-1], mode="valid") for row in used]
     for k in (*range(inner.start), *range(inner.stop, count)):
         beyond = at[k] < 0 or at[k] > count - 1
         taps = min(OUTSIDE if beyond else TAPS, count)
         begin = count - taps if at[k] > count - 1 else first[k]
-        out[:, k] = rows[:, begin : begin + taps] @ _weights(min(max(at[k], -1), count) - begin, taps)
+        out[:, k] = rows[:, begin : begin + taps] @ _weights(float(min(max(at[k], -1), count) - begin), taps)
     return out
 
 
+@lru_cache(maxsize=4096)  # one delay serves for all segments, and for all but one of their slopes
 def _weights(at: float, taps: int) -> Real:
-    """Return (taps,) Lagrange's weights of samples 0, 1, ... for the value in between."""
+    """Return (taps,) Lagrange's weights of samples 0, 1, ... for the value in between; not to be written to."""
     every = range(taps)
-    return np.array([np.prod([(at - k) / (j - k) for k in every if k != j]) for j in every])
+    weights = np.array([math.prod((at - k) / (j - k) for k in every if k != j) for j in every])
+    weights.flags.writeable = False
+    return weights
 
 
 MECHANISM = ChannelDistortion(

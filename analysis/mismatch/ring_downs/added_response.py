@@ -86,6 +86,7 @@ class AddedResponse:
         ]
         self.propagated = any(isinstance(t.mechanism, ForceLaw) for t in terms)
         self.nonlinear = any(t.nonlinear for t in terms)
+        self.peak = max((float(np.abs(r.raw).max()) for r in problem.experiment.segments), default=0.0)
         self.has_second_impact = any(isinstance(t.mechanism, SecondImpact) for t in terms)
 
     def start_free(self) -> Real:
@@ -234,9 +235,9 @@ class AddedResponse:
 
     def _with_peak(self, term: Term, segment: Segment, clean: Real) -> dict[str, float]:
         """Values of a channel's distortion with the peak it is measured by."""
-        own = max(float(np.abs(segment.raw).max()), float(np.abs(clean).max()))
-        whole = max(float(np.abs(r.raw).max()) for r in self.problem.experiment.segments)
-        return dict(term.values) | {"peak": whole if term.values.get("of_session") else own}
+        if term.values.get("of_session"):
+            return dict(term.values) | {"peak": self.peak}
+        return dict(term.values) | {"peak": max(float(np.abs(segment.raw).max()), float(np.abs(clean).max()))}
 
 
 def smooth(added: AddedResponse, substeps: int, runs: Sequence[Run]) -> AddedResponse:

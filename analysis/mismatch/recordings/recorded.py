@@ -13,6 +13,7 @@ from scipy import signal
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.session import AnalysisError
 from daq.exchange import Recording
+from daq.exchange.units import kind_of_motion, newtons, to_si
 from sim_backend.arrangement import LOAD
 from sim_backend.arrays import Real, Whole
 
@@ -96,6 +97,7 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
     """
     source, rate = recording.source, recording.rate_hz
     _refuse_what_sessions_tell(rig, source)
+    _refuse_other_units(recording, rig)
     outputs = np.array([recording.data[_column(recording, s.channel)] for s in rig.seen])
     inputs = np.array([recording.data[_column(recording, d.channel)] for d in rig.drives])
     inputs = inputs.reshape(len(rig.drives), recording.data.shape[1])
@@ -163,6 +165,33 @@ def _refuse_what_sessions_tell(rig: DescribedRig, source: str) -> None:
             f"{source}: is not a session, and {rig.name} takes from one its {', '.join(told)}; "
             "give values in the rig file"
         )
+
+
+def _refuse_other_units(recording: Recording, rig: DescribedRig) -> None:
+    """Refuse a recording that says another unit of a channel than the rig file; what either leaves open is taken."""
+    units, source = recording.units or (recording.unit,) * len(recording.names), recording.source
+    for seen in rig.seen:
+        unit, shows = units[_column(recording, seen.channel)], seen.sensor.quantity
+        kind = kind_of_motion(unit)
+        if kind and kind != shows:
+            raise AnalysisError(
+                f"{source}: channel {seen.channel} is in {unit}, a unit of {kind}, and the rig file says that it shows "
+                f"{shows}; correct 'shows' of that sensor, or the title in the recording"
+            )
+        said, factor = to_si(seen.unit)
+        if kind and seen.unit and (said.replace("μ", "µ") != unit.replace("μ", "µ") or factor != 1.0):
+            raise AnalysisError(
+                f"{source}: channel {seen.channel} is in {unit} as it is read, and the rig file says {seen.unit}; "
+                f"write 'unit: {unit}', and a gain if the rig is not in it"
+            )
+    for drive in rig.drives:
+        unit = units[_column(recording, drive.channel)]
+        other = newtons(unit) is not None if drive.base else bool(kind_of_motion(unit))
+        if other:
+            raise AnalysisError(
+                f"{source}: channel {drive.channel} is in {unit}, and the rig file says that it is "
+                f"{'the acceleration of the base' if drive.base else 'a force'}; correct the input"
+            )
 
 
 def _column(recording: Recording, channel: str | int) -> int:

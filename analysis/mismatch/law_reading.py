@@ -128,10 +128,15 @@ def _refitted(account: Account[Any], before: Any, term: Term) -> _Read | None:
     with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
         fitted = judge.fitted_alone(before, [Score(term, 0.0, 1, 1.0, 0.0)])
         if fitted is not None:
-            fitted = judge.to_the_end(fitted)
-            number = len(fitted.terms) - 1
-            return _Read(fitted, number, _gained(account, before, fitted, number), intervals(fitted, number))
+            return _read_to_the_end(account, before, fitted)
     return None
+
+
+def _read_to_the_end(account: Account[Any], before: Any, fitted: Any) -> _Read:
+    """Return the fit once no step gains anything, read."""
+    fitted = account.selection.judge.to_the_end(fitted)
+    number = len(fitted.terms) - 1
+    return _Read(fitted, number, _gained(account, before, fitted, number), intervals(fitted, number))
 
 
 def _simple(account: Account[Any], before: Any, own: _Read) -> _Read | None:
@@ -159,16 +164,17 @@ def _others(account: Account[Any], before: Any, own: _Read) -> list[_Read]:
             best[form] = max(best.get(form, score), score, key=lambda s: s.gain)
     mine = best.pop(own.term.values[FORM], None)
     least = PROMISING * (mine.gain if mine is not None else 0.0)
+    policy = account.selection.problem.policy
     ranked = sorted((s for s in best.values() if s.gain > least), key=lambda s: -s.gain)[:OTHERS]
     found = []
     for score in ranked:
         with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
             fitted = account.selection.judge.fitted_alone(before, [score])
-            if fitted is not None:
-                fitted = account.selection.judge.to_the_end(fitted)
-                number = len(fitted.terms) - 1
-                gained = _gained(account, before, fitted, number)
-                found.append(_Read(fitted, number, gained, intervals(fitted, number)))
+            if fitted is None:
+                continue
+            near = _gained(account, before, fitted, own.number) > policy.hopeful * own.gained
+            if near or not own.form.exponents:  # of a law that is no power the exponents of the nearest one are told
+                found.append(_read_to_the_end(account, before, fitted))
     return found
 
 

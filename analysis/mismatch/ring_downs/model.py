@@ -100,7 +100,7 @@ class RingDownModel:
         self.problem, self.added, self.fixed = problem, added, fixed
         self.frozen = bool(fixed.all())
         self.approximates = self.reuses = added.nonlinear
-        self.bends = False
+        self.bends = bool(added.coordinates.bodies) and not added.nonlinear
         self.common = len(added.rig_parameters)
         self.groups, self.each = problem.start.shape
         self.at_free = self.common + self.groups * self.each

@@ -28,6 +28,7 @@ from analysis.mismatch.selection import Candidate
 from sim_backend.arrays import Real
 
 EARLY_S = 4e-3  # of a segment, in which what sets an impact apart is measured
+BY_CHANCE = 0.05  # probability below which taps are not the hardest of their loads by chance
 BAND = 0.1  # of the frequency of its largest line: what lies closer belongs to the line
 
 
@@ -91,6 +92,23 @@ def follow_strength(fitted: RingDownFit, odd: Sequence[int]) -> bool:
     peak = np.array([float(np.abs(s.raw).max()) for s in fitted.segments])
     others = np.delete(peak, list(odd))
     return bool(np.any(peak[list(odd)] > others.max()))
+
+
+def hardest_of_their_loads(fitted: RingDownFit, odd: Sequence[int]) -> bool:
+    """Whether these segments are the strongest of their loads, each, oftener than by chance.
+
+    What shows in the hardest taps at several loads, and in no others, is what the rig does when it is tapped so hard.
+    """
+    group = np.array([s.preload_n for s in fitted.segments])  # where constants scatter, each impact is a group
+    peak = np.array([float(np.abs(s.raw).max()) for s in fitted.segments])
+    chance = 1.0
+    for load in set(group[list(odd)].tolist()):
+        at = np.flatnonzero(group == load)
+        own = {int(i) for i in at if int(i) in odd}
+        if set(at[np.argsort(-peak[at])[: len(own)]].tolist()) != own:
+            return False
+        chance /= math.comb(at.size, len(own))
+    return chance < BY_CHANCE
 
 
 def without(problem: RingDowns, names: Collection[str]) -> RingDowns | None:

@@ -12,7 +12,14 @@ from scipy.stats import pearsonr
 from analysis.mismatch.answer import SetAside
 from analysis.mismatch.chi_squared import evidence
 from analysis.mismatch.problem import Constants, OnProgress
-from analysis.mismatch.ring_downs.apart import apart, follow_strength, no_law_explains, set_aside, without
+from analysis.mismatch.ring_downs.apart import (
+    apart,
+    follow_strength,
+    hardest_of_their_loads,
+    no_law_explains,
+    set_aside,
+    without,
+)
 from analysis.mismatch.ring_downs.fit import Start, Stop, fit
 from analysis.mismatch.ring_downs.judge import ImpactJudge
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
@@ -63,8 +70,9 @@ class _Begun:
 def select_for_impacts(problem: RingDowns, known: Sequence[Mechanism], on_progress: OnProgress) -> Found:
     """Select mechanisms, and say which impacts were set aside because they show what no other one does.
 
-    Few impacts are set aside where the linear rig explains all others and no law is near to what they show; or where
-    nothing explains them all, but something the others, and they are not the strongest.
+    Few impacts are set aside where the linear rig explains all others and no law is near to what they show, unless they
+    are the hardest of their loads; or where nothing explains them all, but something the others, and they are not the
+    strongest.
     """
     begun = _begun(problem, known, on_progress)
     last = begun[-1]
@@ -72,7 +80,8 @@ def select_for_impacts(problem: RingDowns, known: Sequence[Mechanism], on_progre
         return last.selected(), ()
     odd = apart(last.current)
     rest = without(problem, _names(last.current, odd)) if odd else None
-    if rest is not None and no_law_explains(last.current, last.state.screening, odd):
+    hard = hardest_of_their_loads(last.current, odd)
+    if rest is not None and not hard and no_law_explains(last.current, last.state.screening, odd):
         on_progress("again, without what a few impacts alone show")
         others = _begun(rest, known, on_progress)[-1]
         if others.consistent:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.ring_downs.apart import apart, borne_out, follow_strength, without
+from analysis.mismatch.ring_downs.apart import apart, borne_out, follow_strength, hardest_of_their_loads, without
 from analysis.mismatch.ring_downs.fit import fit
 from analysis.mismatch.ring_downs.problem import RingDownFit
 from analysis.mismatch.score_test import Score
@@ -137,6 +137,20 @@ def test_an_impact_stronger_than_all_others_is_told_from_the_rest(linear: Sessio
     strongest, weakest = int(np.argmax(peak)), int(np.argmin(peak))
     assert follow_strength(fitted, [strongest])
     assert not follow_strength(fitted, [weakest])
+
+
+def test_impacts_are_the_hardest_of_their_loads_or_are_so_by_chance(linear: Session) -> None:
+    fitted = fit(problem_of(linear))
+    loads = sorted({s.preload_n for s in fitted.segments})
+    own = [[i for i, s in enumerate(fitted.segments) if s.preload_n == load] for load in loads]
+    hardest = [sorted(at, key=lambda i: -float(np.abs(fitted.segments[i].raw).max())) for at in own]
+    assert all(len(at) == 4 for at in hardest)
+    each = [at[0] for at in hardest]
+    assert hardest_of_their_loads(fitted, each[:3])  # 1 in 64 by chance
+    assert not hardest_of_their_loads(fitted, each[:2])  # 1 in 16
+    assert not hardest_of_their_loads(fitted, each[:1])
+    assert not hardest_of_their_loads(fitted, [*each[:2], hardest[2][1]])
+    assert not hardest_of_their_loads(fitted, [])
 
 
 def test_no_load_loses_all_its_impacts(linear: Session) -> None:

@@ -15,6 +15,7 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.blocks import held_out_rms, mean_of, together
 from analysis.mismatch.recordings.constants import constant_intervals
 from analysis.mismatch.recordings.decay import along_words, decay_of
+from analysis.mismatch.recordings.determined import left_open
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.held_out import beyond_noise, channel_errors
 from analysis.mismatch.recordings.judge import BlockJudge
@@ -344,7 +345,6 @@ class BlockAccount(Account[SimulatedFit]):
         """Return the rig as fitted."""
         units = {p.name: p.unit for p in self.judge.problem.arrangement.parameters}
         best, values = self.selection.best, self.selection.best.values
-        found = constant_intervals(best)
-        known = {k: v for k, v in values.items() if k in units}
-        constants = {k: Interval(v, *found.get(k, (v, v)), self.unit(units[k])) for k, v in known.items()}
-        return FittedRig(constants, off=far_off(values, self.described.arrangement.parameters))
+        found = constant_intervals(best) | dict.fromkeys(left_open(self.described), (-math.inf, math.inf))
+        known = {k: Interval(v, *found.get(k, (v, v)), self.unit(units[k])) for k, v in values.items() if k in units}
+        return FittedRig(known, off=far_off(values, self.described.arrangement.parameters))

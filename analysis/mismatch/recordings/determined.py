@@ -90,6 +90,11 @@ def undetermined(rig: DescribedRig) -> tuple[Undetermined, ...]:
     return tuple(_told(names, row) for row in reduced(flat))
 
 
+def left_open(rig: DescribedRig) -> set[str]:
+    """Return all constants that the channels do not determine: what a fit says of one of these is a choice."""
+    return {name for one in undetermined(rig) for name in (one.name, *one.with_it)}
+
+
 def _preference(name: str) -> int:
     return next((i for i, kind in enumerate(PREFERRED) if name.startswith(kind)), len(PREFERRED))
 

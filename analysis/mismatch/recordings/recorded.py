@@ -173,6 +173,7 @@ def _refuse_other_units(recording: Recording, rig: DescribedRig) -> None:
     for seen in rig.seen:
         unit, shows = units[_column(recording, seen.channel)], seen.sensor.quantity
         kind = kind_of_motion(unit)
+        kind = "force" if newtons(unit) is not None else kind
         if kind and kind != shows:
             raise AnalysisError(
                 f"{source}: channel {seen.channel} is in {unit}, a unit of {kind}, and the rig file says that it shows "

@@ -20,7 +20,9 @@ DRAWN = "blind validations of described rigs with seeds 505 and 606"
 FRICTION = "simulated sessions as configured by default, with dry friction of 0.3, 1 and 5 mN"
 AS_SHIPPED = "null sessions of the simulator as shipped, with taps that go wrong"
 
+HARD_TAPS = "one session of prove, seed 2711, whose contact parts in the hardest taps"
 NAMED = "practice sessions 1 to 6, and sessions with unlisted effects that were named otherwise"
+PROMISED = "47 sessions of prove, seed 2611, and 17 with unlisted effects, seed 4122"
 STRONG = "an independently simulated session with cubic springs as stiff at the peak as at rest"
 UNLISTED = "sessions with unlisted effects made while the families were built"
 
@@ -84,6 +86,9 @@ class SelectionPolicy:
     set_aside: float = _chosen(
         0.2, "share of the impacts that may be set aside (one always may)", "impacts", AS_SHIPPED, 112
     )
+    hardest: float = _chosen(
+        0.05, "probability below which odd taps are not the hardest of their loads by chance", "1", HARD_TAPS, 112
+    )
     # what may be left over
     left_over: tuple[float, ...] = _chosen(
         (0.02, 0.005, 0.0), "share of all that was missed that one, two, three mechanisms may leave", "1", SEALED, 40
@@ -114,7 +119,7 @@ class SelectionPolicy:
         0.005, "share of a learned law's evidence that one with fewer parameters may lack", "1", RECORDED, 140
     )
     learned_promise: float = _chosen(
-        0.05, "p-value of what laws promise beside what is named, from which on none is fitted", "1", NAMED, 132
+        0.05, "p-value of what laws promise beside what is named, from which on none is fitted", "1", PROMISED, 132
     )
     learned_near: float = _chosen(
         0.1, "of that lead, up to which a law that can lead no further is not learned", "1", NAMED, 133

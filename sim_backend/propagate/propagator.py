@@ -63,6 +63,11 @@ def propagate(
         and such a motion do not hold the errors that another division makes, which are many times as large.
     keeps_division
         Whether it is returned.
+
+    Raises
+    ------
+    ValueError
+        The division is not one of as many motions of as many steps.
     """
     runs, n = rigs.mass.shape
     if given is None:
@@ -75,9 +80,11 @@ def propagate(
     given = Given(begin, end, bend, int(given.held))
     clock = Clock(np.ascontiguousarray(clock.start, np.float64), float(clock.step), int(clock.steps), clock.sampled)
     follows, start = division is not None, np.ascontiguousarray(start, np.float64)
-    if division is None:  # no motion has more short steps: beyond `MOST_DIVIDED`, steps are whole ones again
-        most = (MOST_DIVIDED + 1) * clock.steps + 2 * TICKS if keeps_division else 0
-        division = np.zeros((runs, most), np.int8)
+    most = (MOST_DIVIDED + 1) * clock.steps + 2 * TICKS  # short steps: beyond `MOST_DIVIDED`, they are whole ones again
+    if division is None:
+        division = np.zeros((runs, most if keeps_division else 0), np.int8)
+    elif division.shape != (runs, most):
+        raise ValueError(f"the division {division.shape} is not one of {runs} motions of {clock.steps} steps")
     division = np.ascontiguousarray(division)
     forces, bends, states = carried(rigs, laws, start, clock, given, impact, float(tolerance), division, follows)
     return Motion(forces, bends, states, division)

@@ -225,3 +225,10 @@ def test_a_motion_that_follows_a_division_far_from_its_own_stays_near_its_own(fo
     alone, found = rubbing(force * (1 + change), 3), rubbing(force * (1 + change), 3, division=division)
     size = np.abs(alone.states).max(axis=(0, 1))
     np.testing.assert_allclose(found.states / size, alone.states / size, rtol=0, atol=2e-3)
+
+
+def test_a_division_of_another_motion_is_refused() -> None:
+    division = rubbing(2.2, 3, keeps_division=True).division
+    for other in (division[:, :-1], np.zeros((1, 0), np.int8), np.repeat(division, 2, axis=0)):
+        with pytest.raises(ValueError, match="is not one of 1 motions of 1797 steps"):
+            rubbing(2.2, 3, division=other)

@@ -20,16 +20,15 @@ def rows_of(arrangement: Arrangement, constants: Mapping[str, float]) -> Real:
 
 def shown_by(seen: Sequence[Seen], arrangement: Arrangement, constants: Mapping[str, float], moved: Motion) -> Real:
     """Return (channels, samples) what is recorded; a body that a mechanism adds may be seen, too."""
-    n = len(arrangement.bodies)
     shown = np.empty((len(seen), len(moved.states)))
+    displacement, velocity = np.split(moved.states, 2, axis=1)
+    of = {"displacement": displacement, "velocity": velocity}
     with np.errstate(over="ignore", invalid="ignore"):  # of a mechanism that runs away: it counts as lost
+        if any(sensor.quantity == "acceleration" for sensor in arrangement.sensors):
+            of["acceleration"] = _accelerations(arrangement, constants, moved)
         for c, (channel, sensor) in enumerate(zip(seen, arrangement.sensors, strict=True)):
-            if sensor.quantity == "acceleration":
-                body = _accelerations(arrangement, constants, moved)
-            else:
-                body = moved.states[:, :n] if sensor.quantity == "displacement" else moved.states[:, n:]
-            shown[c] = constants[channel.gain] * (body @ arrangement.vector(sensor.row, constants))
-            shown[c] += constants[channel.offset]
+            own = of[sensor.quantity] @ arrangement.vector(sensor.row, constants)
+            shown[c] = constants[channel.gain] * own + constants[channel.offset]
     return shown
 
 

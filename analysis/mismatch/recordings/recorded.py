@@ -172,8 +172,7 @@ def _refuse_other_units(recording: Recording, rig: DescribedRig) -> None:
     units, source = recording.units or (recording.unit,) * len(recording.names), recording.source
     for seen in rig.seen:
         unit, shows = units[_column(recording, seen.channel)], seen.sensor.quantity
-        kind = kind_of_motion(unit)
-        kind = "force" if newtons(unit) is not None else kind
+        kind = "force" if newtons(unit) is not None else kind_of_motion(unit)
         if kind and kind != shows:
             raise AnalysisError(
                 f"{source}: channel {seen.channel} is in {unit}, a unit of {kind}, and the rig file says that it shows "
@@ -187,8 +186,7 @@ def _refuse_other_units(recording: Recording, rig: DescribedRig) -> None:
             )
     for drive in rig.drives:
         unit = units[_column(recording, drive.channel)]
-        other = newtons(unit) is not None if drive.base else bool(kind_of_motion(unit))
-        if other:
+        if newtons(unit) is not None if drive.base else kind_of_motion(unit):
             raise AnalysisError(
                 f"{source}: channel {drive.channel} is in {unit}, and the rig file says that it is "
                 f"{'the acceleration of the base' if drive.base else 'a force'}; correct the input"

@@ -28,7 +28,6 @@ from analysis.mismatch.selection import Candidate
 from sim_backend.arrays import Real
 
 EARLY_S = 4e-3  # of a segment, in which what sets an impact apart is measured
-BY_CHANCE = 0.05  # probability below which taps are not the hardest of their loads by chance
 BAND = 0.1  # of the frequency of its largest line: what lies closer belongs to the line
 
 
@@ -108,7 +107,7 @@ def hardest_of_their_loads(fitted: RingDownFit, odd: Sequence[int]) -> bool:
         if set(at[np.argsort(-peak[at])[: len(own)]].tolist()) != own:
             return False
         chance /= math.comb(at.size, len(own))
-    return chance < BY_CHANCE
+    return chance < fitted.problem.policy.hardest
 
 
 def without(problem: RingDowns, names: Collection[str]) -> RingDowns | None:

@@ -284,8 +284,13 @@ class BlockJudge(Judge[SimulatedFit]):
         if near_noise and mean_of(accepted.losses) < policy.least_share * base:
             return State(accepted.fit, state.screening, state.steps), False
         self.on_progress("looking at what is left")
-        left = self.screen(accepted.fit, self._further(accepted.fit))
-        return State(accepted.fit, left, state.steps), left.p_value < policy.level
+        current, steps = accepted.fit, state.steps
+        left = self.screen(current, self._further(current))
+        if left.p_value < policy.level:  # before something is added that makes up for a name that only resembles
+            current, steps = exchanged(current, steps)
+            if current is not accepted.fit:
+                left = self.screen(current, self._further(current))
+        return State(current, left, steps), left.p_value < policy.level
 
     def outcome(self, baseline: State[SimulatedFit], state: State[SimulatedFit]) -> Selection[SimulatedFit]:
         """Return the selection: what goes with time may win, forces of any shape are tried beside it."""

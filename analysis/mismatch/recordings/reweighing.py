@@ -33,7 +33,7 @@ def exchanged(current: SimulatedFit, steps: Steps) -> tuple[SimulatedFit, Steps]
 
     Alone, what the others make was missing beside each of them: what then seemed alike may be told apart now.
     """
-    taken = [k for k, step in enumerate(steps) if step.accepted is not None]
+    taken, begun = [k for k, step in enumerate(steps) if step.accepted is not None], current
     if len(current.terms) < 2 or len(taken) != len(current.terms):
         return current, steps
     for i, k in enumerate(taken):
@@ -41,6 +41,8 @@ def exchanged(current: SimulatedFit, steps: Steps) -> tuple[SimulatedFit, Steps]
         if alike:
             current, step = _weighed(current, i, steps[k], alike)
             steps = (*steps[:k], step, *steps[k + 1 :])
+    if current is begun:
+        return current, steps
     for i, k in enumerate(taken[1:], 1):
         before = fit(current.problem, current.terms[:i], steps[k].before, fine=True)
         steps = (*steps[:k], replace(steps[k], before=before), *steps[k + 1 :])
@@ -79,6 +81,10 @@ def _weighed(
         )
 
     weighed = {id(c): again(c) for c in step.candidates if id(c) in fits}
-    candidates = sorted((weighed.get(id(c), c) for c in step.candidates), key=lambda c: (c.fit is None, -c.evidence))
     chosen = next(c for c in weighed.values() if c.fit is best)
+    # what is not weighed again stays at least as far behind as it was
+    fallen = min(weighed[id(accepted)].evidence - accepted.evidence, 0.0) if accepted is not None else 0.0
+    others = {id(c): replace(c, evidence=c.evidence + fallen) for c in step.candidates if id(c) not in fits}
+    found = [{**others, **weighed}[id(c)] for c in step.candidates]
+    candidates = sorted(found, key=lambda c: (c.fit is None, -c.evidence))
     return best, replace(step, candidates=tuple(candidates), accepted=chosen, steady={})

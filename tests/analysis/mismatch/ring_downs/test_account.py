@@ -31,3 +31,16 @@ def test_the_more_is_left_the_likelier_something_that_is_not_listed() -> None:
     assert odds(1e4, left=10.0) > odds(1e4)
     allowed = POLICY.may_be_left(1)
     assert odds(1e4, left=1e4 * allowed / (1 - allowed)) == pytest.approx(1.0)
+
+
+def test_two_added_bodies_are_as_likely_one_that_is_not_listed() -> None:
+    def odds_of(*ids: str) -> list[float]:
+        fits = [with_objective(1e4 * (2 - i), *ids[:i]) for i in range(3)]
+        steps = tuple(accepted(name, fits[i], fits[i + 1], 1e4) for i, name in enumerate(ids))
+        found = Selection(
+            scripted(), fits[0], screening(), steps, fits[2], fits[2], screening(), LeftOver(0, 0, 0, -50)
+        )
+        return [ImpactAccount(found)._odds_of_something_else(step) for step in steps]
+
+    assert min(odds_of("rocking", "attached_mass")) > POLICY.unlisted
+    assert max(odds_of("channel_gain", "attached_mass")) < 0.1

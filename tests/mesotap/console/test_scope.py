@@ -123,7 +123,7 @@ def test_the_hammer_on_the_smallest_screen_too(chromium, tmp_path):
         for number in (1, 2):
             page.click("#tap")
             shows(page, ".response-taps", f"^{number} tap")
-        shows(page, ".response-words", r"hammer 0\.\d+ N, excites to \d+ Hz; 2 taps: coherence 0\.\d\d or more")
+        shows(page, ".response-words", r"hammer 0\.\d+ N, excites to \d+ Hz; 2 taps: coherence (0\.\d\d|1\.00) or more")
         expect(page.locator(".responses canvas:visible")).to_have_count(3)
         drawn = page.evaluate(
             "() => [...document.querySelectorAll('.responses canvas')].map((c) => new Set(new Uint32Array("

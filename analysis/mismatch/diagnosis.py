@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from analysis.mismatch.account import Account, beyond_noise
 from analysis.mismatch.answer import Answer, Named, RecordingFile, Remainder, UpperLimit, Verdict
 from analysis.mismatch.law_reading import law_of
-from analysis.mismatch.learning import is_learned, with_last_learned, with_learned
+from analysis.mismatch.learning import LearnedEarly, is_learned, with_last_learned, with_learned
 from analysis.mismatch.limits import complete_probability, upper_limits
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.account import BlockAccount
@@ -79,8 +79,9 @@ def diagnose(
     # fit that lead nowhere may overflow
     with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
         if isinstance(problem, RingDowns):
-            selection, set_aside = select_for_impacts(problem, known, on_progress)
-            selection = with_learned(selection) if learn else selection
+            early = LearnedEarly() if learn else None
+            selection, set_aside = select_for_impacts(problem, known, on_progress, early)
+            selection = selection if early is None else with_learned(selection, early)
             on_progress("comparing with the held-out impacts")
             answer = answer_of(ImpactAccount(selection), recordings)
             return Diagnosis(replace(answer, set_aside=set_aside), selection)

@@ -166,15 +166,21 @@ def _others(account: Account[Any], before: Any, own: _Read) -> list[_Read]:
     least = PROMISING * (mine.gain if mine is not None else 0.0)
     policy = account.selection.problem.policy
     ranked = sorted((s for s in best.values() if s.gain > least), key=lambda s: -s.gain)[:OTHERS]
-    found = []
+    fits = []
     for score in ranked:
         with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
             fitted = account.selection.judge.fitted_alone(before, [score])
-            if fitted is None:
-                continue
-            near = _gained(account, before, fitted, own.number) > policy.hopeful * own.gained
-            if near or not own.form.exponents:  # of a law that is no power the exponents of the nearest one are told
-                found.append(_read_to_the_end(account, before, fitted))
+            if fitted is not None:
+                fits.append((_gained(account, before, fitted, own.number), fitted))
+    wanted = [fitted for gained, fitted in fits if gained > policy.hopeful * own.gained]
+    powers = [] if own.form.exponents else [f for f in fits if f[0] > 0 and form_of(f[1].terms[-1].values).exponents]
+    if powers:  # of a law that is no power the exponents of the nearest one are told
+        nearest = max(powers, key=lambda one: one[0])[1]
+        wanted += [] if any(f is nearest for f in wanted) else [nearest]
+    found = []
+    for fitted in wanted:
+        with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
+            found.append(_read_to_the_end(account, before, fitted))
     return found
 
 

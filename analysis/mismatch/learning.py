@@ -6,13 +6,22 @@ Where nothing listed explains, or what is named leaves something beyond noise, a
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.ring_downs.candidates import screened_evidence
 from analysis.mismatch.score_test import Screening
-from analysis.mismatch.selection import Judge, Selection, SelectionStep, State, go_on, screened_baseline, select
+from analysis.mismatch.selection import (
+    Candidate,
+    Judge,
+    Selection,
+    SelectionStep,
+    State,
+    go_on,
+    screened_baseline,
+    select,
+)
 from sim_backend.learned.families import learned_mechanisms
 from sim_backend.learned.forms import FORM
 
@@ -24,14 +33,44 @@ def is_learned(term: Term) -> bool:
     return FORM in term.values
 
 
-def with_learned(selection: Selection[Any]) -> Selection[Any]:
+@dataclass(slots=True)
+class LearnedEarly:
+    """A single law, learned as soon as few listed mechanisms do not explain; what was fitted for it serves later, too.
+
+    It counts only where it leaves nothing: three listed mechanisms together, or two that begin with another one, are no
+    likelier then than a law that nobody listed.
+    """
+
+    problem: Any = None
+    begun: State[Any] | None = None
+    first: tuple[Candidate[Any], ...] = ()
+
+    def __call__(self, selection: Selection[Any]) -> Selection[Any] | None:
+        """Return the selection of the law; None where it leaves something."""
+        learner, self.problem = _learner(selection), selection.problem
+        self.begun = _screened(learner, selection)
+        self.first = learner.candidates(self.begun)
+        single = learner.knowing(learned_mechanisms(), replace(learner.problem.policy, most_terms=1))
+        found = select(single, self.begun, self.first)
+        selection.judge.training.budget.spent = 0.0
+        return _beside(found, selection) if _explains(found) else None
+
+
+def with_learned(selection: Selection[Any], early: LearnedEarly | None = None) -> Selection[Any]:
     """Return the selection of learned laws where it explains better than what is listed, else the selection itself.
 
     Nothing is learned where the linear rig leaves nothing beyond noise, nor where what is named leaves too little for a
     law to come near to replacing it. What is named counts as less likely the nearer a learned law comes to that. Of
     recordings whose noise is not known, what is named is contested only where it leaves something beyond it and errors
     clearly over it, and gives way only to laws that do not: a real rig's law is never quite that of any formula.
+
+    Parameters
+    ----------
+    early
+        What was learned already; nothing more is where the selection is of that.
     """
+    if _learned(selection):
+        return selection
     judge, policy = selection.judge, selection.problem.policy
     named = selection.chosen
     noise_known = selection.problem.noise_known
@@ -44,8 +83,11 @@ def with_learned(selection: Selection[Any]) -> Selection[Any]:
     learner = _learner(selection, to_beat=named if _single(named) else None)
     if named is not None and not _promises(learner.screen(named), policy.learned_promise, policy.serious * least):
         return selection
-    begun = _screened(learner, selection)
-    found = _found(learner, begun, selection, explained)
+    if early is None or early.begun is None or early.problem is not selection.problem:
+        begun, first = _screened(learner, selection), None
+    else:
+        begun, first = early.begun, early.first
+    found = _found(learner, begun, selection, explained, first)
     if found is None or not _learned(found):
         return selection
     if named is None:
@@ -60,7 +102,11 @@ def with_learned(selection: Selection[Any]) -> Selection[Any]:
 
 
 def _found(
-    learner: Judge[Any], begun: State[Any], selection: Selection[Any], explained: float
+    learner: Judge[Any],
+    begun: State[Any],
+    selection: Selection[Any],
+    explained: float,
+    first: tuple[Candidate[Any], ...] | None,
 ) -> Selection[Any] | None:
     """Return learned laws in place of the last name, else alone, else beside what is named; None if none comes near.
 
@@ -71,7 +117,7 @@ def _found(
         found = _last_learned(learner, begun, selection)
         if found is not None:
             return found
-    first = learner.candidates(begun)
+    first = learner.candidates(begun) if first is None else first
     hopeless = _single(named) and max((c.evidence for c in first if c.fit is not None), default=-math.inf) < explained
     found = None if hopeless else select(learner, begun, first)
     if named is None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Generic
 
@@ -19,6 +19,8 @@ from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import FitOf, OnProgress, Problem
 from analysis.mismatch.score_test import Score, Screening, screen
 from sim_backend.mechanisms.kinds import AddedBody, Mechanism, SecondImpact, Tones
+
+FEW = 2  # mechanisms together, before more than which one that is not listed is the likelier explanation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -236,8 +238,15 @@ def screened_baseline(judge: Judge[FitOf]) -> State[FitOf]:
     return State(fitted, judge.tested(fitted, judge.screen(fitted)))
 
 
+Instead = Callable[[Selection[FitOf]], Selection[FitOf] | None]
+"""From a selection that does not explain to another one that does, or None."""
+
+
 def select(
-    judge: Judge[FitOf], baseline: State[FitOf], candidates: tuple[Candidate[FitOf], ...] | None = None
+    judge: Judge[FitOf],
+    baseline: State[FitOf],
+    candidates: tuple[Candidate[FitOf], ...] | None = None,
+    instead: Instead[FitOf] | None = None,
 ) -> Selection[FitOf]:
     """Find the mechanisms that the recordings hold beyond the linear rig.
 
@@ -247,11 +256,13 @@ def select(
     ----------
     candidates
         For the first place, where they are fitted already.
+    instead
+        Asked where one and two mechanisms do not explain, before more are looked for.
     """
     if baseline.screening.p_value >= judge.problem.policy.level:
         return judge.outcome(baseline, baseline)
     candidates = judge.candidates(baseline) if candidates is None else candidates
-    found = _forward(judge, baseline, candidates)
+    found = _forward(judge, baseline, candidates, instead=instead)
     if found.chosen is None and len(candidates) > 1 and not judge.exhausted() and judge.another_first(candidates):
         judge.on_progress(f"again, with {name_of(candidates[1].mechanism)} first")
         again = _forward(judge, baseline, candidates[1:])
@@ -269,10 +280,15 @@ def _forward(
     baseline: State[FitOf],
     candidates: tuple[Candidate[FitOf], ...],
     begun: State[FitOf] | None = None,
+    instead: Instead[FitOf] | None = None,
 ) -> Selection[FitOf]:
     """Take the best candidate, then what is best beside it, as long as that pays."""
     state, more = begun or baseline, True
     while more and len(state.current.terms) < judge.problem.policy.most_terms:
+        if instead is not None and len(state.current.terms) == FEW:
+            other, instead = instead(judge.outcome(baseline, state)), None
+            if other is not None:
+                return other
         if not state.first:
             if judge.exhausted():
                 break
@@ -283,7 +299,9 @@ def _forward(
         if accepted is None:
             break
         state, more = judge.after(state, accepted)
-    return judge.outcome(baseline, state)
+    found = judge.outcome(baseline, state)
+    other = instead(found) if instead is not None and found.chosen is None else None
+    return found if other is None else other
 
 
 def name_of(mechanism: Mechanism) -> str:

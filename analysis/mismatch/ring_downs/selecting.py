@@ -23,7 +23,7 @@ from analysis.mismatch.ring_downs.apart import (
 from analysis.mismatch.ring_downs.fit import Start, Stop, fit
 from analysis.mismatch.ring_downs.judge import ImpactJudge
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
-from analysis.mismatch.selection import Selection, State, select
+from analysis.mismatch.selection import Instead, Selection, State, select
 from sim_backend.mechanisms.kinds import Mechanism
 
 Found = tuple[Selection[RingDownFit], tuple[SetAside, ...]]
@@ -62,17 +62,22 @@ class _Begun:
                 return False
         return self.state.screening.p_value >= level
 
-    def selected(self) -> Selection[RingDownFit]:
+    def selected(self, instead: Instead[RingDownFit] | None = None) -> Selection[RingDownFit]:
         """Return the selection from here."""
-        return select(self.judge, self.state)
+        return select(self.judge, self.state, instead=instead)
 
 
-def select_for_impacts(problem: RingDowns, known: Sequence[Mechanism], on_progress: OnProgress) -> Found:
+def select_for_impacts(
+    problem: RingDowns,
+    known: Sequence[Mechanism],
+    on_progress: OnProgress,
+    instead: Instead[RingDownFit] | None = None,
+) -> Found:
     """Select mechanisms, and say which impacts were set aside because they show what no other one does.
 
     Few impacts are set aside where the linear rig explains all others and no law is near to what they show, unless they
     are the hardest of their loads; or where nothing explains them all, but something the others, and they are not the
-    strongest.
+    strongest. For ``instead`` see `select`.
     """
     begun = _begun(problem, known, on_progress)
     last = begun[-1]
@@ -86,7 +91,7 @@ def select_for_impacts(problem: RingDowns, known: Sequence[Mechanism], on_progre
         others = _begun(rest, known, on_progress)[-1]
         if others.consistent:
             return others.selected(), set_aside(last.current, odd)
-    found, ended, aside = _selected(begun)
+    found, ended, aside = _selected(begun, instead)
     judge = found.judge
     if isinstance(judge, ImpactJudge) and judge.lost_on_held_out(found):
         found = replace(found, chosen=None)
@@ -132,6 +137,7 @@ def _begun_for_each_impact(judge: ImpactJudge) -> _Begun:
 
 def _selected(
     begun: tuple[_Begun, ...],
+    instead: Instead[RingDownFit] | None = None,
 ) -> tuple[Selection[RingDownFit], Selection[RingDownFit], tuple[SetAside, ...]]:
     """Select with constants of each load first, then with those of each impact.
 
@@ -140,7 +146,7 @@ def _selected(
     tuple
         What counts, the last selection, and impacts that were set aside.
     """
-    plain = begun[0].selected()
+    plain = begun[0].selected(instead)
     if plain.chosen is not None:
         again, aside = _refined(begun, plain, plain.chosen)
         return again, again, aside

@@ -291,3 +291,43 @@ def test_beneath_a_strong_law_the_model_leaves_no_error_of_its_own(
     true = [two_mass(load).kc for load in LOADS_N]
     # masses are declared, and loads measured, to within what makes 6e-4 of k_c
     assert found.chosen.constants.load[:, 0] == pytest.approx(true, rel=5e-4)
+
+
+@dataclass(frozen=True, slots=True)
+class Adding(Scripted):
+    """A judge who accepts one mechanism after the other, and for whom so many together explain all."""
+
+    explain: int = 9
+
+    def accepts(
+        self, state: State[RingDownFit], candidates: Sequence[Candidate[RingDownFit]]
+    ) -> tuple[Candidate[RingDownFit], Mapping[int, float]]:
+        return candidates[0], {}
+
+    def after(self, state: State[RingDownFit], accepted: Candidate[RingDownFit]) -> tuple[State[RingDownFit], bool]:
+        names = ("channel_gain", "channel_skew", "rocking")[: len(state.steps)]
+        return State(with_objective(10.0, *names), state.screening, state.steps), len(names) < self.explain
+
+    def outcome(self, baseline: State[RingDownFit], state: State[RingDownFit]) -> Selection[RingDownFit]:
+        all_of_it = len(state.current.terms) >= self.explain
+        return replace(self._ended(baseline, state), chosen=state.current if all_of_it else None)
+
+
+@pytest.mark.parametrize(
+    ("explain", "learned", "asked", "named"),
+    [(1, True, 0, 1), (2, True, 0, 2), (3, True, 1, 0), (3, False, 1, 3), (9, True, 1, 0), (9, False, 1, None)],
+)
+def test_what_is_not_listed_is_asked_for_once_and_before_three_mechanisms_together(
+    explain: int, learned: bool, asked: int, named: int | None
+) -> None:
+    one = (Candidate(scored("channel_gain", 100.0), linear(), 100.0),)
+    judge = Adding(small(), small(), (), (), seen=screening(), ranked=one, explain=explain)
+    told: list[int] = []
+
+    def instead(found: Selection[RingDownFit]) -> Selection[RingDownFit] | None:
+        told.append(len(found.best.terms))
+        return replace(found, chosen=linear()) if learned else None
+
+    found = select(judge, State(linear(), screening(p_value=1e-6)), instead=instead)
+    assert told == [2] * asked
+    assert named == (None if found.chosen is None else len(found.chosen.terms))

@@ -180,8 +180,9 @@ def _refuse_other_units(recording: Recording, rig: DescribedRig) -> None:
             )
         said, factor = to_si(seen.unit)
         if kind and seen.unit and (said.replace("μ", "µ") != unit.replace("μ", "µ") or factor != 1.0):
+            converted = ", to which accelerations in other units are converted," if unit == "m/s2" else ""
             raise AnalysisError(
-                f"{source}: channel {seen.channel} is in {unit} as it is read, and the rig file says {seen.unit}; "
+                f"{source}: channel {seen.channel} is read in {unit}{converted} and the rig file says {seen.unit}; "
                 f"write 'unit: {unit}', and a gain if the rig is not in it"
             )
     for drive in rig.drives:

@@ -58,9 +58,15 @@ sensors: [{channel: y, of: mass, shows: %s, unit: %s}]
             "force_on: mass",
             "displacement",
             "m",
-            "y is in mm as it is read, and the rig file says m",
+            "y is read in mm and the rig file says m;",
         ),
-        (("N", "m/s2"), "force_on: mass", "acceleration", "g", "in m/s2 as it is read, and the rig file says g"),
+        (
+            ("N", "m/s2"),
+            "force_on: mass",
+            "acceleration",
+            "g",
+            "read in m/s2, to which .* converted, and the rig file says g",
+        ),
         (("m/s2", "mm"), "force_on: mass", "displacement", "mm", "channel push is in m/s2.* that it is a force"),
         (
             ("N", "mm"),

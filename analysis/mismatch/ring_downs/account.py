@@ -78,17 +78,17 @@ class ImpactAccount(Account[RingDownFit]):
         """Return how likely it is that what is not listed is at work, over that the mechanism accepted in a step is.
 
         The weaker an effect, the more there is that looks like it: of a small chi-squared nearly anything does. Linear
-        dynamics of one thing that is not listed look like those of two that are, however strong.
+        dynamics of any kind look like those of an added body, however strong.
         """
         policy, left = self.judge.problem.policy, self.selection.left
         if step.accepted is None or step.accepted.fit is None:
             return 1.0
         gain = step.before.objective - step.accepted.fit.objective
         weak = policy.unlisted * min(1.0, policy.likeness / max(gain, 1.0))
-        named = [a.accepted.mechanism for a in self.selection.accepted if a.accepted is not None]
-        two = isinstance(step.accepted.mechanism, AddedBody) and sum(isinstance(m, AddedBody) for m in named) > 1
-        always = policy.unlisted if two else policy.strong_likeness
-        odds = always + weak + math.exp(min((left.unnamed - policy.unnamed) / 2, CERTAIN))
+        looks_like = policy.unlisted if isinstance(step.accepted.mechanism, AddedBody) else 0.0
+        odds = max(policy.strong_likeness + weak, looks_like) + math.exp(
+            min((left.unnamed - policy.unnamed) / 2, CERTAIN)
+        )
         if left.p_value < policy.level and left.chi_squared > 0:
             share = left.share / max(policy.may_be_left(len(self.selection.best.terms)), 1e-300)
             odds = min(odds, 1.0) ** (1 - min(share, 1.0))

@@ -27,6 +27,7 @@ from analysis.mismatch.selection import Instead, Selection, State, select
 from sim_backend.mechanisms.kinds import Mechanism
 
 Found = tuple[Selection[RingDownFit], tuple[SetAside, ...]]
+SCATTER_SHARE = 0.5  # of what is left, that constants of every impact must take for scatter to be what is missing
 MOST_TESTS = 1e4  # more than a screening makes: by one p-value below the level over this its overall one is below, too
 
 
@@ -150,7 +151,7 @@ def _selected(
     if plain.chosen is not None:
         again, aside = _refined(begun, plain, plain.chosen)
         return again, again, aside
-    if len(begun) == 1:
+    if len(begun) == 1 or not _may_be_scatter(plain):
         return plain, plain, ()
     again = begun[-1].selected()
     # where nothing is named, what is said is said of the linear rig that explains more: scatter is not missing physics
@@ -192,14 +193,8 @@ def scattered(baseline: RingDownFit) -> RingDownFit | None:
     That is not missing physics: what differs must not follow the strength of the tap.
     """
     policy, segments = baseline.problem.policy, baseline.problem.experiment.segments
-    if baseline.constants.load.shape[1] == 0 or baseline.problem.scattered:
-        return None
-    start = Start(amplitudes=baseline.amplitudes if baseline.nonlinear else ())
-    problem = baseline.problem.per_impact_constants()
-    begin = replace(baseline, constants=_own_constants(problem, baseline))
-    free = fit(problem, baseline.terms, begin, start, Stop(known=False))
-    freed = (len(segments) - len(baseline.constants.load)) * baseline.constants.load.shape[1]
-    if evidence(baseline.objective - free.objective, freed) < policy.scatter_evidence:
+    free, gained = _freed(baseline)
+    if free is None or gained < policy.scatter_evidence:
         return None
     stiffness = np.log(free.constants.load[:, 0])
     strength = np.array([math.log(float(np.abs(a).max())) for a in free.amplitudes])
@@ -208,6 +203,24 @@ def scattered(baseline: RingDownFit) -> RingDownFit | None:
         stiffness[at] -= stiffness[at].mean()
         strength[at] -= strength[at].mean()
     return free if float(pearsonr(stiffness, strength).pvalue) > policy.level else None
+
+
+def _may_be_scatter(plain: Selection[RingDownFit]) -> bool:
+    """Whether constants of every impact take a good part of what a selection leaves: all is worth another look then."""
+    _, gained = _freed(plain.best)
+    return gained > SCATTER_SHARE * plain.left.chi_squared
+
+
+def _freed(fitted: RingDownFit) -> tuple[RingDownFit | None, float]:
+    """Return a fit with constants of its own for every impact, and its evidence; None and 0 where it has them."""
+    if fitted.constants.load.shape[1] == 0 or fitted.problem.scattered:
+        return None, 0.0
+    start = Start(amplitudes=fitted.amplitudes if fitted.nonlinear else ())
+    problem = fitted.problem.per_impact_constants()
+    begin = replace(fitted, constants=_own_constants(problem, fitted))
+    free = fit(problem, fitted.terms, begin, start, Stop(known=False))
+    freed = (len(fitted.segments) - len(fitted.constants.load)) * fitted.constants.load.shape[1]
+    return free, evidence(fitted.objective - free.objective, freed)
 
 
 def _own_constants(problem: RingDowns, *fits: RingDownFit | None) -> Constants:

@@ -49,6 +49,7 @@ class SelectionPolicy:
     )
     # candidates
     most_terms: int = _chosen(3, "mechanisms at work together", "mechanisms", "memory of the propagator", 10)
+    few_terms: int = _chosen(2, "of them, before more than which a law is learned", "mechanisms", SEALED, 153)
     finalists: int = _chosen(5, "mechanisms of a step that are fitted to impacts", "mechanisms", PRACTICE, 10)
     most_finalists: int = _chosen(10, "the same where none of them explains", "mechanisms", FRICTION, 110)
     finalists_by_blocks: int = _chosen(16, "candidates that are fitted to a recording", "candidates", RECORDED, 50)
@@ -125,6 +126,9 @@ class SelectionPolicy:
         0.1, "of that lead, up to which a law that can lead no further is not learned", "1", NAMED, 133
     )
     # scatter between impacts
+    scatter_share: float = _chosen(
+        0.5, "share of what is left that constants of every impact take where scatter may be missing", "1", SEALED, 153
+    )
     scatter_evidence: float = _chosen(30.0, "that per-impact constants must have", "chi-squared", SEALED, 57)
     # probabilities
     temperature: float = _chosen(

@@ -20,8 +20,6 @@ from analysis.mismatch.problem import FitOf, OnProgress, Problem
 from analysis.mismatch.score_test import Score, Screening, screen
 from sim_backend.mechanisms.kinds import AddedBody, Mechanism, SecondImpact, Tones
 
-FEW = 2  # mechanisms together, before more than which one that is not listed is the likelier explanation
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate(Generic[FitOf]):
@@ -285,7 +283,7 @@ def _forward(
     """Take the best candidate, then what is best beside it, as long as that pays."""
     state, more = begun or baseline, True
     while more and len(state.current.terms) < judge.problem.policy.most_terms:
-        if instead is not None and len(state.current.terms) == FEW:
+        if instead is not None and len(state.current.terms) == judge.problem.policy.few_terms:
             other, instead = instead(judge.outcome(baseline, state)), None
             if other is not None:
                 return other

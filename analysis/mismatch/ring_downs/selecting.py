@@ -27,7 +27,6 @@ from analysis.mismatch.selection import Instead, Selection, State, select
 from sim_backend.mechanisms.kinds import Mechanism
 
 Found = tuple[Selection[RingDownFit], tuple[SetAside, ...]]
-SCATTER_SHARE = 0.5  # of what is left, that constants of every impact must take for scatter to be what is missing
 MOST_TESTS = 1e4  # more than a screening makes: by one p-value below the level over this its overall one is below, too
 
 
@@ -208,7 +207,7 @@ def scattered(baseline: RingDownFit) -> RingDownFit | None:
 def _may_be_scatter(plain: Selection[RingDownFit]) -> bool:
     """Whether constants of every impact take a good part of what a selection leaves: all is worth another look then."""
     _, gained = _freed(plain.best)
-    return gained > SCATTER_SHARE * plain.left.chi_squared
+    return gained > plain.problem.policy.scatter_share * plain.left.chi_squared
 
 
 def _freed(fitted: RingDownFit) -> tuple[RingDownFit | None, float]:

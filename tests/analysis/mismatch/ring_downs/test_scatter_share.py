@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analysis.mismatch.policy import POLICY
 from analysis.mismatch.ring_downs.fit import fit
-from analysis.mismatch.ring_downs.selecting import SCATTER_SHARE, _may_be_scatter
+from analysis.mismatch.ring_downs.selecting import _may_be_scatter
 from analysis.mismatch.selection import LeftOver, Selection
 from tests.analysis.mismatch.ring_downs.selections import screening, scripted
 from tests.analysis.ring_downs import problem_of, session_of, with_law
@@ -25,6 +26,6 @@ def test_all_is_looked_for_again_where_constants_of_each_impact_take_a_good_part
 
     linear = fit(problem_of(session_of(scattering, noise=0.02)))
     gained = max(linear.objective - sum(r.size for r in linear.residuals), 100.0)  # nearly all that is beyond noise
-    over = LeftOver(left / SCATTER_SHARE * gained, 0.0, 1.0)
+    over = LeftOver(left / POLICY.scatter_share * gained, 0.0, 1.0)
     found = Selection(scripted(), linear, screening(), (), None, linear, screening(), over)
     assert _may_be_scatter(found) == may_be

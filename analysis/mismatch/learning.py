@@ -67,7 +67,7 @@ def with_learned(selection: Selection[Any], early: LearnedEarly | None = None) -
     Parameters
     ----------
     early
-        What was learned already; nothing more is where the selection is of that.
+        What was learned already and serves again; a selection that it led to is returned as it is.
     """
     if _learned(selection):
         return selection

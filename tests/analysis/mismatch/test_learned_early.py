@@ -6,8 +6,10 @@ import math
 
 import pytest
 
-from analysis.mismatch.diagnosis import diagnose
-from analysis.mismatch.learning import is_learned
+from analysis.mismatch.learning import LearnedEarly, is_learned, with_learned
+from analysis.mismatch.problem import silent
+from analysis.mismatch.ring_downs.selecting import select_for_impacts
+from analysis.mismatch.selection import Selection
 from tests.analysis.ring_downs import problem_of, session_of
 from tests.analysis.terms import listed
 from tests.analysis.unlisted import at_upper_mass
@@ -20,13 +22,18 @@ def root_of_rate(d: float, v: float, load: float) -> float:
 @pytest.mark.slow
 def test_a_law_that_leaves_nothing_ends_the_search_for_listed_ones() -> None:
     few = [listed(name) for name in ("hunt_crossley_damping", "hertz_stiffness", "quadratic_damping")]
-    said: list[str] = []
     problem = problem_of(session_of(at_upper_mass(root_of_rate), ratios=(0.3, 0.6, 0.9)))
-    found = diagnose(problem, few, said.append)
-    assert found.answer.verdict == "new_physics"
-    assert [m.learned for m in found.answer.mechanisms] == [True]
-    assert found.selection.chosen is not None
-    assert all(map(is_learned, found.selection.chosen.terms))
-    learned = said.index("learning a law that nobody listed")
-    assert not any(text.endswith(" first") for text in said)
-    assert not any(f"fitting {name.id.replace('_', ' ')}" in said[learned:] for name in few)
+    early = LearnedEarly()
+    asked: list[int] = []
+
+    def instead(found: Selection) -> Selection | None:  # type: ignore[type-arg]
+        asked.append(len(found.best.terms))
+        return early(found)
+
+    found, aside = select_for_impacts(problem, few, silent, instead)
+    assert len(asked) == 1
+    assert asked[0] <= problem.policy.few_terms
+    assert found.chosen is not None
+    assert [is_learned(term) for term in found.chosen.terms] == [True]
+    assert not aside
+    assert with_learned(found, early) is found

@@ -20,6 +20,7 @@ DRAWN = "blind validations of described rigs with seeds 505 and 606"
 FRICTION = "simulated sessions as configured by default, with dry friction of 0.3, 1 and 5 mN"
 AS_SHIPPED = "null sessions of the simulator as shipped, with taps that go wrong"
 
+SHAKEN = "one session of prove --outside --unsealed 50611, seed 9, whose contact is shaken"
 HARD_TAPS = "one session of prove, seed 2711, whose contact parts in the hardest taps"
 NAMED = "practice sessions 1 to 6, and sessions with unlisted effects that were named otherwise"
 PROMISED = "47 sessions of prove, seed 2611, and 17 with unlisted effects, seed 4122"
@@ -90,6 +91,9 @@ class SelectionPolicy:
     )
     hardest: float = _chosen(
         0.05, "probability below which odd taps are not the hardest of their loads by chance", "1", HARD_TAPS, 112
+    )
+    odd_share: float = _chosen(
+        0.5, "share of what is left that impacts hold without which all is looked for again", "1", SHAKEN, 154
     )
     # what may be left over
     left_over: tuple[float, ...] = _chosen(

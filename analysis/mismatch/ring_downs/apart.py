@@ -78,6 +78,12 @@ def _p_value(residual: Real, fitted: RingDownFit) -> float:
     return p_of(min(tails), len(tails))
 
 
+def share_of(fitted: RingDownFit, odd: Sequence[int]) -> float:
+    """Return the share of all that a fit leaves beyond noise that these segments hold."""
+    excess = np.array([float(np.vdot(r, r)) - r.size for r in fitted.residuals])
+    return float(excess[list(odd)].sum() / max(excess.sum(), 1e-300))
+
+
 def no_law_explains(fitted: RingDownFit, screening: Screening, odd: Sequence[int]) -> bool:
     """Whether no mechanism without numbers of its own in every impact is near to what some impacts show."""
     excess = sum(float(np.vdot(r, r)) - r.size for r in (fitted.residuals[i] for i in odd))

@@ -18,6 +18,7 @@ from analysis.mismatch.ring_downs.apart import (
     hardest_of_their_loads,
     no_law_explains,
     set_aside,
+    share_of,
     without,
 )
 from analysis.mismatch.ring_downs.fit import Start, Stop, fit
@@ -105,9 +106,12 @@ def _without_odd_ones(
 ) -> Found | None:
     """Try again without the few impacts in which the best explanation leaves anything; None where that is no help.
 
-    Impacts that are stronger than the others stay: what the rig does when tapped hard is no peculiarity.
+    Impacts that are stronger than the others stay: what the rig does when tapped hard is no peculiarity. So do those
+    beside which the others leave as much, little in each.
     """
     odd = apart(best)
+    if odd and share_of(best, odd) < problem.policy.odd_share:
+        return None
     rest = without(problem, _names(best, odd)) if odd and not follow_strength(best, odd) else None
     if rest is None:
         return None

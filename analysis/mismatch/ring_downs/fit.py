@@ -13,7 +13,8 @@ from analysis.mismatch.least_squares import Evaluation, Stopping, covariance, mi
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.ring_downs.added_response import AddedResponse
 from analysis.mismatch.ring_downs.experiment import Segment
-from analysis.mismatch.ring_downs.model import COMPETING_SUBSTEPS, SUBSTEPS, Point, RingDownModel
+from analysis.mismatch.ring_downs.model import COMPETING_SUBSTEPS, SUBSTEPS, RingDownModel
+from analysis.mismatch.ring_downs.point import Point
 from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
 from sim_backend.arrays import Complex, Real
 from sim_backend.mechanisms.kinds import AddedBody

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +18,8 @@ from analysis.mismatch.ring_downs.common_scale import growth, undetermined_mass,
 from analysis.mismatch.ring_downs.experiment import Segment
 from analysis.mismatch.ring_downs.linear import linear_rigs
 from analysis.mismatch.ring_downs.modes import Nuisance, Overdamped, Sensitivity, constant_steps, slope_columns
-from analysis.mismatch.ring_downs.response import Response, response
+from analysis.mismatch.ring_downs.point import Point
+from analysis.mismatch.ring_downs.response import response
 from sim_backend.arrays import Complex, Real
 
 if TYPE_CHECKING:
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 SUBSTEPS = 4
 COMPETING_SUBSTEPS = 2  # while fits compete; the one that wins goes on with `SUBSTEPS`
 TOGETHER = 8  # iterations in which constants and amplitudes are stepped together; then the amplitudes follow
-SLIGHT = 0.01  # of a segment's rms, added by terms: standard errors with plain slopes are within 5 % up to there
 OVERSTATED = 2.0  # objective over that without a force law from which on the law begins weaker
 WEAKER, MOST_WEAKENINGS = 0.3, 6  # factor, and beginnings
 SECOND_STEP = 0.05  # of differences, samples
@@ -36,50 +36,6 @@ MOST_SAMPLES = 0.5  # that a second impact may move in one step
 PARAMETER_STEP = 1e-4  # of differences, relative to the parameter (or its range where it is small)
 EVALUATED, LINEARISED = 1.0, 2.0  # work of a linear rig's residual and slopes, of a sample (1: a substep of a law)
 AMPLITUDE_STEP = 1e-3  # of differences, relative to the segment's largest amplitude
-
-
-@dataclass(frozen=True, slots=True)
-class Point:
-    """Where a fit is.
-
-    Attributes
-    ----------
-    rig, load, free
-        The rig's constants, (groups, k) those of each load, and the terms' parameters as they are fitted.
-    coefficients
-        Of each segment: of the modes and of what rings by itself.
-    segments
-        With the time of the tap, and of a second impact.
-    modes, to
-        At each load; no responses where the rig is linear.
-    added
-        Of each segment, what the terms add to it, whitened.
-    """
-
-    rig: Real
-    load: Real
-    free: Real
-    coefficients: tuple[Real, ...]
-    segments: tuple[Segment, ...]
-    modes: tuple[Sensitivity, ...] = ()
-    to: tuple[Response, ...] = ()
-    added: tuple[Real, ...] = ()
-
-    @property
-    def amplitudes(self) -> list[Complex]:
-        """Modal amplitudes of every segment."""
-        return [
-            Nuisance.amplitudes(self.modes[s.group], c, s)
-            for s, c in zip(self.segments, self.coefficients, strict=True)
-        ]
-
-    def timed(self) -> Point:
-        """Let the phase of the lowest mode say when each tap was made."""
-        segments = tuple(
-            replace(s, tap_s=s.start_s - self.modes[s.group].since_tap(a, s))
-            for s, a in zip(self.segments, self.amplitudes, strict=True)
-        )
-        return replace(self, segments=segments)
 
 
 def alike(a: Sensitivity, b: Sensitivity) -> bool:
@@ -186,7 +142,7 @@ class RingDownModel:
         """
         self.problem.budget.spent += LINEARISED * self.problem.samples
         point, free = at.point, len(added.free)
-        exact = exact and not _slight(point)
+        exact = exact and not point.slight
         normal = np.zeros((self.size, self.size))
         tangents: list[Tangent] = []
         basis = added.coordinates.basis(point.rig)
@@ -333,11 +289,6 @@ class RingDownModel:
             x[k] += step
             steps.append((step, replace(here, terms=added.with_free(x))))
         return steps
-
-
-def _slight(point: Point) -> bool:
-    """Whether what the terms add is slight beside every segment."""
-    return all(np.vdot(a, a) < SLIGHT**2 * np.vdot(s.y, s.y) for a, s in zip(point.added, point.segments, strict=True))
 
 
 _Step = tuple[float, Variant]

@@ -9,9 +9,17 @@ import numpy as np
 import pytest
 
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.ring_downs.apart import apart, borne_out, follow_strength, hardest_of_their_loads, without
+from analysis.mismatch.ring_downs.apart import (
+    apart,
+    borne_out,
+    follow_strength,
+    hardest_of_their_loads,
+    share_of,
+    without,
+)
 from analysis.mismatch.ring_downs.fit import fit
 from analysis.mismatch.ring_downs.problem import RingDownFit
+from analysis.mismatch.ring_downs.selecting import _without_odd_ones
 from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate
 from daq.records import Session
@@ -98,6 +106,22 @@ def test_what_many_impacts_show_is_not_set_aside(linear: Session) -> None:
     session = with_added(linear, turned)
     assert apart(fit(problem_of(session))) == ()
     assert diagnosed([session], KNOWN).answer.verdict != "consistent"
+
+
+@pytest.mark.parametrize(("noisier", "again"), [(0.0, True), (0.02, False)])
+def test_all_is_looked_for_again_without_an_odd_impact_if_it_holds_most_of_what_is_left(
+    linear: Session, noisier: float, again: bool
+) -> None:
+    problem = problem_of(linear)
+    best = fit(problem)
+    residuals = [(1 + noisier) * r for r in best.residuals]
+    residuals[5][:, :100] += 1.5 * OFF_CENTRE
+    best = replace(best, residuals=tuple(residuals))
+    assert apart(best) == (5,)
+    assert (share_of(best, (5,)) > problem.policy.odd_share) is again
+    said: list[str] = []
+    _without_odd_ones(problem, KNOWN, said.append, best)
+    assert bool(said) is again
 
 
 VALUES = {"contact_offset_share": 0.02, "rocking_stiffness_n_per_m": 2.3e7, "rocking_damping_n_s_per_m": 36.0}

@@ -7,10 +7,13 @@ import math
 import numpy as np
 import pytest
 
+from analysis.mismatch.least_squares import covariance
 from analysis.mismatch.parameters import Term
+from analysis.mismatch.ring_downs import point as point_module
 from analysis.mismatch.ring_downs.added_response import AddedResponse
 from analysis.mismatch.ring_downs.fit import RingDownFit, fit
-from analysis.mismatch.ring_downs.model import LOG_STEP, OVERSTATED, Point, RingDownModel
+from analysis.mismatch.ring_downs.model import LOG_STEP, OVERSTATED, RingDownModel
+from analysis.mismatch.ring_downs.point import Point
 from tests.analysis.ring_downs import problem_of, session_of, with_law
 from tests.analysis.terms import at_work
 
@@ -57,3 +60,19 @@ def test_the_logarithm_of_a_parameter_changes_by_so_much_at_most(linear: RingDow
     assert logs
     np.testing.assert_allclose(high[logs], LOG_STEP)
     np.testing.assert_allclose(low[logs], -LOG_STEP)
+
+
+@pytest.mark.parametrize(("force_n", "slight"), [(1e-5, True), (0.1, False)])
+def test_plain_slopes_serve_where_what_a_law_adds_is_slight(
+    linear: RingDownFit, force_n: float, slight: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, point = begun(linear, at_work("guide_friction", {"friction_force_n": force_n, "rounding": 0.05}))
+    at = model.begin(point, linear.amplitudes, math.inf)
+    assert at.point.slight is slight
+    served, plain = (model.linearised(at, exact, model.smooth).normal for exact in (True, False))
+    assert np.array_equal(served, plain) is slight
+    monkeypatch.setattr(point_module, "SLIGHT", 0.0)
+    full = model.linearised(at, True, model.smooth).normal
+    assert not np.array_equal(full, plain)
+    errors = [np.sqrt(np.diag(covariance(normal))) for normal in (served, full)]
+    np.testing.assert_allclose(*errors, rtol=0.05 if slight else 1e-12)

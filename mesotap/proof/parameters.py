@@ -62,16 +62,18 @@ def _mount(t: Truth, body: str = "attached_mass") -> tuple[float, float]:
     return math.sqrt(stiffness / mass) / (2 * math.pi), damping / 2 / math.sqrt(stiffness * mass)
 
 
+def _of_b(t: Truth) -> float:
+    """Base strain of B over A; where A has it, A takes the motion itself for larger as well."""
+    own, mass = float(t["effect"]["base_strain_m_s2_per_n"]), float(t["masses_kg"][1])
+    return own if t["effect"]["channel"] == "B" else -own / (1 + own * mass)
+
+
 _DERIVED: dict[str, dict[str, Callable[[Truth], float | None]]] = {
     "adhesion": {
         "adhesion_force_share": lambda t: _ratio(t["effect"]["adhesion_force_n"], t["loads_n"]),
         "adhesion_range_share": lambda t: _ratio(t["effect"]["adhesion_range_m"], _static(t)),
     },
-    "base_strain": {  # of B over A
-        "base_strain_m_s2_per_n": lambda t: (
-            t["effect"]["base_strain_m_s2_per_n"] * (1 if t["effect"]["channel"] == "B" else -1)
-        )
-    },
+    "base_strain": {"base_strain_m_s2_per_n": _of_b},
     "cross_axis_sensitivity": {
         "cross_axis_share": lambda t: -t["effect"]["transverse_sensitivity"] * t["effect"]["inclination"]
     },

@@ -109,18 +109,23 @@ class ImpactAccount(Account[RingDownFit]):
     def loudest_tone(self, fitted: RingDownFit) -> tuple[float, float, str]:
         """Return amplitude (over all segments and channels) and standard error of the loudest tone.
 
-        What noise alone would show as a tone is taken off.
+        What noise alone would show as a tone is taken off. The loudest is the one that stands out most of its noise: a
+        tone at a mode's frequency can hardly be told from the mode.
         """
         experiment, lines = fitted.problem.experiment, lines_of(fitted.terms)
         nuisance, first = fitted.problem.nuisance(fitted.terms), fitted.problem.slow.size
         poles = 2j * np.pi * np.array(lines)
         gains = np.array([np.abs(m.gain(poles, experiment.sample_rate_hz)) for m in experiment.noise])
-        square = []
+        square, noise = [], []
         for segment, coefficients in zip(experiment.segments, fitted.coefficients, strict=True):
-            found = np.array(nuisance.rung(fitted.modes[segment.group], coefficients))[:, first : first + len(lines)]
-            square.append((np.abs(found) ** 2 - 4 / segment.y.shape[1]) / gains**2)
-        by_line = np.array(square).transpose(2, 0, 1).reshape(len(lines), -1)
-        loudest = by_line[int(np.argmax(by_line.mean(axis=1)))]
+            modes, own = fitted.modes[segment.group], slice(first, first + len(lines))
+            _, r = nuisance.basis(modes, segment)
+            variance = np.sum(np.linalg.pinv(r) ** 2, axis=1)  # (q,) of the coefficients
+            found, known = (np.array(nuisance.rung(modes, c))[:, own] for c in (coefficients, variance))
+            noise.append((known.real - known.imag) / gains**2)
+            square.append(np.abs(found) ** 2 / gains**2 - noise[-1])
+        by_line, of_noise = (np.array(rows).transpose(2, 0, 1).reshape(len(lines), -1) for rows in (square, noise))
+        loudest = by_line[int(np.argmax(by_line.mean(axis=1) / of_noise.mean(axis=1)))]
         amplitude = math.sqrt(max(float(loudest.mean()), 0.0))
         error = float(loudest.std(ddof=1)) / math.sqrt(loudest.size)
         return amplitude, error / (2 * amplitude) if amplitude > 0 else math.sqrt(error), "m/s2"

@@ -194,6 +194,19 @@ def test_truths_are_turned_into_the_parameters_of_the_answers() -> None:
     assert true_parameters(truth, "hertz_stiffness") == {}
 
 
+def test_base_strain_of_either_channel_is_what_b_shows_over_a() -> None:
+    own, mass = -0.23, 0.108
+
+    def of(channel: str) -> float:
+        effect = {"base_strain_m_s2_per_n": own, "channel": channel}
+        found = true_parameters({"effect": effect, "masses_kg": [0.107, mass]}, "base_strain")
+        return found["base_strain_m_s2_per_n"]
+
+    assert of("B") == own
+    # near the contact resonance the contact's force is the lower mass's acceleration times its mass
+    assert (1 + of("A") * mass) * (1 + own * mass) == pytest.approx(1.0)
+
+
 def test_parameters_scored_are_those_that_the_program_reports() -> None:
     from mesotap.proof.parameters import _DERIVED, _SAME
     from sim_backend.mechanisms.catalogue import catalogue

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 from sim_backend.force_law import STIFFNESS
-from sim_backend.mechanisms.kinds import ForceLaw, Quantity, law
+from sim_backend.mechanisms.kinds import ForceLaw, Quantity, Values, law
 
 NAME = "arc_curvature_per_m2"
+AS_AN_ANGLE = 0.02  # relative distance up to which a deflection is taken for the angle in a unit
 
 
 @law
@@ -17,6 +18,18 @@ def force_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
     if abs(a) < 1e-3:  # of the sine the cube
         return force - p[STIFFNESS] * a * a / 6.0 * d
     return force + p[STIFFNESS] * (math.sin(a) / a - 1.0) * d
+
+
+def _told(values: Values) -> str:
+    """Say in which unit the deflection is that angle; of one along an arc, how long the arc's radius is."""
+    curvature = math.sqrt(values[NAME])
+    units = {"in rad": 1.0, "in degrees": math.pi / 180}
+    angle = [unit for unit, per in units.items() if abs(curvature / per - 1) < AS_AN_ANGLE]
+    return (
+        f", which is recorded {angle[0]}"
+        if angle
+        else f", which is {curvature:.4g} times the deflection, as on an arc of radius {1 / curvature:.4g}"
+    )
 
 
 MECHANISM = ForceLaw(
@@ -34,8 +47,5 @@ MECHANISM = ForceLaw(
     law=force_law,
     fits=("pendulum",),
     constants=lambda values, rest: (values[NAME],),
-    statement=lambda values, name: (
-        f"The {name} swings far: its force goes with the sine of {math.sqrt(values[NAME]):.4g} times its deflection "
-        "(1 where that is an angle in rad, pi / 180 in degrees, 1 / L along an arc of radius L)."
-    ),
+    statement=lambda values, name: f"The {name} swings far: its force goes with the sine of its angle{_told(values)}.",
 )

@@ -227,3 +227,12 @@ def test_an_installed_package_can_offer_a_mechanism(monkeypatch: pytest.MonkeyPa
     with pytest.raises(MechanismError, match="entry point slip"):
         module.family("none_such")
     module._catalogue.cache_clear()  # it knows of an entry point that is none
+
+
+@pytest.mark.parametrize(
+    ("curvature", "said"),
+    [(1.00003, "recorded in rad"), ((np.pi / 180) ** 2, "recorded in degrees"), (0.25, "an arc of radius 2")],
+)
+def test_a_pendulum_s_deflection_is_said_to_be_its_angle_or_an_arc(curvature: float, said: str) -> None:
+    (swing,) = catalogue()["large_swing"]
+    assert said in swing.statement({"arc_curvature_per_m2": float(curvature)}, "pivot")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn
@@ -38,19 +38,20 @@ def analysed(
 
 
 @contextmanager
-def writing_report(
-    console: Console, clock: Callable[[], float] = time.monotonic, what: str = "writing the report"
+def telling(
+    console: Console, what: str, clock: Callable[[], float] = time.monotonic, at_once: bool = False
 ) -> Iterator[Callable[[str], None]]:
-    """Say so while a report is drawn and written; yield what is told each step.
+    """Say what is done; yield what is told each step.
 
-    A terminal shows the latest step in one line. Elsewhere, as in a log, that a report is written is a line, and so is
-    a step after each `QUIET_S`.
+    A terminal shows the latest step in one line. Elsewhere, as in a log, a step after each `QUIET_S` is a line, and,
+    with ``at_once``, the beginning.
     """
     if console.is_terminal:
         with console.status(f"{what} ...") as status:
             yield lambda step: status.update(f"{what}: {step} ...")
         return
-    console.print(f"{what} ...", highlight=False)
+    if at_once:
+        console.print(f"{what} ...", highlight=False)
     told = clock()
 
     def tell(step: str) -> None:
@@ -60,6 +61,13 @@ def writing_report(
             console.print(f"{what}: {step} ...", highlight=False)
 
     yield tell
+
+
+def writing_report(
+    console: Console, clock: Callable[[], float] = time.monotonic, what: str = "writing the report"
+) -> AbstractContextManager[Callable[[str], None]]:
+    """Say so while a report is drawn and written, see `telling`."""
+    return telling(console, what, clock, at_once=True)
 
 
 def show_session(results: SessionResults, console: Console) -> None:

@@ -25,7 +25,7 @@ from mesotap.answers.diagnosis_page import write_page
 from mesotap.answers.diagnosis_text import print_answer
 from mesotap.answers.evidence import evidence_of
 from mesotap.answers.recording_files import recording_files, sha256_of
-from mesotap.commands.answers import writing_report
+from mesotap.commands.answers import telling, writing_report
 from mesotap.commands.outputs import write_json
 from mesotap.configuration.declared import header_uncertainty, rig_settings
 from mesotap.configuration.rig_files import load_rig, tester_rig
@@ -201,10 +201,10 @@ def diagnosed(
 ) -> Diagnosis:
     """Diagnose what was read under a progress line."""
     listed = variants(known)
-    with console.status("reading") as status:
+    with telling(console, "diagnosing") as tell:
 
         def on_progress(stage: str) -> None:
-            status.update(f"{stage} ...")
+            tell(stage)
             told(stage)
 
         if not read.sessions:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from mesotap.commands.answers import QUIET_S, writing_report
+from mesotap.commands.answers import QUIET_S, telling, writing_report
 from mesotap.commands.files import write_session_report
 from mesotap.report import report
 from tests.mesotap.report.test_report import make_session
@@ -54,3 +54,12 @@ def test_a_log_is_told_that_a_report_is_written_and_a_step_now_and_then() -> Non
             now[0] += 0.4 * QUIET_S
             tell(f"figure {number} of 5")
     assert shown.getvalue().splitlines() == ["writing the report ...", "writing the report: figure 3 of 5 ..."]
+
+
+def test_a_log_of_a_diagnosis_is_told_a_step_now_and_then_and_of_a_quick_one_nothing() -> None:
+    shown, now = io.StringIO(), [0.0]
+    with telling(Console(file=shown, width=100), "diagnosing", lambda: now[0]) as tell:
+        for step in ("fitting the linear rig", "screening", "fitting micro slip"):
+            now[0] += 0.4 * QUIET_S
+            tell(step)
+    assert shown.getvalue().splitlines() == ["diagnosing: fitting micro slip ..."]

@@ -15,6 +15,7 @@ from scipy.ndimage import binary_dilation
 
 from analysis.mismatch.recordings.noise import innovation_rms
 from daq.exchange import Recording
+from daq.exchange.units import newtons
 from sim_backend.arrangement import DERIVATIVES, Quantity
 from sim_backend.arrays import Real
 
@@ -31,6 +32,7 @@ QUANTITY_OF_NAME: Final[tuple[tuple[str, Quantity], ...]] = (
     (r"vel|speed|^v\d*$", "velocity"),
     (r"dis|pos|enc|lvdt|angle|theta|^[xyz]\d*$", "displacement"),
 )
+ENDING: Final = re.compile(r"[_ .-](mm|um|nm|kN|mN)$")  # not of one letter: that may mean anything
 FORCES: Final = re.compile(r"force|input|drive|excit|hammer|command|torque|shaker|^u\d*$|^f\d*$|^in\d*$", re.IGNORECASE)
 BASES: Final = re.compile(r"base|ground|table|floor", re.IGNORECASE)
 PARTS: Final = 8  # of a recording, over which spectra are averaged
@@ -164,13 +166,14 @@ def _with_input(channels: list[ChannelLook], data: Real) -> tuple[ChannelLook, .
 
 def _channel(recording: Recording, number: int, inputs: Sequence[str]) -> ChannelLook:
     name, row = recording.names[number], recording.data[number]
-    unit = recording.units[number] if recording.units else recording.unit
+    unit = (recording.units[number] if recording.units else recording.unit) or _ending(name)
+    unit = unit.lower() if unit.lower() in IN_SI else unit
     kind: Kind = "sensor"
     if inputs:
         kind = "sensor" if name not in inputs else "base acceleration" if BASES.search(name) else "force"
     elif BASES.search(name):
         kind = "base acceleration"
-    elif unit in ("N", "kN", "mN") or FORCES.search(name):
+    elif newtons(unit) is not None or FORCES.search(name):
         kind = "force"
     by_name = next((q for pattern, q in QUANTITY_OF_NAME if re.search(pattern, name, re.IGNORECASE)), None)
     quantity = QUANTITY_OF_UNIT.get(unit) or by_name
@@ -180,6 +183,12 @@ def _channel(recording: Recording, number: int, inputs: Sequence[str]) -> Channe
         name, unit, kind, quantity or "acceleration", kind != "sensor" or quantity is not None, rms, float(row.mean()),
         innovation, _step(row), _clipped(row),
     )  # fmt: skip
+
+
+def _ending(name: str) -> str:
+    """Return the unit that a name such as ``y_mm`` ends in; nothing where it ends in none that is plain."""
+    found = ENDING.search(name)
+    return found[1] if found else ""
 
 
 def _step(row: Real) -> float:

@@ -41,6 +41,23 @@ def test_names_tell_an_input(name):
     assert look.sensors[0].quantity == "velocity"
 
 
+@pytest.mark.parametrize(
+    ("names", "unit", "found"),
+    [(("q_kN", "out_mm"), "", ("kN", "mm")), (("q", "out_um"), "", ("", "um")), (("q", "out"), "MM", ("mm", "mm"))],
+)
+def test_a_unit_is_read_from_the_end_of_a_name_and_in_capitals(names, unit, found):
+    u, motions = by_quantity()
+    look = first_look(recording([u, motions["displacement"]], names, unit), inputs=[names[0]])
+    assert tuple(c.unit for c in look.channels) == found
+    assert look.sensors[0].quantity == "displacement"
+
+
+def test_a_force_in_kilonewtons_is_an_input_whatever_its_name():
+    u, motions = by_quantity()
+    look = first_look(recording([u, motions["displacement"]], ["q_kN", "out_mm"]))
+    assert [c.name for c in look.inputs] == ["q_kN"]
+
+
 def test_two_modes_of_a_decay_are_seen():
     t = np.arange(6000) / 2000
     y = np.exp(-4 * t) * np.cos(2 * np.pi * 60 * t) + 0.2 * np.exp(-9 * t) * np.sin(2 * np.pi * 210 * t)

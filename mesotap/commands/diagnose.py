@@ -21,9 +21,7 @@ from daq.exchange import Recording, import_recording
 from daq.exchange.tables import NoTable, import_tables
 from daq.records import Session
 from mesotap.answers.diagnosis_json import Version, diagnosis_json
-from mesotap.answers.diagnosis_page import write_page
 from mesotap.answers.diagnosis_text import print_answer
-from mesotap.answers.evidence import evidence_of
 from mesotap.answers.recording_files import recording_files, sha256_of
 from mesotap.commands.answers import telling, writing_report
 from mesotap.commands.outputs import write_json
@@ -222,6 +220,10 @@ def report_of(
     results: SessionResults | None = None,
 ) -> Path:
     """Write the page of a diagnosis under a progress line; analyse a single session for it if ``results`` is None."""
+    # drawing takes its time to load, which an answer without a page need not wait for
+    from mesotap.answers.diagnosis_page import write_page
+    from mesotap.answers.evidence import evidence_of
+
     found, content = diagnosis
     with writing_report(console) as on_progress:
         if results is None and len(read.sessions) == 1 and read.sessions[0].rig.is_tester:

@@ -133,7 +133,10 @@ def screen(problem: Problem[FitOf], fitted: FitOf, known: Iterable[Mechanism]) -
     rest = _free(cosines, z, drawn / wider[:, None], len(named), [t.mechanism for t in free])
     others, left = problem.unmodelled(fitted)
     at = slice(len(named))
-    p_value = _overall(scores, [rest.p_value, *others], cosines[at, at], [t.mechanism.one_signed for t in named])
+    # ring-downs tell a frame by the tap's phase alone, one number in all: without frames their p-values are uniform
+    alone = sum(s.dof != 1 or not problem.noise_known for s in scores[at.stop :])
+    signs = [t.mechanism.one_signed for t in named]
+    p_value = _overall(scores, [rest.p_value, *others], cosines[at, at], signs, alone)
     scores.sort(key=lambda s: (s.dof - s.gain) / math.sqrt(s.dof + 1) if s.dof > 1 else -s.gain)
     unexplained = max(rest.gain - rest.dof, left, 0.0)
     return Screening(tuple(scores), p_value, tuple(t.mechanism.id for t in named), cosines[at, at], rest, unexplained)
@@ -277,16 +280,17 @@ def _free(cosines: Real, z: Real, drawn: Real, first: int, free: Sequence[Mechan
     return FreeForm(total, dof, float(chi2.sf(total, max(dof, 1))), by, float(np.max(z[everything] ** 2, initial=0.0)))
 
 
-def _overall(scores: Sequence[Score], others: Sequence[float], cosines: Real, one_signed: Sequence[bool]) -> float:
-    """P-value of the smallest p-value among all scores."""
+def _overall(
+    scores: Sequence[Score], others: Sequence[float], cosines: Real, one_signed: Sequence[bool], independent: int
+) -> float:
+    """P-value of the smallest p-value among all scores: some with ``cosines``, some that count as independent."""
     count = len(one_signed)
     rng = np.random.default_rng(0)
     values, vectors = np.linalg.eigh((cosines + cosines.T) / 2)
     z = rng.standard_normal((DRAWS, count)) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
     sided = np.array(one_signed, bool)
     p = np.where(sided, norm.sf(z), 2 * norm.sf(np.abs(z))).min(axis=1, initial=1.0)
-    independent = [s for s in scores if s.dof != 1 or isinstance(s.term.mechanism, SecondImpact)]
     least = max(min([*(s.p_value for s in scores), *others]), 1e-300)
     # as many independent tests as give the drawn minima: exact for the drawn levels, and extrapolated beyond them
     effective = 0.0 if not count else float(DRAWS / -np.sum(np.log1p(-np.minimum(p, 1 - 1e-12))))
-    return p_of(least, effective + len(independent) + len(others))
+    return p_of(least, effective + independent + len(others))

@@ -18,7 +18,7 @@ from analysis.mismatch.recordings.fit import problem_of as recordings_of
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.ring_downs import signatures
 from analysis.mismatch.ring_downs.fit import RingDownFit, fit
-from analysis.mismatch.score_test import Score, Screening, screen
+from analysis.mismatch.score_test import Score, Screening, _overall, screen
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.mechanisms.catalogue import catalogue, variants
 from tests.analysis.mismatch.recordings.described_rigs import motion, noise_input, recorded
@@ -131,3 +131,37 @@ def test_scores_do_not_depend_on_how_segments_are_shared_out(
     for parts in (2, 3):
         assert found[parts].keys() == found[1].keys()
         np.testing.assert_allclose([found[parts][k] for k in found[1]], list(found[1].values()), rtol=1e-6, atol=1e-5)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_each_body_tried_on_a_recording_counts_as_a_test_though_it_has_one_number(
+    known: bool, ring_down: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem: Any
+    fitted: Any
+    counted: list[int] = []
+
+    def overall(*_: Any) -> float:
+        counted.append(_[-1])
+        return 0.5
+
+    monkeypatch.setattr("analysis.mismatch.score_test._overall", overall)
+    if known:
+        problem, fitted = ring_down.problem, ring_down
+    else:
+        u, omega = noise_input(2400, 200.0, 2, 25, seed=3), 2 * np.pi * 12
+        y = motion(lambda s, x, v: 100 * s - omega**2 * x - 0.04 * omega * v, [0.0, 0.0], 2400, 200.0, u)
+        rig = parse_rig(DESCRIBED)
+        problem = recordings_of(rig, [prepare(recorded([u, y[0]], 200.0, 0.05), rig)])
+        fitted = fit_recordings(problem, fine=True)
+    frame = catalogue()["frame_compliance"][-1]
+    tried = len(screen(problem, fitted, [frame]).scores)
+    assert tried > 10
+    assert counted == [0 if known else tried]
+
+
+def test_the_smallest_p_value_is_that_of_as_many_tests() -> None:
+    least = 1e-4
+    scores = [Score(at_work("attached_mass"), 15.0, 1, 1.0, p) for p in [least] + 99 * [0.5]]
+    found = _overall(scores, [0.5], np.eye(1), [False], 99)
+    assert found == pytest.approx(1 - (1 - least) ** 101, rel=0.01)

@@ -19,7 +19,7 @@ from analysis.mismatch.ring_downs.problem import RingDownFit, RingDowns
 from sim_backend.arrays import Complex, Real
 from sim_backend.mechanisms.kinds import AddedBody
 
-MOST_ITERATIONS = 25
+MOST_ITERATIONS = 75  # along a bent valley many are needed; others end long before
 COMPETING_ITERATIONS = 12  # of a fit while fits compete; the one that wins goes on
 CONVERGED = 0.02  # change of chi-squared, over the reduced one where that is above 1, below which a fit is done
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from analysis.mismatch.intervals import intervals
 from analysis.mismatch.ring_downs.fit import fit
@@ -16,7 +17,7 @@ from sim_backend.recorder import analog_filter
 from sim_backend.twin import twin_record
 from sim_backend.two_mass import TwoMass
 from tests.analysis.ring_downs import FILTER, ONSET_S, RATE_HZ, SAMPLES, problem_of, session_of
-from tests.analysis.terms import listed
+from tests.analysis.terms import at_work, listed
 
 FRAME = {"frame_mass_kg": 0.61, "frame_stiffness_n_per_m": 1.09e5, "frame_damping_n_s_per_m": 14.1}
 HEAVIER = 4.0  # than it is, where the fit begins; other beginnings end in other minima
@@ -40,3 +41,24 @@ def test_a_fit_follows_the_valley_to_its_end() -> None:
         half = (stated[name].high - stated[name].low) / 2
         assert abs(found.terms[0].values[name] - value) < 1.8 * half
         assert half < 0.1 * value
+
+
+CREEP = {"creep_per_e_fold": 0.4, "creep_time_s": 0.02}
+
+
+def creeping(rig: TwoMass, load_n: float, pulse: Pulse) -> np.ndarray:
+    return twin_record(
+        rig, load_n, [adopted("contact_creep", CREEP)], pulse, ONSET_S, SAMPLES, RATE_HZ, analog_filter(FILTER)
+    )[0]
+
+
+@pytest.mark.slow
+def test_a_fit_of_strong_creep_goes_on_to_the_end_of_its_valley() -> None:
+    """How much it creeps and how fast are told apart by little: after 25 steps chi-squared was five times its least."""
+    problem = problem_of(session_of(creeping))
+    begun = at_work("contact_creep", {"creep_per_e_fold": 0.1, "creep_time_s": 0.01})
+    found = fit(problem, [begun], fit(problem))
+    numbers = sum(r.size for r in found.residuals)
+    assert found.objective < numbers + 3 * math.sqrt(2 * numbers)
+    for name, value in CREEP.items():
+        assert found.terms[0].values[name] == pytest.approx(value, rel=2e-3)

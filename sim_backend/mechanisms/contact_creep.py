@@ -28,11 +28,11 @@ def settling_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-d
 LOGARITHMIC = ForceLaw(
     id="contact_creep",
     component="contact",
-    summary="the contact stiffens with dwell time",
+    summary="the contact stiffens with time from the start of the tap; its damping stays",
     source="logarithmic ageing of contacts",
     parameters=(
         Quantity("creep_per_e_fold", "1", -0.5, 0.5, "relative stiffening for each e-fold of time"),
-        Quantity("creep_time_s", "s", 1e-4, 10.0, "time from which on it counts", log=True),
+        Quantity("creep_time_s", "s", 1e-4, 10.0, "time after the tap begins, from which on it stiffens", log=True),
     ),
     strength="creep_per_e_fold",
     trials=lambda scale: [

@@ -133,8 +133,9 @@ def screen(problem: Problem[FitOf], fitted: FitOf, known: Iterable[Mechanism]) -
     rest = _free(cosines, z, drawn / wider[:, None], len(named), [t.mechanism for t in free])
     others, left = problem.unmodelled(fitted)
     at = slice(len(named))
-    # ring-downs tell a frame by the tap's phase alone, one number in all: without frames their p-values are uniform
-    alone = sum(s.dof != 1 or not problem.noise_known for s in scores[at.stop :])
+    # ring-downs tell a frame by the tap's phase alone, one number in all; their p-values are large enough without frames
+    tests = [s.dof != 1 or isinstance(s.term.mechanism, SecondImpact) for s in scores[at.stop :]]
+    alone = sum(tests) if problem.noise_known else len(tests)
     signs = [t.mechanism.one_signed for t in named]
     p_value = _overall(scores, [rest.p_value, *others], cosines[at, at], signs, alone)
     scores.sort(key=lambda s: (s.dof - s.gain) / math.sqrt(s.dof + 1) if s.dof > 1 else -s.gain)

@@ -133,7 +133,7 @@ def screen(problem: Problem[FitOf], fitted: FitOf, known: Iterable[Mechanism]) -
     rest = _free(cosines, z, drawn / wider[:, None], len(named), [t.mechanism for t in free])
     others, left = problem.unmodelled(fitted)
     at = slice(len(named))
-    # ring-downs tell a frame by the tap's phase alone, one number in all; their p-values are large enough without frames
+    # ring-downs tell a frame by the tap's phase alone: one number in all, and p-values are large enough without it
     tests = [s.dof != 1 or isinstance(s.term.mechanism, SecondImpact) for s in scores[at.stop :]]
     alone = sum(tests) if problem.noise_known else len(tests)
     signs = [t.mechanism.one_signed for t in named]

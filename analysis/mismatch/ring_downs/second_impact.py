@@ -66,7 +66,10 @@ def _along(fitted: RingDownFit, number: int, nuisance: Nuisance) -> tuple[Real, 
     first = max(0, int(FROM_S * rate - segment.start_s * rate - soonest))
     last = min(int(TO_S * rate - soonest), samples - LEAST_SAMPLES)
     q, _ = nuisance.basis(fitted.modes[segment.group], segment)
-    both = np.concatenate([fitted.residuals[number][:, :, None], q.reshape(*segment.y.shape, -1)], axis=2)
+    # where terms bend the response the residual is orthogonal to their slopes, not to these columns
+    left = fitted.residuals[number].ravel()
+    residual = left - q @ (q.T @ left)
+    both = np.concatenate([residual.reshape(*segment.y.shape, 1), q.reshape(*segment.y.shape, -1)], axis=2)
     flipped = h[:, ::-1]
     parts = [oaconvolve(both[c], flipped[c][:, None], axes=0)[samples - 1 :] for c in range(len(h))]
     seen = np.sum(parts, axis=0)

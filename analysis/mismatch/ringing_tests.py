@@ -31,7 +31,8 @@ class RingingTests:
     Attributes
     ----------
     gain, dof
-        (t,) chi-squared that the free amplitudes take away, and how many they are.
+        (t, draws + 1) chi-squared that the free amplitudes take away from each draw and from the residual; (t,) how
+        many they are.
     gram
         (t, n, n) products of the constants' slopes, the effect on the rest, the draws of noise, and the residual.
     lines
@@ -40,7 +41,7 @@ class RingingTests:
 
     def __init__(self, lines: Sequence[int], known: int, draws: int = 0):
         self.known = known
-        self.gain = np.zeros(len(lines))
+        self.gain = np.zeros((len(lines), draws + 1))
         self.dof = np.zeros(len(lines), int)
         self.gram = np.zeros((len(lines), known + draws + 2, known + draws + 2))
         self.lines = [np.zeros((3, n)) for n in lines]
@@ -80,7 +81,7 @@ class RingingTests:
             kept = values > REPEATED
             basis = vectors * np.where(kept, 1 / np.sqrt(np.where(kept, values, 1.0)), 0.0)[:, None]
             across = basis.swapaxes(1, 2) @ (across / scale[:, :, None])
-            self.gain[numbers] += np.sum(across[:, :, -1] ** 2, axis=1)
+            self.gain[numbers] += np.sum(across[:, :, size + 1 :] ** 2, axis=1)
             self.dof[numbers] += kept.sum(axis=1)
             small -= across.swapaxes(1, 2) @ across
         self.gram[numbers[:, None, None], local[:, None], local] += small

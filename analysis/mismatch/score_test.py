@@ -29,7 +29,8 @@ Real = NDArray[np.float64]
 FREE_FLOOR = 1e-5  # eigenvalue of the free terms' cosines below which they repeat each other
 REPEATED = 1e-12  # share of a signature that must be left beside what the rig can do
 SCREENED, EACH = 35.0, 5.0  # work of a screening, and of each mechanism in it, of a sample
-DRAWS = 4000  # of the null distribution of the largest score
+DRAWS = 50  # of white noise that all tests are made on: as how many independent ones they count is known to 15 %
+TOLD = 1e-9  # p-value of what is left by frequency or time below which that number changes nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,34 +111,36 @@ def screen(problem: Problem[FitOf], fitted: FitOf, known: Iterable[Mechanism]) -
     named = [t for t, r in zip(terms, rings, strict=True) if not r]
     free = free_terms(problem, fitted)
     problem.budget.spent += (SCREENED + EACH * len(known)) * problem.samples
-    sums = _summed(problem, fitted, [*named, *free], ringing)
+    by_power, left = problem.unmodelled(fitted)
+    wide = problem.draws(fitted)
+    # where the power of what is left tells already, as how many tests all of them count does not matter
+    draws = wide or (DRAWS if min(by_power, default=1.0) > TOLD else 0)
+    sums = _summed(problem, fitted, [*named, *free], ringing, draws)
     precision = problem.precision(fitted)
     size = precision.size
     schur = eliminated(sums.gram, size, precision)
     count = len(named) + len(free)
     inner, score = schur[:count, :count], schur[:count, -1]
-    scale = _Noise(problem.noise_known, float(schur[-1, -1]), sums.count - size)
+    scale = _Noise(problem.noise_known, float(schur[-1, -1]), sums.count - size, wide > 0)
     power = np.maximum(np.diag(inner), REPEATED * np.diag(sums.gram)[size : size + count] + 1e-300)
     drawn = _drawn(schur, np.sqrt(power), sums.count - size)
-    wider = np.sqrt(np.maximum(np.mean(drawn**2, axis=1), 1.0)) if drawn.size else np.ones(count)
+    wider = scale.wider(drawn)
+    drawn /= wider[:, None]
     z = scale.standardised(score / np.sqrt(power)) / wider
     scores = [
         _scored(t, float(value), float(s), float(g), scale.deviation * float(w))
         for t, value, s, g, w in zip(named, z, score, power, wider, strict=False)
     ]
-    scores += _rung_scores(ringing, sums.tests, precision, scale)
-    for mechanism in known:
-        if isinstance(mechanism, SecondImpact) and problem.allows(mechanism):
-            scores.append(problem.second_impact(fitted, mechanism))
+    rung, rung_by_chance = _rung_scores(ringing, sums.tests, precision, scale)
+    again = [problem.second_impact(fitted, m) for m in known if isinstance(m, SecondImpact) and problem.allows(m)]
+    scores += [*rung, *again]
     cosines = inner / np.outer(np.sqrt(power), np.sqrt(power))
-    rest = _free(cosines, z, drawn / wider[:, None], len(named), [t.mechanism for t in free])
-    others, left = problem.unmodelled(fitted)
+    rest, rest_by_chance = _free(cosines, z, drawn, len(named), [t.mechanism for t in free], wide > 0)
     at = slice(len(named))
-    # ring-downs tell a frame by the tap's phase alone: one number in all, and p-values are large enough without it
-    tests = [s.dof != 1 or isinstance(s.term.mechanism, SecondImpact) for s in scores[at.stop :]]
-    alone = sum(tests) if problem.noise_known else len(tests)
-    signs = [t.mechanism.one_signed for t in named]
-    p_value = _overall(scores, [rest.p_value, *others], cosines[at, at], signs, alone)
+    signs = np.array([t.mechanism.one_signed for t in named], bool)
+    chances = np.concatenate([_tail(drawn[at], signs[:, None]), rung_by_chance, rest_by_chance[None]])
+    least = min([*(s.p_value for s in scores), rest.p_value, *by_power])
+    p_value = p_of(max(least, 1e-300), effective_number(chances) + len(again) + len(by_power))
     scores.sort(key=lambda s: (s.dof - s.gain) / math.sqrt(s.dof + 1) if s.dof > 1 else -s.gain)
     unexplained = max(rest.gain - rest.dof, left, 0.0)
     return Screening(tuple(scores), p_value, tuple(t.mechanism.id for t in named), cosines[at, at], rest, unexplained)
@@ -157,21 +160,41 @@ def _drawn(schur: Real, size: Real, count: int) -> Real:
     return np.asarray(schur[:terms, terms:-1] / size[:, None] / np.sqrt(total / max(count, 1)), np.float64)
 
 
+def _tail(z: Real, one_sided: NDArray[np.bool_] | bool) -> Real:
+    """Return p-values of standard normal scores."""
+    return np.where(one_sided, norm.sf(z), 2 * norm.sf(np.abs(z)))
+
+
+def effective_number(chances: Real) -> float:
+    """Return as how many independent tests so many count, from their p-values (tests, draws) in draws of noise.
+
+    The smallest of N independent p-values is below p with the probability 1 - (1 - p)^N; N is the likeliest one.
+    """
+    if not chances.size:  # as many as they are, without draws
+        return float(len(chances))
+    smallest = np.minimum(chances.min(axis=0), 1 - 1e-12)
+    return float(smallest.size / -np.sum(np.log1p(-smallest)))
+
+
 def _scored(term: Term, z: float, score: float, power: float, deviation: float) -> Score:
     """Return the score of a term whose strength is one number, in noise of this deviation along it."""
     one_sided = term.mechanism.one_signed
     gain = z**2 if z > 0 or not one_sided else 0.0
-    p = float(norm.sf(z)) if one_sided else float(2 * norm.sf(abs(z)))
+    p = float(_tail(np.array(z), one_sided))
     return Score(term, gain, 1, score / power, p, deviation / math.sqrt(power))
 
 
 @dataclass(frozen=True, slots=True)
 class _Noise:
-    """The residual's variance, one where it is ``known``; else from what is left of it, ``total`` over ``count``."""
+    """The residual's variance, one where it is ``known``; else from what is left of it, ``total`` over ``count``.
+
+    Scores spread more than by it, as draws of the noise do, where that is ``wide``: not white along the segments.
+    """
 
     known: bool
     total: float
     count: int
+    wide: bool = False
 
     @property
     def deviation(self) -> float:
@@ -184,6 +207,10 @@ class _Noise:
         share = np.minimum(z**2 / max(self.total, 1e-300), 1 - 1e-12)
         return np.asarray(np.sign(z) * np.sqrt(-self.count * np.log1p(-share)), np.float64)
 
+    def wider(self, drawn: Real) -> Real:
+        """Return by how much scores (terms, draws) of noise spread more than those of white noise would."""
+        return np.sqrt(np.maximum(np.mean(drawn**2, axis=1), 1.0)) if self.wide else np.ones(len(drawn))
+
     def chi_squared(self, gain: float) -> float:
         """Return a fall of the sum of squares as chi-squared."""
         return float(self.standardised(np.array([math.sqrt(max(gain, 0.0))]))[0] ** 2)
@@ -195,11 +222,15 @@ class _Sums:
 
     gram: Real
     tests: RingingTests
+    draws: int
+    random: np.random.Generator
     count: int = 0
 
     def add(self, columns: Columns, size: int) -> None:
         """Take in a segment."""
-        noise = np.zeros((columns.residual.size, 0)) if columns.noise is None else columns.noise
+        noise = columns.noise
+        if noise is None:
+            noise = self.random.standard_normal((columns.residual.size, self.draws))
         block = np.column_stack([columns.slopes, columns.made, noise, columns.residual])
         block -= columns.own @ (columns.own.T @ block)
         known = columns.slopes.shape[1]
@@ -215,21 +246,24 @@ class _Sums:
         self.tests.take(other.tests)
 
 
-def _summed(problem: Problem[FitOf], fitted: FitOf, terms: Sequence[Term], ringing: Sequence[Term]) -> _Sums:
+def _summed(
+    problem: Problem[FitOf], fitted: FitOf, terms: Sequence[Term], ringing: Sequence[Term], draws: int
+) -> _Sums:
     """Return the sums over all segments: always in the same parts, done side by side."""
-    size, draws = problem.precision(fitted).size, problem.draws(fitted)
+    size = problem.precision(fitted).size
     lines = [len(_lines_of(t)) if problem.noise_known else 0 for t in ringing]
 
-    def part(columns: Iterable[Columns]) -> _Sums:
+    def part(number: int, columns: Iterable[Columns]) -> _Sums:
         width = size + len(terms) + draws + 1
-        sums = _Sums(np.zeros((width, width)), RingingTests(lines, size, draws))
+        tests = RingingTests(lines, size, draws)
+        sums = _Sums(np.zeros((width, width)), tests, draws, np.random.default_rng(number))
         for one in columns:
             sums.add(one, size)
         return sums
 
     parts = list(problem.columns(fitted, terms, ringing))
     with ThreadPoolExecutor(max(len(parts), 1)) as pool:
-        first, *others = pool.map(part, parts)
+        first, *others = pool.map(part, range(len(parts)), parts)
     for other in others:
         first.take(other)
     return first
@@ -240,58 +274,55 @@ def _lines_of(term: Term) -> Sequence[float]:
     return term.mechanism.lines(term.values) if isinstance(term.mechanism, Tones) else ()
 
 
-def _rung_scores(terms: Sequence[Term], tests: RingingTests, precision: Real, noise: _Noise) -> list[Score]:
-    """Return the score of each term that adds vibrations to every segment."""
+def _rung_scores(
+    terms: Sequence[Term], tests: RingingTests, precision: Real, noise: _Noise
+) -> tuple[list[Score], Real]:
+    """Return the score of each term that adds vibrations to every segment, and (terms, draws) p-values in noise."""
     found, known = [], tests.known
+    by_chance = np.ones((len(terms), tests.gain.shape[1] - 1))
     for i, t in enumerate(terms):
         rest = eliminated(tests.gram[i], known, precision)
         alone = not rest[0, 0] > 1e-9 * tests.gram[i][known, known]
-        drawn = _drawn(rest, np.sqrt(rest[:1, 0]), noise.count)
-        wider = 1.0 if alone or not drawn.size else math.sqrt(max(float(np.mean(drawn**2)), 1.0))
-        value = 0.0 if alone else rest[0, -1] / math.sqrt(rest[0, 0]) / wider
-        signed = value > 0 or not t.mechanism.one_signed
-        gain = noise.chi_squared(tests.gain[i] + (value**2 if signed else 0.0))
+        size = np.inf if alone else math.sqrt(rest[0, 0])
+        drawn = _drawn(rest, np.full(1, size), noise.count)
+        wider = float(noise.wider(drawn)[0])
+        values = np.append(drawn[0], rest[0, -1] / size) / wider
+        signed = np.where((values > 0) | (not t.mechanism.one_signed), values**2, 0.0)
+        gains = tests.gain[i] + signed
+        gain = noise.chi_squared(gains[-1])
         dof = int(tests.dof[i]) + (0 if alone else 1)
-        strength = 0.0 if alone else rest[0, -1] / rest[0, 0]
-        error = math.nan if alone else noise.deviation * wider / math.sqrt(rest[0, 0])
+        by_chance[i] = chi2.sf(gains[:-1], max(dof, 1))
+        strength = rest[0, -1] / size**2
+        error = math.nan if alone else noise.deviation * wider / size
         bounds = [amplitude_bound(*line) for line in tests.lines[i].T if line[1] > 0]
         loudest = max(bounds, default=math.nan)
         p_value = float(chi2.sf(gain, max(dof, 1)))
         found.append(Score(t, gain, dof, float(strength), p_value, error, bound=loudest))
-    return found
+    return found, by_chance
 
 
-def _free(cosines: Real, z: Real, drawn: Real, first: int, free: Sequence[Mechanism]) -> FreeForm:
-    """Joint test of the free-form terms, which follow the named ones; ``drawn`` (terms, draws) are scores of noise."""
+def _free(
+    cosines: Real, z: Real, drawn: Real, first: int, free: Sequence[Mechanism], wide: bool
+) -> tuple[FreeForm, Real]:
+    """Joint test of the free-form terms, which follow the named ones; ``drawn`` (terms, draws) are scores of noise.
 
-    def gain(kept: NDArray[np.int64]) -> tuple[float, int]:
+    The second is (draws,) its p-value in each of these.
+    """
+
+    def gain(kept: NDArray[np.int64]) -> tuple[float, int, Real]:
         values, vectors = np.linalg.eigh(cosines[np.ix_(kept, kept)])
         strong = values > FREE_FLOOR
         across = vectors[:, strong].T / np.sqrt(values[strong])[:, None]
         dof, by_noise = int(strong.sum()), np.sum((across @ drawn[kept]) ** 2, axis=0)
-        more = max(float(by_noise.mean()) / max(dof, 1), 1.0) if by_noise.size else 1.0
-        return float(np.sum((across @ z[kept]) ** 2)) / more, dof
+        more = max(float(by_noise.mean()) / max(dof, 1), 1.0) if wide else 1.0
+        return float(np.sum((across @ z[kept]) ** 2)) / more, dof, by_noise / more
 
     everything = first + np.arange(len(free))
-    total, dof = gain(everything)
+    total, dof, by_noise = gain(everything)
     by = {}
     for component in sorted({m.component for m in free}):
-        alone, own_dof = gain(first + np.flatnonzero([m.component == component for m in free]))
+        alone, own_dof, _ = gain(first + np.flatnonzero([m.component == component for m in free]))
         by[component] = alone - own_dof
-    return FreeForm(total, dof, float(chi2.sf(total, max(dof, 1))), by, float(np.max(z[everything] ** 2, initial=0.0)))
-
-
-def _overall(
-    scores: Sequence[Score], others: Sequence[float], cosines: Real, one_signed: Sequence[bool], independent: int
-) -> float:
-    """P-value of the smallest p-value among all scores: some with ``cosines``, some that count as independent."""
-    count = len(one_signed)
-    rng = np.random.default_rng(0)
-    values, vectors = np.linalg.eigh((cosines + cosines.T) / 2)
-    z = rng.standard_normal((DRAWS, count)) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-    sided = np.array(one_signed, bool)
-    p = np.where(sided, norm.sf(z), 2 * norm.sf(np.abs(z))).min(axis=1, initial=1.0)
-    least = max(min([*(s.p_value for s in scores), *others]), 1e-300)
-    # as many independent tests as give the drawn minima: exact for the drawn levels, and extrapolated beyond them
-    effective = 0.0 if not count else float(DRAWS / -np.sum(np.log1p(-np.minimum(p, 1 - 1e-12))))
-    return p_of(least, effective + independent + len(others))
+    best = float(np.max(z[everything] ** 2, initial=0.0))
+    found = FreeForm(total, dof, float(chi2.sf(total, max(dof, 1))), by, best)
+    return found, np.asarray(chi2.sf(by_noise, max(dof, 1)), np.float64)

@@ -22,13 +22,14 @@ from analysis.mismatch.chi_squared import odds_of_nothing
 from analysis.mismatch.evidence.excess import excess_by_frequency, excess_by_time
 from analysis.mismatch.intervals import NORMAL_95
 from analysis.mismatch.parameters import Term, lines_of
-from analysis.mismatch.remainder import count_words, frequency_words, spread_of
+from analysis.mismatch.remainder import SEEN, count_words, frequency_words, spread_of
 from analysis.mismatch.ring_downs.candidates import stiffness_evidence, with_stiffness
 from analysis.mismatch.ring_downs.corrected import contact_at_rest
 from analysis.mismatch.ring_downs.judge import ImpactJudge
 from analysis.mismatch.ring_downs.problem import RingDownFit
+from analysis.mismatch.rivals import LIKELY
 from analysis.mismatch.score_test import Screening
-from analysis.mismatch.selection import Candidate, SelectionStep
+from analysis.mismatch.selection import Candidate, SelectionStep, name_of
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody
 
@@ -179,7 +180,13 @@ class ImpactAccount(Account[RingDownFit]):
         frequency = spread_of(bins.edges, bins.power, bins.sure)
         beyond = np.maximum(bins.power - 1, 0.0).sum(axis=1)
         difference = len(beyond) == 2 and beyond[1] > 2 * beyond[0]
-        component = self._suspected(difference, screening)
+        if screening.unexplained < SEEN:
+            likest = min(screening.scores, key=lambda s: s.p_value).term.mechanism
+            component = likest.component
+            best = f"no force or channel of any shape fits it; of what is listed, {name_of(likest)} fits it best."
+        else:
+            component = self._suspected(difference, screening)
+            best = f"of forces of any shape, those in the component {component} would take away most of it."
         excess = np.array([float(np.vdot(r, r)) - r.size for r in model.residuals])
         return Location(
             component,
@@ -188,8 +195,7 @@ class ImpactAccount(Account[RingDownFit]):
             self._times(spread_of(windows.edges, windows.power, windows.sure)),
             frequency,
             self._showing(excess),
-            f"What is left is more than noise {frequency_words(frequency)}; of forces of any shape, those in the "
-            f"component {component} would take away most of it.",
+            f"What is left is more than noise {frequency_words(frequency)}; {best}",
         )
 
     def _suspected(self, difference: bool, screening: Screening) -> str:
@@ -228,10 +234,8 @@ class ImpactAccount(Account[RingDownFit]):
                 f"Its score test promises an evidence of {count_words(own)} in units of chi-squared, where {what} has "
                 f"{count_words(first)}; it was not fitted, which can gain more."
             )
-        said = (
-            f"Fitted, it has an evidence of at least {count_words(own)} in units of chi-squared, where {what} has "
-            f"{count_words(first)}."
-        )
+        reached = f"an evidence of at least {count_words(own)}" if own > 0 else "no evidence"
+        said = f"Fitted, it has {reached} in units of chi-squared, where {what} has {count_words(first)}."
         against = candidate.evidence - own
         if against > 0.05 * max(first - own, 1.0):
             counts = f" That counts {count_words(against)} against it"
@@ -246,12 +250,20 @@ class ImpactAccount(Account[RingDownFit]):
         )
 
     def next_experiment(self, named: Sequence[Named]) -> NextExperiment | None:
-        """Return the load at which the two best explanations differ most per impact, with a stronger tap."""
+        """Return the load at which the two best explanations differ most per impact, with a stronger tap.
+
+        None where nothing else is likely.
+        """
         steps = self.selection.steps
         fits = [(c.id, c.fit) for c in steps[0].candidates if c.fit is not None] if steps else []
-        if len(fits) < 2:
+        if not fits:
             return None
         (first, a), *others = fits
+        if named:
+            weights = self.weights(0)
+            others = [(k, f) for k, f in others if weights.of.get(k, 0.0) > LIKELY * weights.total]
+        if not others:
+            return None
         second, b = next(((k, f) for k, f in others if k != first), others[0])
         loads = self.judge.problem.experiment.loads_n
         between, count = np.zeros(len(loads)), np.zeros(len(loads))

@@ -18,7 +18,7 @@ from analysis.mismatch.recordings.fit import problem_of as recordings_of
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.ring_downs import signatures
 from analysis.mismatch.ring_downs.fit import RingDownFit, fit
-from analysis.mismatch.score_test import Score, Screening, _overall, screen
+from analysis.mismatch.score_test import Score, Screening, effective_number, screen
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.mechanisms.catalogue import catalogue, variants
 from tests.analysis.mismatch.recordings.described_rigs import motion, noise_input, recorded
@@ -134,34 +134,36 @@ def test_scores_do_not_depend_on_how_segments_are_shared_out(
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_each_body_tried_on_a_recording_counts_as_a_test_though_it_has_one_number(
-    known: bool, ring_down: Any, monkeypatch: pytest.MonkeyPatch
+def test_bodies_tried_side_by_side_count_as_fewer_tests_than_they_are(
+    known: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     problem: Any
     fitted: Any
-    counted: list[int] = []
+    counted: list[tuple[int, float]] = []
 
-    def overall(*_: Any) -> float:
-        counted.append(_[-1])
-        return 0.5
+    def counting(chances: Real) -> float:
+        counted.append((len(chances), effective_number(chances)))
+        return counted[-1][1]
 
-    monkeypatch.setattr("analysis.mismatch.score_test._overall", overall)
+    monkeypatch.setattr("analysis.mismatch.score_test.effective_number", counting)
     if known:
-        problem, fitted = ring_down.problem, ring_down
+        problem = problem_of(session_of(with_law(), noise=0.02)).only((0, 3, 5, 10))
+        fitted = fit(problem)
     else:
         u, omega = noise_input(2400, 200.0, 2, 25, seed=3), 2 * np.pi * 12
         y = motion(lambda s, x, v: 100 * s - omega**2 * x - 0.04 * omega * v, [0.0, 0.0], 2400, 200.0, u)
         rig = parse_rig(DESCRIBED)
         problem = recordings_of(rig, [prepare(recorded([u, y[0]], 200.0, 0.05), rig)])
         fitted = fit_recordings(problem, fine=True)
-    frame = catalogue()["frame_compliance"][-1]
-    tried = len(screen(problem, fitted, [frame]).scores)
+    screen(problem, fitted, [catalogue()["attached_mass"][0 if known else -1]])
+    ((tried, effective),) = counted
     assert tried > 10
-    assert counted == [0 if known else tried]
+    assert 2 < effective < 0.8 * tried
 
 
-def test_the_smallest_p_value_is_that_of_as_many_tests() -> None:
-    least = 1e-4
-    scores = [Score(at_work("attached_mass"), 15.0, 1, 1.0, p) for p in [least] + 99 * [0.5]]
-    found = _overall(scores, [0.5], np.eye(1), [False], 99)
-    assert found == pytest.approx(1 - (1 - least) ** 101, rel=0.01)
+@pytest.mark.parametrize("tests", [1, 30])
+def test_independent_tests_count_as_many_as_they_are_and_repeated_ones_as_one(tests: int) -> None:
+    chances = np.random.default_rng(2).uniform(size=(tests, 4000))
+    assert effective_number(chances) == pytest.approx(tests, rel=0.05)
+    assert effective_number(np.repeat(chances[:1], 12, axis=0)) == pytest.approx(1, rel=0.05)
+    assert effective_number(np.zeros((tests, 0))) == tests

@@ -19,7 +19,9 @@ STEP = 1e-4  # of differences, in the coordinates of the fit
 UNSURE = 0.25  # standard error of a logarithm from which on the curvature misleads
 FURTHEST = math.log(1e3)  # to which a profile is followed from the estimate, in the logarithm
 ENOUGH = 0.15  # accuracy of the root of chi-squared at an end of an interval
-MOST_TRIES = 10
+MOST_TRIES = 14
+WRONG = 3.0  # times the 95 % point: further out a fit may have begun too far away and ended in a wrong minimum,
+SHORTEST_STRIDE = math.log(1.1)  # unless it began as close as that
 PULSE_S = 9e-5  # rms length of a tap's pulse (half a sine of 0.4 ms)
 STRIDE, LONGEST_STRIDE = math.log(1.6), math.log(4.0)  # of the first step along a profile, of any
 
@@ -137,11 +139,11 @@ def _end(
         return {k: float(v) for k, v in at.terms[number].values.items()}
 
     near, rose, reach, far = 0.0, math.sqrt(max(fitted.objective - lowest, 0.0)), STRIDE, math.inf
-    inside, end = fitted, None
+    before, inside, end, longest = None, fitted, None, LONGEST_STRIDE
     for _ in range(MOST_TRIES):
         if reach > FURTHEST:
             break
-        moved = _fixed_at(inside, number, along, math.exp(direction * (reach - near)))
+        moved = _fixed_at(inside, number, along, math.exp(direction * (reach - near)), before)
         root = math.inf
         if moved is not None:
             lowest = min(lowest, moved.objective)
@@ -149,28 +151,40 @@ def _end(
             end = here(moved)
         if moved is not None and abs(root - NORMAL_95) < ENOUGH:
             return end, lowest, here(moved)
-        if root > NORMAL_95:
+        if root < NORMAL_95:
+            near, rose, before, inside = reach, root, inside, moved or inside
+        elif moved is None or root < WRONG * NORMAL_95 or reach - near < SHORTEST_STRIDE:
             far = reach
         else:
-            near, rose, inside = reach, root, moved or inside
+            longest = (reach - near) / 2
         if math.isfinite(far):
             share = (NORMAL_95 - rose) / (root - rose) if math.isfinite(root) and root > NORMAL_95 else 0.5
             reach = near + min(max(share, 0.2), 0.8) * (far - near)
         else:
-            reach = near + min(max(STRIDE, near), LONGEST_STRIDE)
+            reach = near + min(max(STRIDE, near), longest)
     return (end if math.isfinite(far) else None), lowest, here(inside)
 
 
-def _fixed_at(fitted: RingDownFit, number: int, along: Quantity, factor: float) -> RingDownFit | None:
-    """Return the fit with a parameter of an added body held at a multiple of its value, and all scaled at the start."""
+def _fixed_at(
+    fitted: RingDownFit, number: int, along: Quantity, factor: float, before: RingDownFit | None
+) -> RingDownFit | None:
+    """Return the fit with a parameter of an added body held at a multiple of its value, and all scaled at the start.
+
+    The other constants begin where they lead on from the fit ``before``, as far as the parameter has come since then.
+    """
     term = fitted.terms[number]
     scaled = {q.name: term.values[q.name] * factor for q in term.mechanism.parameters if q.log}
     inside = min(max(scaled[along.name], along.low), along.high)
     if inside != scaled[along.name]:
         return None
+    rig, load = fitted.constants.rig, fitted.constants.load
+    if before is not None:
+        here, there = float(term.values[along.name]), float(before.terms[number].values[along.name])
+        on = (inside - here) / (here - there)
+        rig, load = rig + on * (rig - before.constants.rig), load + on * (load - before.constants.load)
     names = fitted.constants.names()[0]
-    rig = np.array([scaled.get(n, v) for n, v in zip(names, fitted.constants.rig, strict=True)])
-    begin = replace(fitted, constants=replace(fitted.constants, rig=rig))
+    rig = np.array([scaled.get(n, v) for n, v in zip(names, rig, strict=True)])
+    begin = replace(fitted, constants=replace(fitted.constants, rig=rig, load=load))
     terms = [replace(t, values={**t.values, **scaled}) if i == number else t for i, t in enumerate(fitted.terms)]
     try:
         return fit(fitted.problem, terms, begin, Start(kept=(along.name,)))

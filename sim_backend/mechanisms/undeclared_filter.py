@@ -16,6 +16,8 @@ from sim_backend.mechanisms.kinds import ChannelDistortion, Quantity, Real, Valu
 from sim_backend.mechanisms.places import Place, channels_alike, each_channel
 
 NAME = "corner_hz"
+HIGHEST = 3000.0  # corner tried, over the highest mode: so high a one delays and does no more
+TRIED = 7
 DEGREE = 5  # of the spline through the samples: straight lines lose 2 % at 13 samples a period
 SLOW = 5.0  # time constants of the filter in a sample, up to which a quadrature over it is exact to rounding
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
@@ -57,7 +59,7 @@ MECHANISM = ChannelDistortion(
     parameters=(Quantity(NAME, "Hz", 1.0, 1e6, "corner of the filter", log=True),),
     strength=None,
     trials=lambda scale: [
-        {NAME: min(max(f, 1.0), 1e6)} for f in geometric(scale.frequency_hz[1], 30 * scale.frequency_hz[1], 4)
+        {NAME: min(max(f, 1.0), 1e6)} for f in geometric(scale.frequency_hz[1], HIGHEST * scale.frequency_hz[1], TRIED)
     ],
     distort=distort,
     at=places,

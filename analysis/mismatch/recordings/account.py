@@ -32,7 +32,7 @@ from analysis.mismatch.rivals import LIKELY
 from analysis.mismatch.score_test import Screening
 from analysis.mismatch.selection import Candidate, SelectionStep
 from sim_backend.arrays import Real
-from sim_backend.mechanisms.kinds import ForceLaw, SecondImpact
+from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, SecondImpact
 
 STRONGER = 3.0  # tap over the one made, that parts amplitude from time
 SEEN = 0.1  # of the largest gain of a channel, from which on a channel shows what is missing
@@ -149,7 +149,10 @@ class BlockAccount(Account[SimulatedFit]):
                     found.setdefault(c.id, c.evidence - accepted.evidence)
             found[accepted.id] = 0.0
         share = self.selection.left.share / policy.left_over_blocks
-        return found | {UNLISTED: policy.unlisted_by_blocks * (1 - min(share, 1.0))}
+        unlisted = policy.unlisted_by_blocks
+        if isinstance(accepted.mechanism, AddedBody):  # linear dynamics of any kind look like those of an added body
+            unlisted = max(unlisted, 2 * policy.temperature * math.log(policy.unlisted))
+        return found | {UNLISTED: unlisted * (1 - min(share, 1.0))}
 
     def _by_amplitude(self, step: SelectionStep[SimulatedFit], accepted: Candidate[SimulatedFit]) -> dict[str, float]:
         """Return the evidence of each candidate over the accepted one, with that of steady responses where they are."""

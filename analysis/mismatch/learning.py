@@ -53,7 +53,7 @@ class LearnedEarly:
         single = learner.knowing(learned_mechanisms(), replace(learner.problem.policy, most_terms=1))
         found = select(single, self.begun, self.first)
         selection.judge.training.budget.spent = 0.0
-        return _beside(found, selection) if _explains(found) else None
+        return _beside(found, selection) if _explains(found) and not _behind(found, selection) else None
 
 
 def with_learned(selection: Selection[Any], early: LearnedEarly | None = None) -> Selection[Any]:
@@ -88,7 +88,7 @@ def with_learned(selection: Selection[Any], early: LearnedEarly | None = None) -
     else:
         begun, first = early.begun, early.first
     found = _found(learner, begun, selection, explained, first)
-    if found is None or not _learned(found):
+    if found is None or not _learned(found) or (named is None and _behind(found, selection)):
         return selection
     if named is None:
         return _beside(found, selection)
@@ -174,6 +174,15 @@ def _explains(found: Selection[Any]) -> bool:
     """
     nothing = found.left.p_value >= found.problem.policy.level
     return _learned(found) and (nothing or (not found.problem.noise_known and not found.judge.doubtful(found)))
+
+
+def _behind(found: Selection[Any], listed: Selection[Any]) -> bool:
+    """Whether learned laws explain less than what was listed, though that leaves something.
+
+    Where the noise is not known it is what a fit leaves, and one that explains little can leave nothing beyond it.
+    """
+    judge = listed.judge
+    return not listed.problem.noise_known and judge.evidence_of(found) < judge.evidence_of(listed)
 
 
 def _most_lead(named: Any) -> float:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from analysis.mismatch.learning import LearnedEarly, is_learned, with_learned
+from analysis.mismatch.learning import LearnedEarly, _behind, is_learned, with_learned
 from analysis.mismatch.problem import silent
 from analysis.mismatch.ring_downs.selecting import select_for_impacts
 from analysis.mismatch.selection import Selection
@@ -37,3 +39,19 @@ def test_a_law_that_leaves_nothing_ends_the_search_for_listed_ones() -> None:
     assert [is_learned(term) for term in found.chosen.terms] == [True]
     assert not aside
     assert with_learned(found, early) is found
+
+
+@pytest.mark.parametrize(
+    ("noise_known", "law", "behind"), [(False, 40.0, True), (False, 60.0, False), (True, 40.0, False)]
+)
+def test_a_law_that_explains_less_than_what_is_listed_takes_no_place(
+    noise_known: bool, law: float, behind: bool
+) -> None:
+    """A second impact in one of three decays, at its best, was given up for a resonance that explained less."""
+    evidence = {"law": law, "listed": 50.0}
+    judge = SimpleNamespace(evidence_of=lambda selection: evidence[selection.name])
+    problem = SimpleNamespace(noise_known=noise_known)
+    found: Any
+    listed_ones: Any
+    found, listed_ones = (SimpleNamespace(name=name, judge=judge, problem=problem) for name in ("law", "listed"))
+    assert _behind(found, listed_ones) is behind

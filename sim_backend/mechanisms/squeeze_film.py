@@ -19,7 +19,7 @@ MECHANISM = ForceLaw(
     source="Reynolds: squeeze film damping over the cube of the gap",
     parameters=(
         Quantity("film_share_of_c_c", "1", 0.0, 1.0, "share of c_c that is the film's at rest"),
-        Quantity("film_height_m", "m", 1e-9, 1e-4, "gap at rest", log=True),
+        Quantity("film_height_m", "m", 1e-9, 0.1, "gap at rest", log=True),
     ),
     strength="film_share_of_c_c",
     trials=lambda scale: [

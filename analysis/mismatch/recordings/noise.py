@@ -26,6 +26,7 @@ QUIET: Final = 4  # one of so many of them is quiet enough to show the input's n
 ALIKE: Final = 2.0  # times the power of the quietest, up to which others are as quiet: of 75 lines it scatters by 16 %
 NORMAL_MEDIAN: Final = 0.6745  # of the magnitude of normal noise, in standard deviations
 ROUNDING: Final = 1e-9  # of an input's largest value, below which what cannot be predicted is no noise
+SELDOM: Final = 0.02  # share of samples with a step, of a staircase
 MOST_INPUT_NOISE: Final = 0.05  # of an input's rms, that is taken as noise and not as what drives
 COUNTS: Final = 0.01  # of a channel's residual, from which on the inputs' noise is taken out
 LEAST_WHITE: Final = 0.01  # of a channel's residual that is its own noise at least
@@ -187,8 +188,11 @@ def rms_of_inputs(rig: DescribedRig, recorded: Recorded) -> Real:
 def _quietest(u: Real) -> float:
     """Return the noise (rms) of a measured input, from when least happens or from where its spectrum is lowest.
 
-    0 where that is much: an input that is noise itself does not tell how well it was measured.
+    0 where that is much: an input that is noise itself does not tell how well it was measured. And of one that stands
+    exactly still but for a step now and then: it is what was asked for, and its spectrum that of the steps.
     """
+    if np.count_nonzero(np.diff(u)) < SELDOM * u.size:
+        return 0.0
     window = np.hanning(u.size)
     power = np.abs(np.fft.rfft((u - u.mean()) * window)) ** 2 / np.sum(window**2)
     bands = np.array([float(np.median(band)) for band in np.array_split(power[1:], BANDS)])

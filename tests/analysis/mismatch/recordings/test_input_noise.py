@@ -87,6 +87,17 @@ def test_the_noise_of_a_force_is_read_from_where_it_stands_still_or_has_no_lines
     assert np.mean(found) == pytest.approx(FORCE_NOISE, rel=0.05)
 
 
+@pytest.mark.parametrize("measured", [False, True])
+def test_a_staircase_has_no_noise_of_its_own_unless_it_was_measured(measured: bool) -> None:
+    """Taken from its spectrum, which is that of the steps, it hid an end stop of three hundred standard deviations."""
+    rig = parse_rig(RIG.replace(f", noise: {FORCE_NOISE}", "") + sensor("displacement"))
+    random = np.random.default_rng(3)
+    steps = np.repeat(random.uniform(-6.0, 6.0, 8), SAMPLES // 8)
+    u = steps + (FORCE_NOISE * random.standard_normal(SAMPLES) if measured else 0.0)
+    (found,) = rms_of_inputs(rig, prepare(recorded([u, force()], RATE, 0.0), rig))
+    assert found == (pytest.approx(FORCE_NOISE, rel=0.15) if measured else 0.0)
+
+
 @pytest.mark.slow
 def test_intervals_beside_a_spring_that_bends_count_the_noise_of_the_force() -> None:
     found = pulls(draws=8)

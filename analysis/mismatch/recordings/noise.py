@@ -26,6 +26,7 @@ QUIET: Final = 4  # one of so many of them is quiet enough to show the input's n
 ALIKE: Final = 2.0  # times the power of the quietest, up to which others are as quiet: of 75 lines it scatters by 16 %
 NORMAL_MEDIAN: Final = 0.6745  # of the magnitude of normal noise, in standard deviations
 ROUNDING: Final = 1e-9  # of an input's largest value, below which what cannot be predicted is no noise
+MULTIPLE: Final = 1e-3  # of a quantum, by which a multiple of it may be off
 SELDOM: Final = 0.02  # share of samples with a step, of a staircase
 MOST_INPUT_NOISE: Final = 0.05  # of an input's rms, that is taken as noise and not as what drives
 COUNTS: Final = 0.01  # of a channel's residual, from which on the inputs' noise is taken out
@@ -189,20 +190,27 @@ def _quietest(u: Real) -> float:
     """Return the noise (rms) of a measured input, from when least happens or from where its spectrum is lowest.
 
     0 where that is much: an input that is noise itself does not tell how well it was measured. And of one that stands
-    exactly still but for a step now and then: it is what was asked for, and its spectrum that of the steps.
+    exactly still, most of the time and for no rounding or but for a step now and then: it is what was asked for, and
+    its spectrum that of its steps and pulses.
     """
-    if np.count_nonzero(np.diff(u)) < SELDOM * u.size:
+    moved = np.abs(np.diff(u))
+    quantum = float(min(moved[moved > 0], default=0.0))
+    if np.count_nonzero(moved) < SELDOM * u.size or (not np.median(moved) > 0 and not _rounded(moved, quantum)):
         return 0.0
     window = np.hanning(u.size)
     power = np.abs(np.fft.rfft((u - u.mean()) * window)) ** 2 / np.sum(window**2)
     bands = np.array([float(np.median(band)) for band in np.array_split(power[1:], BANDS)])
     pieces = np.array([innovation_rms(piece - piece.mean()) for piece in np.array_split(u, PIECES)])
-    steps = float(np.median(np.abs(np.diff(u)))) / (
-        NORMAL_MEDIAN * math.sqrt(2)
-    )  # of an input that mostly stands still
-    found = math.sqrt(_of_the_quiet(bands) / math.log(2)), math.sqrt(_of_the_quiet(pieces**2)), steps
-    least = min(f for f in found if f > 0) if any(f > 0 for f in found) else 0.0
+    still = float(np.median(moved)) / (NORMAL_MEDIAN * math.sqrt(2)) or quantum / math.sqrt(12)
+    found = math.sqrt(_of_the_quiet(bands) / math.log(2)), math.sqrt(_of_the_quiet(pieces**2)), still
+    least = min(f for f in found if f > 0)
     return least if ROUNDING * np.abs(u).max() < least < MOST_INPUT_NOISE * np.std(u) else 0.0
+
+
+def _rounded(moved: Real, quantum: float) -> bool:
+    """Whether steps (n,) are multiples of one quantum, as of a converter."""
+    counts = moved / quantum
+    return bool(np.abs(counts - np.round(counts)).max() < MULTIPLE)
 
 
 def _of_the_quiet(powers: Real) -> float:

@@ -98,6 +98,16 @@ def test_a_staircase_has_no_noise_of_its_own_unless_it_was_measured(measured: bo
     assert found == (pytest.approx(FORCE_NOISE, rel=0.15) if measured else 0.0)
 
 
+@pytest.mark.parametrize("quantum", [0.0, 0.02])
+def test_an_input_that_stands_exactly_still_between_its_pulses_is_known_to_its_rounding(quantum: float) -> None:
+    rig, at = parse_rig(RIG.replace(f", noise: {FORCE_NOISE}", "") + sensor("displacement")), np.arange(SAMPLES)
+    away = np.min(np.abs(at[:, None] - np.array([300, 1100, 1900])), axis=1)
+    pulses = np.where(away < 40, 2.5 * (1 + np.cos(np.pi * away / 40)), 0.0)
+    u = np.round(pulses / quantum) * quantum if quantum else pulses
+    (found,) = rms_of_inputs(rig, prepare(recorded([u, force()], RATE, 0.0), rig))
+    assert 0.1 * quantum <= found * np.sqrt(12) <= 1.01 * quantum
+
+
 @pytest.mark.slow
 def test_intervals_beside_a_spring_that_bends_count_the_noise_of_the_force() -> None:
     found = pulls(draws=8)

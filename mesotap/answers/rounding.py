@@ -12,6 +12,8 @@ LARGEST_PLAIN = 1e7  # beyond, and below the smallest, powers of ten are split o
 SMALLEST_PLAIN = 1e-3
 MOST_DIGITS = 10
 EXACT = 1e-12  # an interval this much smaller than its value is only rounding error
+OPEN = 1e3  # times the value above it, and below it: an end so far away is none
+LOOSE = 10.0  # times the value: a lower end that is none is not written where the upper one is that far away, too
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -92,14 +94,21 @@ def between(value: float, low: float, high: float, digits: int = 4) -> tuple[str
 
 
 def with_ends(value: float, low: float, high: float) -> str:
-    """Write a number with its interval in brackets; see `between`.
+    """Write a number with its interval in brackets; see `between`. An end that is no end is not written.
 
     Examples
     --------
     >>> with_ends(1.0000872, 0.99998, 1.00019)
     '1.00009 (0.99998 to 1.00019)'
+    >>> with_ends(0.001, 1e-20, 0.04), with_ends(0.001, 2e-21, 1.3e11)
+    ('0.001000 (at most 0.0400)', '0.001000 (not determined by these data)')
     """
     written, lower, upper = between(value, low, high)
+    below, above = 0 <= low < value / OPEN, high > OPEN * value > 0
+    if below and above:
+        return f"{written} (not determined by these data)"
+    if below and high > LOOSE * value:
+        return f"{written} (at most {significant(high)})"
     return f"{written} ({lower} to {upper})"
 
 

@@ -26,6 +26,7 @@ from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.residual_band import residual_band
 from analysis.mismatch.recordings.second_impact import impulse_share, said_of, struck
 from analysis.mismatch.recordings.start_check import far_off_words
+from analysis.mismatch.recordings.tones import loudest_tone
 from analysis.mismatch.remainder import frequency_words
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.rivals import LIKELY
@@ -56,15 +57,8 @@ class BlockAccount(Account[SimulatedFit]):
         return self.judge.problem.rig
 
     def loudest_tone(self, fitted: SimulatedFit) -> tuple[float, float, str]:
-        """Return amplitude, standard error and unit of the loudest tone in any recording and channel."""
-        loudest, error, unit = 0.0, 0.0, ""
-        for recorded, own, residual in zip(fitted.problem.recordings, fitted.own, fitted.residuals, strict=True):
-            rms = np.sqrt(np.mean(residual**2, axis=1)) * recorded.unit
-            amplitudes = np.hypot(own.tones[:, ::2], own.tones[:, 1::2]).max(axis=1)
-            if amplitudes[at := int(np.argmax(amplitudes))] > loudest:
-                loudest, unit = float(amplitudes[at]), self.described.seen[at].unit
-                error = float(rms[at]) * math.sqrt(2 / residual.shape[1])
-        return loudest, error, unit
+        """See `loudest_tone`."""
+        return loudest_tone(fitted)
 
     @property
     def settled(self) -> bool:

@@ -15,11 +15,12 @@ from typing import Generic
 from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Interval, Location, Named, NextExperiment
 from analysis.mismatch.intervals import NORMAL_95, intervals
 from analysis.mismatch.parameters import Term
+from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import FitOf
 from analysis.mismatch.score_test import Screening
 from analysis.mismatch.selection import Candidate, Selection
 from sim_backend.arrangement import Arrangement, Parameter
-from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, SecondImpact, Tones
+from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, Mechanism, SecondImpact, Tones
 
 UNLISTED = "something else"
 FAR_OFF = 3.0  # declared standard errors beyond which a fitted constant is told: one sound constant in 400
@@ -206,6 +207,17 @@ def relative(evidence: Mapping[str, float], temperature: float = 1.0) -> dict[st
     """Return how likely each is over the likeliest, from twice the logarithms."""
     top = max(evidence.values(), default=0.0)
     return {k: math.exp((v - top) / 2 / temperature) for k, v in evidence.items()}
+
+
+def odds_of_unlisted(policy: SelectionPolicy, gain: float, mechanism: Mechanism) -> float:
+    """Return how likely it is that what is not listed is at work, over that a mechanism that gained so much is.
+
+    The weaker an effect, the more there is that looks like it: of a small chi-squared nearly anything does. Linear
+    dynamics of any kind look like those of an added body, however strong.
+    """
+    weak = policy.unlisted * min(1.0, policy.likeness / max(gain, 1.0))
+    looks_like = policy.unlisted if isinstance(mechanism, AddedBody) else 0.0
+    return max(policy.strong_likeness + weak, looks_like)
 
 
 def far_off(fitted: Mapping[str, float], declared: Iterable[Parameter]) -> dict[str, float]:

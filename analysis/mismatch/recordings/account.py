@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.mismatch.account import UNLISTED, Account, Otherwise, Weights, far_off, relative
+from analysis.mismatch.account import UNLISTED, Account, Otherwise, Weights, far_off, odds_of_unlisted, relative
 from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Interval, Location, Named, NextExperiment
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.blocks import held_out_rms, mean_of, together
@@ -33,7 +33,7 @@ from analysis.mismatch.rivals import LIKELY
 from analysis.mismatch.score_test import Screening
 from analysis.mismatch.selection import Candidate, SelectionStep
 from sim_backend.arrays import Real
-from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, SecondImpact
+from sim_backend.mechanisms.kinds import ForceLaw, SecondImpact
 
 STRONGER = 3.0  # tap over the one made, that parts amplitude from time
 SEEN = 0.1  # of the largest gain of a channel, from which on a channel shows what is missing
@@ -143,9 +143,9 @@ class BlockAccount(Account[SimulatedFit]):
                     found.setdefault(c.id, c.evidence - accepted.evidence)
             found[accepted.id] = 0.0
         share = self.selection.left.share / policy.left_over_blocks
-        unlisted = policy.unlisted_by_blocks
-        if isinstance(accepted.mechanism, AddedBody):  # linear dynamics of any kind look like those of an added body
-            unlisted = max(unlisted, 2 * policy.temperature * math.log(policy.unlisted))
+        gain = math.inf if accepted.fit is None else self.judge.gained(step.before, accepted.fit, 0)
+        odds = odds_of_unlisted(policy, gain, accepted.mechanism)
+        unlisted = max(policy.unlisted_by_blocks, 2 * policy.temperature * math.log(odds))
         return found | {UNLISTED: unlisted * (1 - min(share, 1.0))}
 
     def _by_amplitude(self, step: SelectionStep[SimulatedFit], accepted: Candidate[SimulatedFit]) -> dict[str, float]:

@@ -9,7 +9,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.mismatch.account import Account, Otherwise, Weights, element_of_component, far_off, group_labels, relative
+from analysis.mismatch.account import (
+    Account,
+    Otherwise,
+    Weights,
+    element_of_component,
+    far_off,
+    group_labels,
+    odds_of_unlisted,
+    relative,
+)
 from analysis.mismatch.answer import (
     FitSummary,
     FittedRig,
@@ -76,20 +85,13 @@ class ImpactAccount(Account[RingDownFit]):
         return Weights(of, total, self._looking_alike(step, step.accepted.id, rivals))
 
     def _odds_of_something_else(self, step: SelectionStep[RingDownFit]) -> float:
-        """Return how likely it is that what is not listed is at work, over that the mechanism accepted in a step is.
-
-        The weaker an effect, the more there is that looks like it: of a small chi-squared nearly anything does. Linear
-        dynamics of any kind look like those of an added body, however strong.
-        """
+        """Return how likely it is that what is not listed is at work, over that the mechanism accepted in a step is."""
         policy, left = self.judge.problem.policy, self.selection.left
         if step.accepted is None or step.accepted.fit is None:
             return 1.0
         gain = step.before.objective - step.accepted.fit.objective
-        weak = policy.unlisted * min(1.0, policy.likeness / max(gain, 1.0))
-        looks_like = policy.unlisted if isinstance(step.accepted.mechanism, AddedBody) else 0.0
-        odds = max(policy.strong_likeness + weak, looks_like) + math.exp(
-            min((left.unnamed - policy.unnamed) / 2, CERTAIN)
-        )
+        odds = odds_of_unlisted(policy, gain, step.accepted.mechanism)
+        odds += math.exp(min((left.unnamed - policy.unnamed) / 2, CERTAIN))
         if left.p_value < policy.level and left.chi_squared > 0:
             share = left.share / max(policy.may_be_left(len(self.selection.best.terms)), 1e-300)
             odds = min(odds, 1.0) ** (1 - min(share, 1.0))

@@ -20,7 +20,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=True,
     pretty_exceptions_enable=False,
-    context_settings={"max_content_width": 110},
+    context_settings={"max_content_width": 110, "help_option_names": ["--help", "-h"]},
 )
 config_app = typer.Typer(help="Check, show or start a config.yaml.", no_args_is_help=True)
 app.add_typer(config_app, name="config")

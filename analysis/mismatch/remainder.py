@@ -68,8 +68,12 @@ def count_words(value: float) -> str:
 
 def place_words(where: Location) -> str:
     """Say where something lies, such as ``in the lower mass at 4.1 kHz``."""
+    return f"in the {_acting(where)} {frequency_words(where.frequency_hz)}"
+
+
+def _acting(where: Location) -> str:
     element = f" ({where.element})" if where.element not in (None, where.component) else ""
-    return f"in the {where.component}{element} {frequency_words(where.frequency_hz)}"
+    return f"{where.component}{element}"
 
 
 def remainder_statement(
@@ -84,15 +88,15 @@ def remainder_statement(
     """
     if where is None:
         return f"Nothing beyond noise is left ({p_words(p_value)})."
+    beyond = f"Something is left beyond noise ({p_words(p_value)})"
     if chi_squared < SEEN:
-        said = (
-            f"Something is left beyond noise ({p_words(p_value)}) that no force or channel of any shape would take away"
+        return (
+            f"{beyond} {frequency_words(where.frequency_hz)}. No force or channel of any shape would take it away; of "
+            f"what was tried, what fits it best acts in the {_acting(where)}.{held_out}"
         )
-    else:
-        percent = 100 * share
-        part = f"{percent:.2g} %" if percent >= LEAST_PERCENT else f"less than {LEAST_PERCENT:g} %"
-        said = (
-            f"Something is left beyond noise ({p_words(p_value)}), {part} of what {linear} misses: forces or channels "
-            f"of any shape would take away a chi-squared of {count_words(chi_squared)} beyond chance"
-        )
-    return f"{said}; it lies {place_words(where)}.{held_out}"
+    percent = 100 * share
+    part = f"{percent:.2g} %" if percent >= LEAST_PERCENT else f"less than {LEAST_PERCENT:g} %"
+    return (
+        f"{beyond}, {part} of what {linear} misses: forces or channels of any shape would take away a chi-squared of "
+        f"{count_words(chi_squared)} beyond chance; it lies {place_words(where)}.{held_out}"
+    )

@@ -34,6 +34,6 @@ MECHANISM = Tones(
     lines=lambda values: [int(k) * values["mains_hz"] for k in str(int(values["lines"]))],
     statement=lambda values, name: (
         f"The mains hums in the records: {_shown(values['mains_hz'], str(int(values['lines'])))}, the loudest line "
-        f"with {1e3 * values[NAME]:.2g} mm/s2."
+        f"with {1e3 * values[NAME]:.3g} mm/s2."
     ),
 )

@@ -277,11 +277,14 @@ class ChannelDistortion(Mechanism):
         Places in a rig: channels, or an input.
     of
         What is distorted. The load cell is not a part of a recorded ring-down: calibrations show what it does.
+    forgets
+        Rate (1/s) at which what was before the first sample is forgotten; None where nothing is remembered.
     """
 
     distort: Callable[[Real, Values, float], Real]
     at: Callable[[Arrangement], Sequence[Place]]
     of: Literal["sensor", "input", "load cell"] = "sensor"
+    forgets: Callable[[Values], float] | None = None
 
     def places(self, rig: Arrangement) -> list[Place]:
         """Return what ``at`` says."""

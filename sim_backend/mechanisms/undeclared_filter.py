@@ -63,6 +63,7 @@ MECHANISM = ChannelDistortion(
     ],
     distort=distort,
     at=places,
+    forgets=lambda values: 2 * math.pi * values[NAME],
     statement=lambda values, name: (
         f"{name[:1].upper()}{name[1:]} passes a low-pass filter that is not declared, with its corner at "
         f"{values[NAME]:.4g} Hz."

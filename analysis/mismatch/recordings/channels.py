@@ -6,10 +6,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.recordings.inputs import peaks_of
 from analysis.mismatch.recordings.motion import Motion
+from analysis.mismatch.recordings.recorded import Recorded
 from analysis.mismatch.rig_description import Seen
 from sim_backend.arrangement import Arrangement
 from sim_backend.arrays import Real
+from sim_backend.mechanisms.kinds import ChannelDistortion
 
 
 def rows_of(arrangement: Arrangement, constants: Mapping[str, float]) -> Real:
@@ -30,6 +34,34 @@ def shown_by(seen: Sequence[Seen], arrangement: Arrangement, constants: Mapping[
             own = of[sensor.quantity] @ arrangement.vector(sensor.row, constants)
             shown[c] = constants[channel.gain] * own + constants[channel.offset]
     return shown
+
+
+def told_by(term: Term, recorded: Recorded, recordings: Sequence[Recorded]) -> Sequence[Recorded]:
+    """Return the recordings whose peak a distortion is measured by: all, unless it says that it is each one's."""
+    return recordings if term.values.get("of_session", 1.0) else [recorded]
+
+
+def distort(shown: Real, terms: Sequence[Term], recorded: Recorded, recordings: Sequence[Recorded]) -> None:
+    """Make of the channels (c, n) of a recording what the terms make of them."""
+    for term in terms:
+        m, rows = term.mechanism, list(term.place)
+        if isinstance(m, ChannelDistortion) and m.of == "sensor":
+            peaks = peaks_of([r.outputs[rows] for r in told_by(term, recorded, recordings)])
+            shown[rows] = m.distort(shown[rows], {**term.values, **peaks, "thinned": recorded.every}, recorded.rate_hz)
+
+
+def memories(terms: Sequence[Term]) -> list[tuple[int, float]]:
+    """Return each channel that remembers what was before the first sample, and the rate (1/s) at which it forgets."""
+    found = ((t.place, t.mechanism.forgets, t.values) for t in terms if isinstance(t.mechanism, ChannelDistortion))
+    return [(channel, forgets(values)) for place, forgets, values in found if forgets for channel in place]
+
+
+def remembered(terms: Sequence[Term], memory: Real, channels: int, seconds: Real) -> Real:
+    """Return (channels, n) what channels show of what was before the first sample, at the times since it."""
+    out = np.zeros((channels, seconds.size))
+    for value, (channel, rate) in zip(memory.tolist(), memories(terms), strict=False):
+        out[channel] += value * np.exp(-rate * seconds)
+    return out
 
 
 def _accelerations(arrangement: Arrangement, constants: Mapping[str, float], moved: Motion) -> Real:

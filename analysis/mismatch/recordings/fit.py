@@ -282,10 +282,8 @@ def fit(
     )
     states = problem.states if begin is None else [begin.state(i) for i in range(len(begin.own))]
     own = [simulation.own(s) for s in states]
-    if begin is not None and begin.simulation.lines == simulation.lines:
-        own = [replace(o, tones=b.tones) for o, b in zip(own, begin.own, strict=True)]
-    if begin is not None and simulation.struck is not None:
-        own = [replace(o, impact=b.impact) for o, b in zip(own, begin.own, strict=True)]
+    if begin is not None:
+        own = [o.beginning(b, simulation.struck is not None) for o, b in zip(own, begin.own, strict=True)]
     model = SimulationModel(simulation, own, parts, 1.0)
     point = Point(np.clip(simulation.begin(), model.low, model.high), tuple(own))
     most, share, looked_at = (FINE_STEPS, FINE, 1.0) if fine else (ROUGH_STEPS, ROUGH, problem.looked_at)

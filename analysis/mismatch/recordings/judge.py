@@ -33,7 +33,7 @@ from analysis.mismatch.recordings.ranking import Ranking, share_that_tells, simp
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.regression import regressed
 from analysis.mismatch.recordings.reweighing import exchanged, without_idle_ones
-from analysis.mismatch.recordings.second_impact import where_it_fell
+from analysis.mismatch.recordings.second_impact import fitted_where_struck, where_it_fell
 from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
 from analysis.mismatch.score_test import Score, Screening, screen
 from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of, started
@@ -77,6 +77,11 @@ class BlockJudge(Judge[SimulatedFit]):
         """Fit the linear rig to the sweeps, if there are any, and to the recordings, to know their noise."""
         steady = fit_sweeps(problem.rig, sweeps) if sweeps else None
         linear = linear_fit(problem)
+        struck = any(isinstance(m, SecondImpact) and problem.allows(m) for m in known) and not linear.far_off()
+        recordings = fitted_where_struck(linear) if struck else problem.recordings
+        if any(new is not old for new, old in zip(recordings, problem.recordings, strict=True)):
+            problem = replace(problem, recordings=recordings)
+            linear = linear_fit(problem)
         weighed = replace(problem.weighed(linear), looked_at=share_that_tells(linear))
         return cls(weighed, known, on_progress, tuple(sweeps), steady)
 

@@ -30,21 +30,35 @@ class Own:
     impact
         Time (s, from the first sample) of a second impact and how much faster (m/s) the body is that it strikes; empty
         without one.
+    memory
+        (channels,) what each channel remembers at the first sample of what was before, where something makes it.
     """
 
     state: Real
     tones: Real
     impact: Real = field(default_factory=_none)
+    memory: Real = field(default_factory=_none)
 
     @property
     def size(self) -> int:
         """Numbers in it."""
-        return self.state.size + self.tones.size + self.impact.size
+        return self.state.size + self.tones.size + self.impact.size + self.memory.size
 
     def moved(self, step: Real) -> Own:
         """Return it after a step (size,)."""
         n, m = self.state.size, self.state.size + self.tones.size
-        return Own(self.state + step[:n], self.tones + step[n:m].reshape(self.tones.shape), self.impact + step[m:])
+        k = m + self.impact.size
+        tones = self.tones + step[n:m].reshape(self.tones.shape)
+        return Own(self.state + step[:n], tones, self.impact + step[m:k], self.memory + step[k:])
+
+    def beginning(self, other: Own, struck: bool) -> Own:
+        """Return it with another one's tones and memory where it has as many, and its impact where ``struck``."""
+        return Own(
+            self.state,
+            other.tones if other.tones.shape == self.tones.shape else self.tones,
+            other.impact if struck else self.impact,
+            other.memory if other.memory.size == self.memory.size else self.memory,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +98,9 @@ def backwards(mass: Real, damping: Real, stiffness: Real) -> Real:
 
 
 def impulse(substeps: int, substep: float, size: float) -> Real:
-    """Return (substeps,) a force that is an impulse, as a pulse no longer than two substeps.
+    """Return (2, substeps) a force that is an impulse, where each substep begins and ends.
+
+    It acts in one substep only, in which its moments of order zero and one are those of the impulse.
 
     Parameters
     ----------
@@ -96,11 +112,12 @@ def impulse(substeps: int, substep: float, size: float) -> Real:
     Examples
     --------
     >>> impulse(4, 1.25, 2.0).tolist()
-    [0.0, 1.5, 0.5, 0.0]
+    [[0.0, 5.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0]]
     """
-    first, out = math.floor(substep), np.zeros(substeps)
-    if 0 <= first < substeps - 1:
-        out[first], out[first + 1] = size * (1 - substep + first), size * (substep - first)
+    first, out = math.floor(substep), np.zeros((2, substeps))
+    if 0 <= first < substeps:
+        passed = substep - first
+        out[:, first] = size * (4 - 6 * passed), size * (6 * passed - 2)
     return out
 
 

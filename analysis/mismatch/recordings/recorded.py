@@ -19,6 +19,7 @@ from sim_backend.arrays import Real, Whole
 
 FIT, CHOOSE, HELD, UNUSED = 0, 1, 2, -1
 BLOCKS: Final = 24
+PARTS: Final = np.array([FIT, CHOOSE, FIT, HELD])  # of neighbouring blocks
 LONGEST_STRETCH = 20_000  # samples that are simulated in fitting; all of a recording is in the end
 PER_PERIOD = 10  # samples kept of the highest frequency
 FULL_BAND_ENERGY = 0.999999  # of what stands out of a recording's noise, below its highest frequency
@@ -85,6 +86,13 @@ class Recorded:
     def free(self) -> bool:
         """Whether nothing measured drives it."""
         return len(self.inputs) == 0
+
+    def fitted_at(self, sample: int) -> Recorded:
+        """Return it divided such that a sample is in a block that is fitted: every block is what the next one was."""
+        if self.stretches or self.part[sample] in (FIT, UNUSED):
+            return self
+        moved = np.where(self.part == UNUSED, UNUSED, PARTS[(self.block + 1) % len(PARTS)])
+        return replace(self, part=moved)
 
 
 def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
@@ -281,7 +289,7 @@ def _divided(
     else:
         fitted = slice(0, n) if not inputs.size else _strongest(outputs)
         block = (np.arange(n) - fitted.start) * BLOCKS // (fitted.stop - fitted.start)
-        part[:] = np.where(block % 4 == 3, HELD, np.where(block % 4 == 1, CHOOSE, FIT))
+        part[:] = PARTS[block % len(PARTS)]
         part[: fitted.start] = part[fitted.stop :] = HELD
     if edge:
         part[:edge] = UNUSED

@@ -19,7 +19,7 @@ from analysis.mismatch.limits import upper_bound
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.model import residual, slopes, step_of
 from analysis.mismatch.recordings.motion import GROWTH, Own, backwards
-from analysis.mismatch.recordings.recorded import CHOOSE, FIT
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded
 from analysis.mismatch.score_test import Score
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import SecondImpact
@@ -183,6 +183,21 @@ def where_it_fell(current: SimulatedFit, term: Term, refit: Callable[[SimulatedF
     return best
 
 
+def fitted_where_struck(fitted: SimulatedFit) -> tuple[Recorded, ...]:
+    """Return the recordings divided such that where a second impact seems to have fallen is fitted.
+
+    It falls once: what is held out cannot be foretold where it fell, and what is fitted beside it tells only to within
+    a period when that was.
+    """
+    found = []
+    for number, recorded in enumerate(fitted.problem.recordings):
+        along = _along(fitted, number, plain=True)
+        at = int(np.argmax(along.gain.max(axis=0)))
+        clear = float(along.gain[:, at].max()) > along.choice + CLEAR**2
+        found.append(recorded.fitted_at(recorded.fitted.start + at) if clear else recorded)
+    return tuple(found)
+
+
 def _begun(fitted: SimulatedFit, term: Term) -> list[SimulatedFit]:
     """Return a fit with second impacts at the times that explain most of each recording, as it is and whitened.
 
@@ -285,8 +300,21 @@ def _share_of(fitted: SimulatedFit, number: int, body: int) -> tuple[float, floa
     spread = np.linalg.pinv(columns.T @ columns, rcond=SAME_TO, hermitian=True)[: own.size, : own.size] * variance
     units = STEP * np.diag(free.scale)
     slope = np.array([(share(own.moved(unit / 2)) - share(own.moved(-unit / 2))) / STEP for unit in units])
-    within = share(own) * _faded_where_unseen(fitted, number, free.used) / 2
+    faded = _faded_where_unseen(fitted, number, free.used), _faded_until_loud(fitted, number, body)
+    within = share(own) * math.hypot(*faded) / 2
     return share(own), math.sqrt(max(float(slope @ spread @ slope), 0.0) + within**2)
+
+
+def _faded_until_loud(fitted: SimulatedFit, number: int, body: int) -> float:
+    """Return by which share the motion fades while the first impact is not heard: in a quarter period, as fast as any.
+
+    0 where the recording begins after it.
+    """
+    rang_s, state = fitted.problem.recordings[number].rang_s, fitted.own[number].state
+    begun, heard = (
+        _speed_begun(fitted, state, body, s) for s in (rang_s, max(rang_s - 0.25 / fitted.problem.highest_hz, 0.0))
+    )
+    return 1 - min(heard / begun, 1.0)
 
 
 def _faded_where_unseen(fitted: SimulatedFit, number: int, used: Real) -> float:

@@ -65,7 +65,8 @@ class _Compared:
         """Return the simulation with one mechanism more, and the recording's own numbers in it."""
         other = self.simulation.with_terms((*self.fitted.terms, term), self.fitted.values)
         state = other.own(self.fitted.state(self.number))
-        return other, replace(state, tones=self.own.tones, impact=self.own.impact)
+        memory = np.append(self.own.memory, state.memory[self.own.memory.size :])
+        return other, replace(state, tones=self.own.tones, impact=self.own.impact, memory=memory)
 
     def made(self, term: Term) -> Real:
         """Return what a mechanism makes."""

@@ -12,10 +12,10 @@ import numpy as np
 from scipy import signal
 
 from analysis.mismatch.parameters import FreeParameter, Term, lines_of, rounding_of, with_values
-from analysis.mismatch.recordings.channels import rows_of, shown_by
+from analysis.mismatch.recordings.channels import distort, memories, remembered, rows_of, shown_by, told_by
 from analysis.mismatch.recordings.inputs import peaks_of, raised
 from analysis.mismatch.recordings.motion import Motion, Own, impulse, sensible
-from analysis.mismatch.recordings.recorded import Recorded
+from analysis.mismatch.recordings.recorded import Recorded, level
 from analysis.mismatch.recordings.untold import SINGULAR, untold_offsets
 from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.acting import extended, laws_in, shaken
@@ -165,13 +165,15 @@ class Simulation:
         size = max(float(np.abs(own.state[: self.n]).max()), reach, 1e-300)
         speed = max(float(np.abs(own.state[self.n :]).max()), size * 2 * math.pi * self.highest_hz)
         impact = [1 / (2 * math.pi * self.highest_hz), speed][: own.impact.size]
-        return np.concatenate([np.repeat([size, speed], self.n), np.ones(own.tones.size), impact])
+        memory = level(recorded)[[channel for channel, _ in memories(self.terms)]][: own.memory.size]
+        return np.concatenate([np.repeat([size, speed], self.n), np.ones(own.tones.size), impact, memory])
 
     def own(self, state: Real) -> Own:
         """Return what is a recording's own, for a state of the rig without the terms' bodies."""
         n, full = len(self.rig.arrangement.bodies) if state.size < 2 * self.n else self.n, np.zeros(2 * self.n)
         full[:n], full[self.n : self.n + n] = state[:n], state[n:]
-        return Own(full, np.zeros((len(self.rig.seen), 2 * len(self.lines))))
+        memory = 0 if any(r.free for r in self.recordings) else len(memories(self.terms))
+        return Own(full, np.zeros((len(self.rig.seen), 2 * len(self.lines))), memory=np.zeros(memory))
 
     def begin(self) -> Real:
         """Return the starting point of a fit."""
@@ -208,17 +210,14 @@ class Simulation:
         moved = self.motion(x, own, number, at, whole)
         if moved is None:
             return np.full((len(self.rig.seen), last - first), np.nan), slice(first, last)
-        distortions = [(t, t.mechanism) for t in terms if isinstance(t.mechanism, ChannelDistortion)]
-        if distortions and recorded.free:  # some remember what was before
+        if recorded.free and any(isinstance(t.mechanism, ChannelDistortion) for t in terms):  # some remember
             moved = moved.begun_earlier(*self.arrangement.matrices(constants), recorded.rate_hz)
         shown = shown_by(self.rig.seen, self.arrangement, constants, moved)
-        for term, m in distortions if np.all(np.isfinite(shown)) else ():
-            if m.of == "sensor":
-                rows = list(term.place)
-                peaks = peaks_of([r.outputs[rows] for r in self._told_by(term, recorded)])
-                told = {**term.values, **peaks, "thinned": recorded.every}
-                shown[rows] = m.distort(shown[rows], told, recorded.rate_hz)
+        if np.all(np.isfinite(shown)):
+            distort(shown, terms, recorded, self.recordings)
         shown = shown[:, shown.shape[1] - (last - first) :]
+        if first == recorded.fitted.start:
+            shown += remembered(terms, own.memory, len(shown), np.arange(last - first) / recorded.rate_hz)
         if self.lines:
             shown += own.tones @ self.waves(number, at)
         if recorded.band is not None and np.all(np.isfinite(shown)) and shown.shape[1] > SHORTEST_FILTERED:
@@ -231,10 +230,6 @@ class Simulation:
         first = 0 if whole else recorded.fitted.start
         last = recorded.samples if whole else recorded.fitted.stop
         return slice(first, last if samples is None else min(recorded.samples, first + samples))
-
-    def _told_by(self, term: Term, recorded: Recorded) -> Sequence[Recorded]:
-        """Return the recordings whose peak a distortion is measured by: all, unless it says that it is each one's."""
-        return self.recordings if term.values.get("of_session", 1.0) else [recorded]
 
     def waves(self, number: int, at: slice, lines: Sequence[float] | None = None) -> Real:
         """Return (2 lines, n) cosines and sines of the tones at some samples of a recording."""
@@ -266,9 +261,11 @@ class Simulation:
         if self.rig.hold == "band-limited" and not recorded.free:  # what is in between is raised against straight lines
             pushed, _ = self._driven(constants, terms, number, at, at_samples=True)
         force = pushed.T @ vectors.T
+        begin, end = (inputs, inputs) if held else (inputs[:, :-1], inputs[:, 1:])
         if self.struck is not None and own.impact.size:
             substep, change = (own.impact[0] * recorded.rate_hz - at.start) * sub, own.impact[1] / h
-            inputs = np.vstack([inputs, impulse(inputs.shape[1], substep, mass[self.struck] * change)])
+            struck = impulse(begin.shape[1], substep, mass[self.struck] * change)
+            begin, end = np.vstack([begin, struck[0]]), np.vstack([end, struck[1]])
             vectors = np.column_stack([vectors, np.eye(self.n)[self.struck]])
         start = own.state
         if whole and recorded.fitted.start > 0:
@@ -278,7 +275,6 @@ class Simulation:
             mass[None], damping[None], stiffness[None], rows_of(self.arrangement, constants)[None, bent], vectors[None]
         )
         clock = Clock(np.array([at.start / recorded.rate_hz]), h, (at.stop - 1 - at.start) * sub, sub)
-        begin, end = (inputs, inputs) if held else (inputs[:, :-1], inputs[:, 1:])
         given = Given(begin[None], end[None], np.zeros((1, *begin.shape)), sub if held else 1)
         laws = self._laws(terms, constants, h, bent)
         near, division = self._divided.get(number, (at, None))
@@ -333,7 +329,7 @@ class Simulation:
             for term in terms:
                 m = term.mechanism
                 if isinstance(m, ChannelDistortion) and m.of == "input" and i in term.place:
-                    peaks = peaks_of([r.inputs[i] for r in self._told_by(term, recorded)])
+                    peaks = peaks_of([r.inputs[i] for r in told_by(term, recorded, self.recordings)])
                     u = m.distort(u[None], {**term.values, **peaks}, recorded.rate_hz * (1 if held else sub))[0]
             rows[i] = u
         return rows, held

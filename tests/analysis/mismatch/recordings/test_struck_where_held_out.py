@@ -1,0 +1,55 @@
+"""A second impact in a stretch that would be held out: what falls once cannot be foretold."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.mismatch.diagnosis import diagnose_recordings
+from analysis.mismatch.recordings.recorded import BLOCKS, CHOOSE, FIT, HELD, PARTS, UNUSED, prepare
+from daq.exchange import Recording
+from mesotap.configuration.rig_files import parse_rig
+from tests.analysis.terms import listed
+
+RATE, SAMPLES = 300.0, 960
+OMEGA, DECAY = 2 * np.pi * 14.7, 1.4
+RIG = parse_rig(
+    "bodies: {mass: 1}\ncontacts: [{between: [mass, ground], stiffness: unknown, damping: unknown}]\n"
+    "sensors: [{channel: a, of: mass, shows: velocity}]\n"
+)
+
+
+def struck_twice(block: int, share: float, seed: int = 1) -> Recording:
+    """Return a decay with a second impact in the middle of a block."""
+    t, when = np.arange(SAMPLES) / RATE, (block + 0.47) * SAMPLES / BLOCKS / RATE
+
+    def ringing(s: np.ndarray) -> np.ndarray:
+        s = np.maximum(s, 0.0)
+        return np.exp(-DECAY * s) * (np.cos(OMEGA * s) - DECAY / OMEGA * np.sin(OMEGA * s))
+
+    y = ringing(t) + share * (t > when) * ringing(t - when)
+    y += 1e-3 * np.random.default_rng([seed, block]).standard_normal(SAMPLES)
+    return Recording(y[None], RATE, ("a",), "", f"struck in block {block}")
+
+
+@pytest.mark.parametrize("block", [3, 5, 7])  # held out, choosing, held out
+def test_a_second_impact_is_named_wherever_it_fell(block: int) -> None:
+    recordings = [struck_twice(block, 0.03, seed) for seed in (1, 2)]
+    known = [listed("double_hit"), listed("tube_spring_cubic"), listed("contact_creep")]
+    answer = diagnose_recordings(recordings, RIG, known, learn=False).answer
+    assert [m.id for m in answer.mechanisms] == ["double_hit"]
+    share = answer.mechanisms[0].parameters["second_impulse_fraction"]
+    assert share.low < 0.03 < share.high
+    assert share.high - share.low < 0.01
+    assert answer.remainder.p_value > 0.01
+
+
+@pytest.mark.parametrize("block", range(8))
+def test_divided_anew_a_sample_is_fitted_and_as_much_is_held_out(block: int) -> None:
+    recorded = prepare(struck_twice(block, 0.0), RIG)
+    sample = int(np.flatnonzero(recorded.block == block)[0])
+    moved = recorded.fitted_at(sample)
+    assert moved.part[sample] == FIT
+    assert (moved is recorded) == (PARTS[block % PARTS.size] == FIT)
+    for part in (FIT, CHOOSE, HELD, UNUSED):
+        assert abs(np.count_nonzero(moved.part == part) - np.count_nonzero(recorded.part == part)) < SAMPLES / BLOCKS

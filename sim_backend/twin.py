@@ -79,8 +79,9 @@ def twin_record(
     if slots:
         rest = [AtRest.of(element, values, preload_n) for element in arrangement.elements]
         laws = laws_of(
-            [(m.law, e) for _, m, e in slots], [[m.packed(found[i].values, rest[e], h) for i, m, e in slots]]
-        )
+            [(m.law, e) for _, m, e in slots], [[m.packed(found[i].values, rest[e], h) for i, m, e in slots]],
+            [m.jumps for _, m, _ in slots],
+        )  # fmt: skip
         motion = _motion(bodies, laws, tapped * bodies.mass, pulse, onset_s, h, (samples - 1) * SUBSTEPS)
         for i in sorted({e for *_, e in slots}):
             push = -bodies.elements[i] / bodies.mass

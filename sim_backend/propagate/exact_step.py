@@ -82,7 +82,7 @@ def exact_steps(rigs, run, unit, h, divisions):  # type: ignore[no-untyped-def]
         sees[i, i] = 1.0
     sees[2 * n : 2 * n + elements, :n], sees[2 * n + elements :, n:] = rows / unit, rows
     matrix = np.empty((divisions, len(sees), 2 * n + 2 * elements + 3 * inputs.shape[1]))
-    late = np.empty((divisions, 2, len(sees), elements))
+    late = np.empty((divisions, 3, len(sees), elements))
     phi = phi_functions(a * h, divisions)
     for level in range(divisions):
         own = h / 4.0**level
@@ -96,5 +96,5 @@ def exact_steps(rigs, run, unit, h, divisions):  # type: ignore[no-untyped-def]
             at = 2 * n + 2 * elements + 3 * u
             matrix[level, :, at], matrix[level, :, at + 1] = start[:, elements + u], end[:, elements + u]
             matrix[level, :, at + 2] = bend[:, elements + u]
-        late[level, 0], late[level, 1] = end[:, :elements], bend[:, :elements]
+        late[level, 0], late[level, 1], late[level, 2] = end[:, :elements], bend[:, :elements], start[:, :elements]
     return matrix, late, sees

@@ -30,12 +30,13 @@ class Laws(NamedTuple):
     """`SLOTS` force laws, the element each acts in (-1: none), and their parameters (runs, SLOTS, any).
 
     Those of one element follow each other, and each takes the force that the one before leaves; those that are none
-    come last.
+    come last. ``jumps`` (SLOTS,) is 1 where the force jumps with the speed, and so may hold a body where it is.
     """
 
     law: tuple[Any, ...]
     element: Whole
     parameters: Real
+    jumps: Whole
 
 
 class Given(NamedTuple):
@@ -72,8 +73,8 @@ class Clock(NamedTuple):
     sampled: int
 
 
-def laws_of(slots: Sequence[tuple[Any, int]], parameters: Sequence[Sequence[Real]]) -> Laws:
-    """Pack laws with their elements, and (runs, slots) rows of parameters.
+def laws_of(slots: Sequence[tuple[Any, int]], parameters: Sequence[Sequence[Real]], jumps: Sequence[bool] = ()) -> Laws:
+    """Pack laws with their elements, (runs, slots) rows of parameters, and whether their forces jump (none does).
 
     Raises
     ------
@@ -90,4 +91,5 @@ def laws_of(slots: Sequence[tuple[Any, int]], parameters: Sequence[Sequence[Real
             place[: len(run[k])] = run[k]
     missing = SLOTS - len(slots)
     element = np.array([slots[k][1] for k in order] + [-1] * missing, np.int64)
-    return Laws((*(slots[k][0] for k in order), *[no_law] * missing), element, packed)
+    jump = np.array([k < len(jumps) and jumps[k] for k in order] + [False] * missing, np.int64)
+    return Laws((*(slots[k][0] for k in order), *[no_law] * missing), element, packed, jump)

@@ -2,15 +2,32 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit, types
 
 from sim_backend.arrays import Real, Whole
-from sim_backend.force_law import DAMPING, LAW, MEMORY, SLOTS, STEP, STIFFNESS
+from sim_backend.force_law import LAW, MEMORY, SLOTS, STEP
 from sim_backend.propagate.exact_step import exact_steps
+from sim_backend.propagate.forces import (
+    CURVE,
+    FIRST,
+    IMPULSE,
+    LAST,
+    LINEAR,
+    NEW,
+    NOW,
+    OLD_CURVE,
+    PEAK,
+    ROWS,
+    SECOND,
+    STEEP,
+    evaluate,
+    is_held,
+    settle,
+    uncounted,
+)  # fmt: skip
 from sim_backend.propagate.inputs import Clock, Given, Impact, Laws, Rigs
 
 Forces = tuple[Any, ...]
@@ -18,18 +35,13 @@ Forces = tuple[Any, ...]
 DEEPEST: Final = 3  # times that a step may be divided by four
 TICKS: Final = 4**DEEPEST  # shortest steps in one
 TICK: Final = 1 / TICKS
-CORRECTIONS: Final = 2  # evaluations of the laws in a step: their force depends on where it ends
 COARSER: Final = 4.0**3  # factor by which the error grows in a step four times as long
 MOST_DIVIDED: Final = 12  # short steps for a whole one, on average: beyond, the motion runs away
 RUNAWAY: Final = 1e300  # of the first state: what follows is not computed
 FAINT: Final = 1e-9  # share of an element's linear force below which an extra force is rounding
-BEGUN_ANEW: Final = 4  # added to a step's division where what came before it no longer counts
+SHAPES: Final = 4  # a step's division is written as its level, and so often how many values of the force were known
+HOLDING: Final = 1e-3  # error that a step counts as, over the change of a force that holds a body where it is
 LOOSER: Final = 2.0  # factor in the tolerance beyond which a motion that follows another's division divides by itself
-NOW, LAST, NEW, CURVE, OLD_CURVE, PEAK, LINEAR, IMPULSE = range(8)  # rows of `_Run.force`
-
-
-_uncounted: Any = partial(njit, cache=True, nogil=True, error_model="numpy", _nrt=False)
-"""Compiles what makes no arrays, without the counting of references to them: eight times as fast."""
 
 _ROW = types.Array(types.float64, 1, "C")
 _TABLE = types.Array(types.float64, 2, "C")
@@ -40,7 +52,7 @@ _DIVISION = types.Array(types.int8, 2, "C")
 _LAWS = types.UniTuple(types.FunctionType(LAW), SLOTS)
 _SIGNATURE = types.UniTuple(_STACK, 3)(
     types.NamedTuple((_TABLE, _STACK, _STACK, _STACK, _STACK), Rigs),
-    types.NamedTuple((_LAWS, _WHOLE, _STACK), Laws),
+    types.NamedTuple((_LAWS, _WHOLE, _STACK, _WHOLE), Laws),
     _TABLE,
     types.NamedTuple((_ROW, types.float64, types.int64, types.int64), Clock),
     types.NamedTuple((_STACK, _STACK, _STACK, types.int64), Given),
@@ -63,9 +75,9 @@ class _Run(NamedTuple):
     matrix
         (divisions, found, known) from what is known to what is found, but for the elements' forces at the end.
     late
-        (divisions, 2, found, elements) what these, and their bends, add.
-    law, element, own
-        Force laws, the element of each, and their parameters (SLOTS, any).
+        (divisions, 3, found, elements) what these, their bends, and those at the beginning add.
+    law, element, own, jumps
+        Force laws, the element of each, their parameters (SLOTS, any), and whether they jump (SLOTS,).
     start, end, bend, held
         (u, k) inputs, see `Given`.
     begun, h
@@ -73,7 +85,7 @@ class _Run(NamedTuple):
     known, found
         What is known and found of the present step.
     force, memory
-        (8, elements) numbers of each element, and (2, SLOTS, MEMORY) the laws' memories, in turn before and after.
+        (ROWS, elements) numbers of each element, and (2, SLOTS, MEMORY) the laws' memories, in turn before and after.
     spans
         (3,) lengths of the present step and of the two before, in undivided steps.
     """
@@ -83,6 +95,7 @@ class _Run(NamedTuple):
     law: Forces
     element: Whole
     own: Real
+    jumps: Whole
     start: Real
     end: Real
     bend: Real
@@ -97,72 +110,61 @@ class _Run(NamedTuple):
 
 
 @njit(inline="always")
-def _evaluate(run, level, parabola, t, turn):  # type: ignore[no-untyped-def]
-    """Put the extra forces for the motion at the step's end into ``NEW``, as it is with those that are there."""
-    law, element, own, found, force, late = run.law, run.element, run.own, run.found, run.force, run.late
-    elements = force.shape[1]
-    size = len(found) - 2 * elements
-    d, v, linear, total = 0.0, 0.0, 0.0, 0.0
-    for k in range(SLOTS):
-        i = element[k]
-        if i < 0:
-            break
-        if k == 0 or element[k - 1] != i:
-            x, y = size + i, size + elements + i
-            d, v = found[x], found[y]
-            for e in range(elements):
-                new = force[NEW, e]
-                d += (late[level, 0, x, e] + parabola * late[level, 1, x, e]) * new
-                v += (late[level, 0, y, e] + parabola * late[level, 1, y, e]) * new
-            linear = own[k, STIFFNESS] * d + own[k, DAMPING] * v
-            total = linear
-        total = law[k](total, d, v, t, own[k], run.memory[turn, k], run.memory[1 - turn, k])
-        force[NEW, i], force[LINEAR, i] = total - linear, linear
-
-
-@njit(inline="always")
 def _parabola(known, spans):  # type: ignore[no-untyped-def]
-    """Return over its length the step before, the share of a force's value at the end in its bend, weight of errors."""
+    """Return how a force goes along a step.
+
+    Over its length the step before, the share of the value at the end in the bend, and in the value at the beginning (1
+    where it holds a body), and the weight of errors.
+    """
     if known < 2:
-        return 1.0, 0.0, 0.0
+        return 1.0, 0.0, 1.0 - known, 0.0
     if spans[0] == spans[1] == spans[2]:
-        return 1.0, 0.5, 1 / 12
+        return 1.0, 0.5, 0.0, 1 / 12
     ratio = spans[1] / spans[0]
-    return ratio, 1.0 / (1.0 + ratio), (1 / 12 + ratio / 6) / (1.0 + ratio + spans[2] / spans[0])
+    return ratio, 1.0 / (1.0 + ratio), 0.0, (1 / 12 + ratio / 6) / (1.0 + ratio + spans[2] / spans[0])
 
 
 @njit(inline="always")
 def _attempt(run, level, known, shape, t, turn):  # type: ignore[no-untyped-def]
     """Step to time t; return the error of the mean extra force over its largest so far.
 
-    ``known`` is how many values of the extra force there are (3: enough for an error), ``shape`` that of its parabola.
+    ``known`` is how many values of the extra force count (3: enough for an error; 0: it is constant and holds a body),
+    ``shape`` that of its parabola.
     """
     begin, found, force, matrix = run.known, run.found, run.force, run.matrix
     elements, square = force.shape[1], run.spans[0] ** 2
     size = len(found) - 2 * elements
-    ratio, parabola, weight = shape
+    ratio, parabola, constant, weight = shape
     for e in range(elements):
         now = force[NOW, e]
         slope = (now - force[LAST, e]) / ratio if known > 1 else 0.0
         curve = force[OLD_CURVE, e] * square if known > 2 else 0.0
-        begin[size + e], begin[size + elements + e] = now, -parabola * (now + slope)
+        begin[size + e], begin[size + elements + e] = (1.0 - constant) * now, -parabola * (now + slope)
         force[NEW, e] = now + slope + (1.0 + ratio) * curve
     for i in range(len(found)):
         total = 0.0
         for j in range(len(begin)):
             total += matrix[level, i, j] * begin[j]
         found[i] = total
-    for _ in range(CORRECTIONS):
-        _evaluate(run, level, parabola, t, turn)
+    for e in range(elements):
+        force[FIRST, e] = force[NEW, e]
+    evaluate(run, level, shape, t, turn)
+    for e in range(elements):
+        force[SECOND, e] = force[NEW, e]
+    evaluate(run, level, shape, t, turn)
+    for k in range(SLOTS):
+        if run.jumps[k] > 0:
+            settle(run, run.element[k], level, shape, t, turn)
     worst = 0.0
     for e in range(elements):
         bend = parabola * force[NEW, e] + begin[size + elements + e]
         force[CURVE, e] = bend
-        if known > 2:
-            largest = max(force[PEAK, e], FAINT * abs(force[LINEAR, e]))
-            off = weight * abs(bend - force[OLD_CURVE, e] * square)
-            if off > worst * largest:
-                worst = off / largest
+        largest = max(force[PEAK, e], FAINT * abs(force[LINEAR, e]))
+        off = weight * abs(bend - force[OLD_CURVE, e] * square) if known > 2 else 0.0
+        if force[STEEP, e] > 0.0:  # a parabola would overshoot from step to step
+            off = HOLDING * abs(force[NEW, e] - force[NOW, e])
+        if off > worst * largest:
+            worst = off / largest
     return worst
 
 
@@ -179,25 +181,28 @@ def _inputs(run, n, low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def _accept(run, level, parabola):  # type: ignore[no-untyped-def]
+def _accept(run, level, shape):  # type: ignore[no-untyped-def]
     """Make the attempted step's end the present."""
+    _, parabola, constant, _ = shape
     known, found, force, late, spans = run.known, run.found, run.force, run.late, run.spans
     elements, span = force.shape[1], spans[0]
     for i in range(len(found) - 2 * elements):
         total = found[i]
         for e in range(elements):
-            total += (late[level, 0, i, e] + parabola * late[level, 1, i, e]) * force[NEW, e]
+            late_share = late[level, 0, i, e] + parabola * late[level, 1, i, e] + constant * late[level, 2, i, e]
+            total += late_share * force[NEW, e]
         known[i] = total
     for e in range(elements):
         now, new = force[NOW, e], force[NEW, e]
-        force[IMPULSE, e] += span * (0.5 * (now + new) - force[CURVE, e] / 6.0)
+        begun = constant * new + (1.0 - constant) * now
+        force[IMPULSE, e] += span * (0.5 * (begun + new) - force[CURVE, e] / 6.0)
         force[OLD_CURVE, e] = force[CURVE, e] / (span * span)
         force[LAST, e], force[NOW, e] = now, new
         force[PEAK, e] = max(force[PEAK, e], abs(new))
     spans[2], spans[1] = spans[1], span
 
 
-@_uncounted()
+@uncounted()
 def _start(run, sees, t, turn):  # type: ignore[no-untyped-def]
     """Evaluate the laws at the present state, as at a start; the memories begin anew with turn 0."""
     force, known, found = run.force, run.known, run.found
@@ -212,7 +217,7 @@ def _start(run, sees, t, turn):  # type: ignore[no-untyped-def]
             found[i] += sees[i, j] * known[j]
     for e in range(elements):
         force[NEW, e] = 0.0
-    _evaluate(run, 0, 0.0, t, 0)
+    evaluate(run, 0, (1.0, 0.0, 0.0, 0.0), t, 0)
     for e in range(elements):
         force[NOW, e] = force[NEW, e]
         force[PEAK, e] = max(force[PEAK, e], abs(force[NEW, e]))
@@ -221,7 +226,7 @@ def _start(run, sees, t, turn):  # type: ignore[no-untyped-def]
             run.memory[0, k, m] = run.memory[1, k, m]
 
 
-@_uncounted()
+@uncounted()
 def _set_step(own, h):  # type: ignore[no-untyped-def]
     for k in range(SLOTS):
         own[k, STEP] = h
@@ -242,8 +247,9 @@ def _whole_step(run, at, state, tolerance, division, follows):  # type: ignore[n
         force[IMPULSE, e] = 0.0
     while tick < TICKS:
         if follows and tick == over:
-            other = division[short] % BEGUN_ANEW
+            other = division[short] % SHAPES
             over = tick + (TICKS >> (2 * other))
+            known = min(known, division[short] // SHAPES)
             if other != level:
                 level = other
                 _set_step(run.own, run.h / 4.0**level)
@@ -254,28 +260,30 @@ def _whole_step(run, at, state, tolerance, division, follows):  # type: ignore[n
             _inputs(run, at, tick * TICK, (tick + width) * TICK)
         error = _attempt(run, level, known, shape, run.begun + (at + (tick + width) * TICK) * run.h, turn)
         left -= 1
+        if known > 0 and is_held(force) and (error > most or not follows):
+            known = 0
+            continue
         if error > most and level < DEEPEST and left > 0:
             level += 1
             _set_step(run.own, run.h / 4.0**level)
             continue
-        _accept(run, level, shape[1])
+        _accept(run, level, shape)
         turn = 1 - turn
         tick += width
-        anew = error > tolerance and left > 0
-        if follows:
-            anew = tick == over and division[short] >= BEGUN_ANEW
-        elif len(division) > 0:
-            division[short] = level + (BEGUN_ANEW if anew else 0)
+        if not follows and len(division) > 0:
+            division[short] = level + SHAPES * known
         short += 1 if not follows or tick == over else 0
-        known = 1 if anew else min(known + 1, 3)
-        calm = (known == 3 and COARSER * error < tolerance) or left <= 0
+        holds = known < 1 and is_held(force)
+        anew = error > tolerance and left > 0 and not follows
+        known = 0 if holds else 1 if anew else min(known + 1, 3)
+        calm = ((known == 3 or holds) and COARSER * error < tolerance) or left <= 0
         if not follows and level > 0 and calm and tick % (4 * width) == 0:
             level -= 1
             _set_step(run.own, run.h / 4.0**level)
     return level, known, left, turn, short
 
 
-@_uncounted()
+@uncounted()
 def _carry(run, sees, jump, hit_at, tolerance, sampled, divided, out):  # type: ignore[no-untyped-def]
     """Carry one motion along and write its forces, bends and states into ``out``."""
     forces, bends, states = out
@@ -332,8 +340,8 @@ def carried(rigs, laws, start, clock, given, impact, tolerance, division, follow
         known[: 2 * n] = start[i] * scale
         g = i if len(given.start) > 1 else 0
         run = _Run(
-            matrix, late, laws.law, laws.element, laws.parameters[i].copy(), given.start[g], given.end[g],
-            given.bend[g], given.held, clock.start[i], h, known, np.zeros(len(sees)), np.zeros((8, elements)),
+            matrix, late, laws.law, laws.element, laws.parameters[i].copy(), laws.jumps, given.start[g], given.end[g],
+            given.bend[g], given.held, clock.start[i], h, known, np.zeros(len(sees)), np.zeros((ROWS, elements)),
             np.zeros((2, SLOTS, MEMORY)), np.ones(3),
         )  # fmt: skip
         jump, out = impact.jump[i] * scale, (forces[i], bends[i], states[i])

@@ -195,7 +195,7 @@ def rubbing(
 ) -> Motion:
     """Return a driven mass that rubs, with a sign rounded off to a thousandth of its speed, at 600 samples."""
     law, h, samples = catalogue()["guide_friction"][0].law, 5e-4 / substeps, 600
-    laws = laws_of([(law, 0)], [[np.array([0.0, 0.0, 0.0, h, friction, 3e-4])]])
+    laws = laws_of([(law, 0)], [[np.array([0.0, 0.0, 0.0, h, friction, 3e-4])]], [True])
     rigs = Rigs(*(np.array([p]) for p in ([0.9], [[1.5]], [[stiffness]], [[1.0]], [[1.0]])))
     t = np.arange((samples - 1) * substeps + 1) * h
     push = 9 * np.sin(70 * t) + 7 * np.sin(41 * t + 1)

@@ -339,7 +339,7 @@ class Simulation:
         acting = laws_in(terms)
         rest = [AtRest.of(element, constants, self.rig.preload_n) for element in self.arrangement.elements]
         rows = [m.packed(terms[i].values, rest[e], h) for i, m, e in acting]
-        return laws_of([(m.law, bent.index(e)) for _, m, e in acting], [rows])
+        return laws_of([(m.law, bent.index(e)) for _, m, e in acting], [rows], [m.jumps for _, m, _ in acting])
 
 
 def _rms(row: Real) -> float:

@@ -184,7 +184,8 @@ class AddedResponse:
             rest = {e: AtRest.of(elements[e], v.values, segment.preload_n) for e in used}
             return [m.packed(v.terms[i].values, rest[e], h) for i, m, e in slots]
 
-        laws = laws_of([(m.law, used.index(e)) for _, m, e in slots], [packed(*run) for run in runs])
+        acting = [(m.law, used.index(e)) for _, m, e in slots]
+        laws = laws_of(acting, [packed(*run) for run in runs], [m.jumps for _, m, _ in slots])
         values = {name: np.array([v.values[name] for _, v in runs]) for name in runs[0][1].values}
         mass, damping, stiffness = arrangement.matrices(values)
         rows = np.stack([arrangement.vector(elements[e].row, values) for e in used], axis=1)

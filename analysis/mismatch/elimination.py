@@ -29,6 +29,15 @@ def solved(a: Real, b: Real, rcond: float) -> Real:
 
 def eliminated(gram: Real, count: int, precision: Real) -> Real:
     """Return the Schur complement of the first ``count`` rows, (count,) being the precision they are known with."""
+    return eliminated_and_taken(gram, count, precision)[0]
+
+
+def eliminated_and_taken(gram: Real, count: int, precision: Real) -> tuple[Real, Real]:
+    """Return the Schur complement of the first ``count`` rows, and (m,) what they take of the diagonal.
+
+    Of a gram (count + r, count + m) with fewer rows than columns: the first r rows of it.
+    """
+    rows = len(gram) - count
     a = gram[:count, :count].copy()
     a[np.arange(count), np.arange(count)] += precision
     scale = np.sqrt(np.maximum(np.diag(a), 1e-300))
@@ -37,8 +46,8 @@ def eliminated(gram: Real, count: int, precision: Real) -> Real:
         lower = np.linalg.cholesky(a)
         if np.diag(lower).min(initial=1.0) ** 2 > SAFE:
             half = np.asarray(solve_triangular(lower, b, lower=True, check_finite=False), np.float64)
-            return np.asarray(gram[count:, count:] - half.T @ half, np.float64)
+            return gram[count:, count:] - half[:, :rows].T @ half, np.sum(half**2, axis=0)
     except np.linalg.LinAlgError:
         pass
-    out: Real = gram[count:, count:] - b.T @ solved(a, b, rcond=1e-12)
-    return out
+    made = solved(a, b, rcond=1e-12)
+    return gram[count:, count:] - b[:, :rows].T @ made, np.sum(b * made, axis=0)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from analysis.mismatch.elimination import eliminated_and_taken
 from analysis.mismatch.problem import Columns, Rung
 from sim_backend.arrays import Real
 
@@ -34,7 +35,10 @@ class RingingTests:
         (t, draws + 1) chi-squared that the free amplitudes take away from each draw and from the residual; (t,) how
         many they are.
     gram
-        (t, n, n) products of the constants' slopes, the effect on the rest, the draws of noise, and the residual.
+        (t, known + 1, known + draws + 2) products of the constants' slopes and the effect on the rest with these, the
+        draws of noise, and the residual.
+    power
+        (t, draws + 1) squares of each draw and of the residual.
     lines
         Of each candidate (3, lines) power, information and freedom of every tone.
     """
@@ -43,34 +47,38 @@ class RingingTests:
         self.known = known
         self.gain = np.zeros((len(lines), draws + 1))
         self.dof = np.zeros(len(lines), int)
-        self.gram = np.zeros((len(lines), known + draws + 2, known + draws + 2))
+        self.gram = np.zeros((len(lines), known + 1, known + draws + 2))
+        self.power = np.zeros((len(lines), draws + 1))
         self.lines = [np.zeros((3, n)) for n in lines]
 
     def add(self, columns: Columns, block: Real) -> None:
         """Take in a segment: ``block`` holds slopes, draws of noise and residual, projected by its own columns."""
         if not self.lines:
             return
-        inner, seen = block.T @ block, block.shape[1]
+        size, seen = columns.where.size, block.shape[1]
+        inner = block[:, :size].T @ block, np.sum(block[:, size:] ** 2, axis=0)
         for rung in columns.ringing(np.column_stack([block, columns.own])):
             # what `own` takes up is subtracted from the products
             taken = rung.seen[:, :, seen:]
             self._add(columns, inner, rung, rung.gram - taken @ taken.swapaxes(1, 2))
 
-    def _add(self, columns: Columns, inner: Real, rung: Rung, products: Real) -> None:
-        """Take in candidates with ``products`` (t, w + 1, w + 1) of their waves and effects beside the segment's."""
-        size, waves, seen = columns.where.size, products.shape[1] - 1, inner.shape[0]
+    def _add(self, columns: Columns, inner: tuple[Real, Real], rung: Rung, products: Real) -> None:
+        """Take in candidates with ``products`` (t, w + 1, w + 1) of their waves and effects beside the segment's.
+
+        ``inner`` are the products of the slopes with all columns, and the power of draws and residual.
+        """
+        size, waves, seen = columns.where.size, products.shape[1] - 1, inner[0].shape[1]
         power = products[:, :waves, :waves]
         whole = np.diagonal(rung.gram, axis1=1, axis2=2)[:, :waves]
         sizes = np.diagonal(power, axis1=1, axis2=2)
         apart = np.all(sizes > RINGS_ITSELF * whole, axis=1)  # otherwise the rig rings at this frequency itself
         numbers, products, power = rung.numbers[apart], products[apart], power[apart]
         along = rung.seen[apart, :, :seen]
-        local = np.r_[columns.where, self.known : self.gram.shape[1]]
-        rest = np.r_[:size, size + 1 : local.size]
-        small = np.zeros((numbers.size, local.size, local.size))
-        small[:, rest[:, None], rest] = inner
-        small[:, size, rest] = small[:, rest, size] = along[:, waves]
-        small[:, size, size] = products[:, waves, waves]
+        local = np.r_[columns.where, self.known : self.gram.shape[2]]
+        small = np.empty((numbers.size, size + 1, local.size))
+        small[:, :size, :size], small[:, :size, size + 1 :] = inner[0][:, :size], inner[0][:, size:]
+        small[:, :size, size] = small[:, size, :size] = along[:, waves, :size]
+        small[:, size, size], small[:, size, size + 1 :] = products[:, waves, waves], along[:, waves, size:]
         if waves:
             across = np.insert(along[:, :waves], size, products[:, :waves, waves], axis=2)
             for i, number in enumerate(numbers):
@@ -83,16 +91,30 @@ class RingingTests:
             across = basis.swapaxes(1, 2) @ (across / scale[:, :, None])
             self.gain[numbers] += np.sum(across[:, :, size + 1 :] ** 2, axis=1)
             self.dof[numbers] += kept.sum(axis=1)
-            small -= across.swapaxes(1, 2) @ across
-        self.gram[numbers[:, None, None], local[:, None], local] += small
+            small -= across[:, :, : size + 1].swapaxes(1, 2) @ across
+        self.power[numbers] += inner[1]
+        self.gram[numbers[:, None, None], local[: size + 1, None], local] += small
 
     def take(self, other: RingingTests) -> None:
         """Add what another one was given of further segments."""
         self.gain += other.gain
         self.dof += other.dof
         self.gram += other.gram
+        self.power += other.power
         for mine, others in zip(self.lines, other.lines, strict=True):
             mine += others
+
+
+    def beside(self, number: int, precision: Real) -> tuple[Real, Real]:
+        """Return what is left of a candidate beside the constants, which are known with a (known,) precision.
+
+        Returns
+        -------
+        tuple
+            (draws + 2,) products of its effect with itself, the draws and the residual; (draws + 1,) powers of these.
+        """
+        rest, taken = eliminated_and_taken(self.gram[number], self.known, precision)
+        return rest[0], self.power[number] - self.gain[number] - taken[1:]
 
 
 def _loudness(power: Real, seen: Real, lines: int) -> Real:

@@ -278,21 +278,21 @@ def _rung_scores(
     terms: Sequence[Term], tests: RingingTests, precision: Real, noise: _Noise
 ) -> tuple[list[Score], Real]:
     """Return the score of each term that adds vibrations to every segment, and (terms, draws) p-values in noise."""
-    found, known = [], tests.known
+    found = []
     by_chance = np.ones((len(terms), tests.gain.shape[1] - 1))
     for i, t in enumerate(terms):
-        rest = eliminated(tests.gram[i], known, precision)
-        alone = not rest[0, 0] > 1e-9 * tests.gram[i][known, known]
-        size = np.inf if alone else math.sqrt(rest[0, 0])
-        drawn = _drawn(rest, np.full(1, size), noise.count)
-        wider = float(noise.wider(drawn)[0])
-        values = np.append(drawn[0], rest[0, -1] / size) / wider
+        rest, power = tests.beside(i, precision)
+        alone = not rest[0] > 1e-9 * tests.gram[i, tests.known, tests.known]
+        size = np.inf if alone else math.sqrt(rest[0])
+        drawn = rest[1:-1] / size / np.sqrt(np.maximum(power[:-1], 1e-300) / max(noise.count, 1))
+        wider = float(noise.wider(drawn[None])[0])
+        values = np.append(drawn, rest[-1] / size) / wider
         signed = np.where((values > 0) | (not t.mechanism.one_signed), values**2, 0.0)
         gains = tests.gain[i] + signed
         gain = noise.chi_squared(gains[-1])
         dof = int(tests.dof[i]) + (0 if alone else 1)
         by_chance[i] = chi2.sf(gains[:-1], max(dof, 1))
-        strength = rest[0, -1] / size**2
+        strength = rest[-1] / size**2
         error = math.nan if alone else noise.deviation * wider / size
         bounds = [amplitude_bound(*line) for line in tests.lines[i].T if line[1] > 0]
         loudest = max(bounds, default=math.nan)

@@ -104,7 +104,6 @@ class RingingTests:
         for mine, others in zip(self.lines, other.lines, strict=True):
             mine += others
 
-
     def beside(self, number: int, precision: Real) -> tuple[Real, Real]:
         """Return what is left of a candidate beside the constants, which are known with a (known,) precision.
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sim_backend.arrays import Real, Whole
-from sim_backend.force_law import REST, SLOTS, no_law
+from sim_backend.force_law import REST, SLOTS, compiled_law, no_law
 
 
 class Rigs(NamedTuple):
@@ -92,4 +92,5 @@ def laws_of(slots: Sequence[tuple[Any, int]], parameters: Sequence[Sequence[Real
     missing = SLOTS - len(slots)
     element = np.array([slots[k][1] for k in order] + [-1] * missing, np.int64)
     jump = np.array([k < len(jumps) and jumps[k] for k in order] + [False] * missing, np.int64)
-    return Laws((*(slots[k][0] for k in order), *[no_law] * missing), element, packed, jump)
+    laws = *(slots[k][0] for k in order), *[no_law] * missing
+    return Laws(tuple(map(compiled_law, laws)), element, packed, jump)

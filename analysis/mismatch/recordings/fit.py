@@ -277,9 +277,8 @@ def fit(
     to_beat
         Objective that matters: a fit that comes nearer too slowly to reach it is given up.
     """
-    simulation = Simulation(
-        problem.rig, problem.recordings, problem.constants if begin is None else begin.values, problem.highest_hz, terms
-    )
+    constants, like = (problem.constants, None) if begin is None else (begin.values, begin.simulation)
+    simulation = Simulation(problem.rig, problem.recordings, constants, problem.highest_hz, terms, like)
     states = problem.states if begin is None else [begin.state(i) for i in range(len(begin.own))]
     own = [simulation.own(s) for s in states]
     if begin is not None:
@@ -302,7 +301,9 @@ def fit(
 
 def linear_fit(problem: SimulatedRecordings) -> SimulatedFit:
     """Return the linear rig fitted to the fitting blocks."""
-    begun = min((fit(start, fine=True) for start in problem.starts()), key=lambda f: f.objective)
+    starts = problem.starts()
+    nearest = min((fit(s) for s in starts), key=lambda f: f.objective) if len(starts) > 1 else None
+    begun = fit(problem, begin=nearest, fine=True)
     if begun.missed < NEAR_LINEAR or not any(r.free for r in problem.recordings):
         return begun
     return min(begun, fit(problem, staged=True, fine=True), key=lambda f: f.objective)

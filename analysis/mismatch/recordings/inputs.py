@@ -9,6 +9,7 @@ import numpy as np
 from scipy import signal
 from scipy.fft import next_fast_len
 
+from analysis.mismatch.rig_description import Hold
 from sim_backend.arrays import Real
 
 MIRRORED: Final = 64  # samples put before and after an input so that its interpolation does not ring
@@ -48,6 +49,17 @@ def at_rest_between_pulses(u: Real) -> Real:
     if np.mean(at_work) > MOST_AT_WORK or correlated:
         return u
     return np.where(at_work, u, u[~at_work].mean())
+
+
+def at_substeps(inputs: Real, sub: int, hold: Hold) -> Real:
+    """Return inputs (k, n) at the substeps between their samples, and at the samples where they are held."""
+    if hold == "zero" or not len(inputs):
+        return inputs
+    samples = inputs.shape[1]
+    at = np.arange((samples - 1) * sub + 1)
+    if hold == "first":
+        return np.array([np.interp(at / sub, np.arange(samples), u) for u in inputs])
+    return np.array([raised(u, sub)[: at.size] for u in inputs])
 
 
 def raised(u: Real, sub: int) -> Real:

@@ -153,10 +153,11 @@ class BlockJudge(Judge[SimulatedFit]):
             to_beat = math.inf if self._told_in_any_case(scores[0].term.mechanism) else HOPELESS * best
             joined = [(score, self._joined_once(state.current, score, to_beat)) for score in scores]
             fits.append(min(joined, key=lambda pair: pair[1].scatter))
-        found = self._judged(state, fits)
-        in_time = [i for i, c in enumerate(found) if self._told_in_any_case(c.mechanism)]
-        finer = {*range(policy.polished), *in_time[:1]}
-        fits = [(c.score, self._polished(c.fit) if i in finer else c.fit) for i, c in enumerate(found) if c.fit]
+        found = [(c.score, c.fit) for c in self._judged(state, fits) if c.fit is not None]
+        in_time = [i for i, (score, _) in enumerate(found) if self._told_in_any_case(score.term.mechanism)]
+        hopeless = HOPELESS * min((f.scatter for _, f in found), default=math.inf)
+        finer = {i for i in range(min(policy.polished, len(found))) if found[i][1].scatter < hopeless} | {*in_time[:1]}
+        fits = [(score, self._polished(f) if i in finer else f) for i, (score, f) in enumerate(found)]
         unfitted: Candidates = tuple(Candidate(s[0], None, -math.inf) for s in ranking.scores[ranking.finalists :])
         return (*self._judged(state, fits), *unfitted)
 

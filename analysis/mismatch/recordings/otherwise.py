@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import get_args
@@ -15,6 +16,7 @@ from analysis.mismatch.rig_description import Hold
 from analysis.mismatch.score_test import Screening
 
 CONSTANTS = 2  # that are tried with other values where the rig as described misses most
+HOPELESS = 1.5  # times the mean square of what is named, from which a rough fit will not come down to that
 AS_WELL = 4.0  # mean square over that of what is named, up to which another constant explains as well
 
 
@@ -56,8 +58,12 @@ def hold_that_explains(
     on_progress("trying inputs that are held otherwise")
     for hold in get_args(Hold):
         if hold != rig.hold:
-            found = fit(replace(linear.problem, rig=replace(rig, hold=hold)), (), linear, fine=True)
-            worse = named is not None and mean_of(found.by_block(CHOOSE)) > mean_of(named.by_block(CHOOSE))
-            if not worse and screen(found).p_value >= level:
+            other = replace(linear.problem, rig=replace(rig, hold=hold))
+            best = math.inf if named is None else mean_of(named.by_block(CHOOSE))
+            found = fit(other, (), linear)
+            if mean_of(found.by_block(CHOOSE)) > HOPELESS * best:
+                continue
+            found = fit(other, (), found, fine=True)
+            if mean_of(found.by_block(CHOOSE)) <= best and screen(found).p_value >= level:
                 return found
     return None

@@ -28,6 +28,7 @@ PASSED = 0.2  # of the rate after thinning out, up to which its filter changes n
 NOISE_LINES = 6.0  # times the noise's power, that a line of noise hardly reaches
 FILTER_ORDER = 4
 EDGE_PERIODS = 3.0  # of the band's width that a filter's edge takes
+SILENT: Final = 0.03  # of a decay's largest deflection: nothing has happened yet
 LOUD_START, NEAR_LARGEST = 0.3, 0.7  # of a decay's largest deflection: it was ringing when it began, it is near that
 FEWEST = 400  # samples that a recording must have
 
@@ -247,14 +248,15 @@ def thinned(rows: Real, factor: int) -> Real:
 def _after_impact(outputs: Real, edge: int) -> tuple[int, int]:
     """Return the sample of the impact, and that from which on a decay is free: after the filter's edge.
 
-    The impact was when the recording first became loud, or before one that began in mid-decay. Modes that beat may be
-    largest long after it began: then it is free from where it first comes near to that.
+    The impact was when silence ended before the recording became loud, or before one that began in mid-decay. Modes
+    that beat may be largest long after it began: then it is free from where it first comes near to that.
     """
     level = np.abs(outputs / np.abs(outputs).max(axis=1, keepdims=True)).max(axis=0)
     near = level >= NEAR_LARGEST
     ringing = level >= LOUD_START
     begun = np.any(ringing[: max(level.size // 50, 1)])
-    return 0 if begun else int(np.argmax(ringing)), int(np.argmax(near if begun else level)) + edge + 1
+    silent = np.flatnonzero(level[: int(np.argmax(ringing))] < SILENT)
+    return int(silent[-1]) if silent.size else 0, int(np.argmax(near if begun else level)) + edge + 1
 
 
 def _divided(

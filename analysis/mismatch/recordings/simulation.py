@@ -13,7 +13,7 @@ from scipy import signal
 
 from analysis.mismatch.parameters import FreeParameter, Term, lines_of, rounding_of, with_values
 from analysis.mismatch.recordings.channels import distort, memories, remembered, rows_of, shown_by, told_by
-from analysis.mismatch.recordings.inputs import peaks_of, raised
+from analysis.mismatch.recordings.inputs import at_substeps, peaks_of
 from analysis.mismatch.recordings.motion import Motion, Own, impulse, sensible
 from analysis.mismatch.recordings.recorded import Recorded, level
 from analysis.mismatch.recordings.untold import SINGULAR, untold_offsets
@@ -44,6 +44,13 @@ class Simulation:
         Values of all the rig's constants, for scales and where they are not free.
     highest_hz
         Highest mode, which sets the substeps.
+    like
+        Another one of the same recordings: their inputs between samples serve again.
+
+    Attributes
+    ----------
+    between
+        Of each recording its inputs, and these at substeps.
     """
 
     def __init__(
@@ -53,6 +60,7 @@ class Simulation:
         constants: Values,
         highest_hz: float,
         terms: Sequence[Term] = (),
+        like: Simulation | None = None,
     ):
         self.rig, self.recordings, self.terms = rig, tuple(recordings), tuple(terms)
         self.highest_hz = highest_hz
@@ -67,7 +75,11 @@ class Simulation:
         pushed = self._vectors(self.constants, mass).T
         self.untold = untold_offsets(rig, self.arrangement, self.constants, self.terms, list(pushed))
         self.parameters = tuple(self._parameters())
-        self._inputs = [self._between(r, s) for r, s in zip(self.recordings, self.substeps, strict=True)]
+        kept = like.between if like is not None and like.substeps == self.substeps else ()
+        self.between: tuple[tuple[Real, Real], ...] = tuple(
+            kept[i] if kept and kept[i][0] is r.inputs else (r.inputs, at_substeps(r.inputs, sub, rig.hold))
+            for i, (r, sub) in enumerate(zip(self.recordings, self.substeps, strict=True))
+        )
         self._divided: dict[int, tuple[slice, Division]] = {}
 
     def near(self, x: Real, own: Own, number: int, samples: int | None = None) -> Simulation:
@@ -99,7 +111,7 @@ class Simulation:
 
     def with_terms(self, terms: Sequence[Term], constants: Values) -> Simulation:
         """Return a simulation of the same recordings with other mechanisms and starting values."""
-        return Simulation(self.rig, self.recordings, constants, self.highest_hz, terms)
+        return Simulation(self.rig, self.recordings, constants, self.highest_hz, terms, self)
 
     def with_inputs(self, number: int, inputs: Real) -> Simulation:
         """Return a simulation with other inputs (inputs, n) of one recording; this one where they are the same."""
@@ -107,8 +119,8 @@ class Simulation:
             return self
         found, recorded = copy.copy(self), replace(self.recordings[number], inputs=inputs)
         found.recordings = (*self.recordings[:number], recorded, *self.recordings[number + 1 :])
-        found._inputs = [*self._inputs]
-        found._inputs[number] = self._between(recorded, self.substeps[number])
+        moved = inputs, at_substeps(inputs, self.substeps[number], self.rig.hold)
+        found.between = (*self.between[:number], moved, *self.between[number + 1 :])
         return found
 
     def _parameters(self) -> list[FreeParameter]:
@@ -299,16 +311,6 @@ class Simulation:
         vector = self.arrangement.vector(row, constants)
         return np.asarray(-mass * (vector + self._shaken) if base else vector, np.float64)
 
-    def _between(self, recorded: Recorded, sub: int) -> Real:
-        """Return the inputs at the substeps (at the samples where they are held)."""
-        if recorded.free or self.rig.hold == "zero":
-            return recorded.inputs
-        samples = recorded.samples
-        at = np.arange((samples - 1) * sub + 1)
-        if self.rig.hold == "first":
-            return np.array([np.interp(at / sub, np.arange(samples), u) for u in recorded.inputs])
-        return np.array([raised(u, sub)[: at.size] for u in recorded.inputs])
-
     def _vectors(self, constants: Values, mass: Real) -> Real:
         """Return (n, inputs) the forces on the bodies by a unit of each input."""
         pushed = [constants[d.gain] * self._pushed(d.row, d.base, constants, mass) for d in self.rig.drives]
@@ -323,7 +325,7 @@ class Simulation:
         size = at.stop - at.start if held else (at.stop - 1 - at.start) * sub + 1
         rows = np.zeros((len(self.rig.drives), size))
         for i, drive in enumerate(self.rig.drives):
-            between = recorded.inputs[i] if at_samples else self._inputs[number][i]
+            between = recorded.inputs[i] if at_samples else self.between[number][1][i]
             u = between[at] if held else between[at.start * sub :][:size]
             u = u + constants[drive.offset]
             for term in terms:

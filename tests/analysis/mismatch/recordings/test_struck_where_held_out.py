@@ -53,3 +53,12 @@ def test_divided_anew_a_sample_is_fitted_and_as_much_is_held_out(block: int) -> 
     assert (moved is recorded) == (PARTS[block % PARTS.size] == FIT)
     for part in (FIT, CHOOSE, HELD, UNUSED):
         assert abs(np.count_nonzero(moved.part == part) - np.count_nonzero(recorded.part == part)) < SAMPLES / BLOCKS
+
+
+@pytest.mark.parametrize("silent", [0, 5, 12, 40])
+def test_a_decay_is_counted_from_where_silence_ends(silent: int) -> None:
+    decay = struck_twice(3, 0.0)
+    noise = 1e-3 * np.random.default_rng(7).standard_normal(silent)
+    late = Recording(np.append(noise, decay.data[0])[None], RATE, ("a",), "", "silent at first")
+    recorded = prepare(late, RIG)
+    assert recorded.rang_s == pytest.approx(prepare(decay, RIG).rang_s, abs=2 / RATE)

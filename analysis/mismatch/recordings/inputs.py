@@ -51,24 +51,34 @@ def at_rest_between_pulses(u: Real) -> Real:
     return np.where(at_work, u, u[~at_work].mean())
 
 
-def at_substeps(inputs: Real, sub: int, hold: Hold) -> Real:
-    """Return inputs (k, n) at the substeps between their samples, and at the samples where they are held."""
+def at_half_substeps(inputs: Real, sub: int, hold: Hold) -> Real:
+    """Return inputs (k, n) where substeps begin, at their middles and ends; at the samples where they are held."""
     if hold == "zero" or not len(inputs):
         return inputs
     samples = inputs.shape[1]
-    at = np.arange((samples - 1) * sub + 1)
+    at = np.arange((samples - 1) * 2 * sub + 1)
     if hold == "first":
-        return np.array([np.interp(at / sub, np.arange(samples), u) for u in inputs])
+        return np.array([np.interp(at / (2 * sub), np.arange(samples), u) for u in inputs])
     return np.array([raised(u, sub)[: at.size] for u in inputs])
 
 
 def raised(u: Real, sub: int) -> Real:
-    """Return an input at the substeps, such that straight lines between them have its spectrum up to half the rate."""
+    """Return an input at half substeps, such that parabolas through them have its spectrum up to half the rate."""
     long = np.concatenate([2 * u[0] - u[MIRRORED:0:-1], u, 2 * u[-1] - u[-2 : -MIRRORED - 2 : -1]])
     size = int(next_fast_len(long.size + 1, real=True))
     long = np.concatenate([long, np.linspace(long[-1], long[0], size - long.size + 2)[1:-1]])
-    spectrum = np.fft.rfft(long) / np.sinc(np.fft.rfftfreq(size) / sub) ** 2
-    return np.asarray(signal.resample(np.fft.irfft(spectrum, size), size * sub)[MIRRORED * sub :], np.float64)
+    spectrum = np.fft.rfft(long) / _of_parabolas(np.fft.rfftfreq(size) / sub)
+    return np.asarray(signal.resample(np.fft.irfft(spectrum, size), size * 2 * sub)[MIRRORED * 2 * sub :], np.float64)
+
+
+def _of_parabolas(cycles: Real) -> Real:
+    """Return how large parabolas through a sine at beginnings, middles and ends of steps, in cycles a step, show it.
+
+    Straight lines show it ``sinc(f)^2`` times; what their middles lack, parabolas of height one add.
+    """
+    half = np.pi * np.maximum(cycles, 1e-4)
+    height = (np.sin(half) - half * np.cos(half)) / half**3
+    return np.asarray(np.sinc(cycles) ** 2 + 2 * (1 - np.cos(half)) * height, np.float64)
 
 
 def peaks_of(rows: Sequence[Real]) -> dict[str, float]:

@@ -34,6 +34,7 @@ from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.regression import regressed
 from analysis.mismatch.recordings.reweighing import exchanged, without_idle_ones
 from analysis.mismatch.recordings.second_impact import fitted_where_struck, where_it_fell
+from analysis.mismatch.recordings.sharper import sharper
 from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
 from analysis.mismatch.score_test import Score, Screening, screen
 from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of, started
@@ -185,7 +186,10 @@ class BlockJudge(Judge[SimulatedFit]):
         return sorted(found, key=lambda c: -c.evidence)
 
     def _joined_once(self, current: SimulatedFit, score: Score, to_beat: float) -> SimulatedFit:
-        return self.fitted.once(current, (started(score),), to_beat, lambda: self._joined(current, score, to_beat))
+        def joined() -> SimulatedFit:
+            return sharper(self._joined(current, score, to_beat), to_beat)
+
+        return self.fitted.once(current, (started(score),), to_beat, joined)
 
     def _polished(self, begun: SimulatedFit) -> SimulatedFit:
         return self.fitted.once(begun, begun.terms, math.inf, lambda: fit(self.problem, begun.terms, begun, fine=True))

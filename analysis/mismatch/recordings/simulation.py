@@ -13,7 +13,7 @@ from scipy import signal
 
 from analysis.mismatch.parameters import FreeParameter, Term, lines_of, rounding_of, with_values
 from analysis.mismatch.recordings.channels import distort, memories, remembered, rows_of, shown_by, told_by
-from analysis.mismatch.recordings.inputs import at_substeps, peaks_of
+from analysis.mismatch.recordings.inputs import at_half_substeps, peaks_of
 from analysis.mismatch.recordings.motion import Motion, Own, impulse, sensible
 from analysis.mismatch.recordings.recorded import Recorded, level
 from analysis.mismatch.recordings.untold import SINGULAR, untold_offsets
@@ -27,7 +27,7 @@ from sim_backend.propagate import Clock, Division, Given, Laws, Rigs, laws_of, p
 Values = Mapping[str, float]
 
 PER_PERIOD: Final = 56  # substeps in a period of the rig's highest mode, at least
-FEWEST_SUBSTEPS: Final = 3  # dry friction turns at once, however slow the rig
+FEWEST_SUBSTEPS, WITH_JUMPS = 3, 6  # the latter where dry friction turns at once, however slow the rig
 MOST_SUBSTEPS: Final = 8
 SHORTEST_FILTERED: Final = 60  # samples that a band's filter can be run over
 TOLERANCE: Final = 1e-5  # see `propagate`: along a decay of 60 periods errors of 3e-4 add up to a quarter of the noise
@@ -50,7 +50,7 @@ class Simulation:
     Attributes
     ----------
     between
-        Of each recording its inputs, and these at substeps.
+        Of each recording its inputs, and these at half substeps.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Simulation:
         self.parameters = tuple(self._parameters())
         kept = like.between if like is not None and like.substeps == self.substeps else ()
         self.between: tuple[tuple[Real, Real], ...] = tuple(
-            kept[i] if kept and kept[i][0] is r.inputs else (r.inputs, at_substeps(r.inputs, sub, rig.hold))
+            kept[i] if kept and kept[i][0] is r.inputs else (r.inputs, at_half_substeps(r.inputs, sub, rig.hold))
             for i, (r, sub) in enumerate(zip(self.recordings, self.substeps, strict=True))
         )
         self._divided: dict[int, tuple[slice, Division]] = {}
@@ -107,7 +107,7 @@ class Simulation:
         if straight and self.struck is None and not laws_in(self.terms):
             return 1
         steps = math.ceil(PER_PERIOD * self.highest_hz / recorded.rate_hz)
-        return min(max(steps, FEWEST_SUBSTEPS), MOST_SUBSTEPS)
+        return min(max(steps, WITH_JUMPS if self.jumps else FEWEST_SUBSTEPS), MOST_SUBSTEPS)
 
     def with_terms(self, terms: Sequence[Term], constants: Values) -> Simulation:
         """Return a simulation of the same recordings with other mechanisms and starting values."""
@@ -119,7 +119,7 @@ class Simulation:
             return self
         found, recorded = copy.copy(self), replace(self.recordings[number], inputs=inputs)
         found.recordings = (*self.recordings[:number], recorded, *self.recordings[number + 1 :])
-        moved = inputs, at_substeps(inputs, self.substeps[number], self.rig.hold)
+        moved = inputs, at_half_substeps(inputs, self.substeps[number], self.rig.hold)
         found.between = (*self.between[:number], moved, *self.between[number + 1 :])
         return found
 
@@ -269,15 +269,18 @@ class Simulation:
         h = 1 / recorded.rate_hz / sub
         vectors = self._vectors(constants, mass)
         inputs, held = self._driven(constants, terms, number, at)
-        pushed = inputs if held else inputs[:, ::sub]
-        if self.rig.hold == "band-limited" and not recorded.free:  # what is in between is raised against straight lines
+        pushed = inputs if held else inputs[:, :: 2 * sub]
+        if self.rig.hold == "band-limited" and not recorded.free:  # what is in between is raised against parabolas
             pushed, _ = self._driven(constants, terms, number, at, at_samples=True)
         force = pushed.T @ vectors.T
-        begin, end = (inputs, inputs) if held else (inputs[:, :-1], inputs[:, 1:])
+        begin, end = (inputs, inputs) if held else (inputs[:, :-1:2], inputs[:, 2::2])
+        bend = np.zeros_like(begin) if held else 2 * (begin + end) - 4 * inputs[:, 1::2]
         if self.struck is not None and own.impact.size:
             substep, change = (own.impact[0] * recorded.rate_hz - at.start) * sub, own.impact[1] / h
             struck = impulse(begin.shape[1], substep, mass[self.struck] * change)
-            begin, end = np.vstack([begin, struck[0]]), np.vstack([end, struck[1]])
+            begin, end, bend = (
+                np.vstack([u, s]) for u, s in zip((begin, end, bend), (*struck, 0 * struck[0]), strict=True)
+            )
             vectors = np.column_stack([vectors, np.eye(self.n)[self.struck]])
         start = own.state
         if whole and recorded.fitted.start > 0:
@@ -287,7 +290,7 @@ class Simulation:
             mass[None], damping[None], stiffness[None], rows_of(self.arrangement, constants)[None, bent], vectors[None]
         )
         clock = Clock(np.array([at.start / recorded.rate_hz]), h, (at.stop - 1 - at.start) * sub, sub)
-        given = Given(begin[None], end[None], np.zeros((1, *begin.shape)), sub if held else 1)
+        given = Given(begin[None], end[None], bend[None], sub if held else 1)
         laws = self._laws(terms, constants, h, bent)
         near, division = self._divided.get(number, (at, None))
         division = division if near == at else None
@@ -319,20 +322,20 @@ class Simulation:
     def _driven(
         self, constants: Values, terms: Sequence[Term], number: int, at: slice, at_samples: bool = False
     ) -> tuple[Real, bool]:
-        """Return the inputs between two samples, at substeps or ``at_samples``, and whether they hold."""
+        """Return the inputs between two samples, at half substeps or ``at_samples``, and whether they hold."""
         recorded, sub = self.recordings[number], self.substeps[number]
         held = at_samples or (self.rig.hold == "zero" and not recorded.free)
-        size = at.stop - at.start if held else (at.stop - 1 - at.start) * sub + 1
+        size = at.stop - at.start if held else (at.stop - 1 - at.start) * 2 * sub + 1
         rows = np.zeros((len(self.rig.drives), size))
         for i, drive in enumerate(self.rig.drives):
             between = recorded.inputs[i] if at_samples else self.between[number][1][i]
-            u = between[at] if held else between[at.start * sub :][:size]
+            u = between[at] if held else between[at.start * 2 * sub :][:size]
             u = u + constants[drive.offset]
             for term in terms:
                 m = term.mechanism
                 if isinstance(m, ChannelDistortion) and m.of == "input" and i in term.place:
                     peaks = peaks_of([r.inputs[i] for r in told_by(term, recorded, self.recordings)])
-                    u = m.distort(u[None], {**term.values, **peaks}, recorded.rate_hz * (1 if held else sub))[0]
+                    u = m.distort(u[None], {**term.values, **peaks}, recorded.rate_hz * (1 if held else 2 * sub))[0]
             rows[i] = u
         return rows, held
 

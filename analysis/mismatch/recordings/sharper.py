@@ -5,14 +5,17 @@ from __future__ import annotations
 from analysis.mismatch.recordings.fit import SimulatedFit, fit
 from sim_backend.mechanisms.kinds import ForceLaw
 
-SHARPER = 1000.0  # times slighter speed within which it then jumps
+SHARPER = 10.0  # times slighter a speed, within which it jumps, that is worth another fit
 
 
 def sharper(found: SimulatedFit, to_beat: float) -> SimulatedFit:
-    """Return a fit whose last mechanism jumps within a far slighter speed, if that explains more, else the fit itself."""
+    """Return a fit whose last mechanism jumps as abruptly as any trial, if that explains more; else the fit itself."""
     last = found.terms[-1]
-    rounding = last.mechanism.rounding if isinstance(last.mechanism, ForceLaw) else ""
-    if rounding not in last.values:
+    name = last.mechanism.rounding if isinstance(last.mechanism, ForceLaw) else ""
+    if name not in last.values:
         return found
-    terms = (*found.terms[:-1], last.within({rounding: last.values[rounding] / SHARPER}))
+    sharpest = min(trial[name] for trial in last.mechanism.trials(found.problem.scale_of(found, last.place[0])))
+    if last.values[name] < SHARPER * sharpest:
+        return found
+    terms = (*found.terms[:-1], last.within({name: sharpest}))
     return min(found, fit(found.problem, terms, found, to_beat=to_beat), key=lambda f: f.scatter)

@@ -46,11 +46,6 @@ class Simulation:
         Highest mode, which sets the substeps.
     like
         Another one of the same recordings: their inputs between samples serve again.
-
-    Attributes
-    ----------
-    between
-        Of each recording its inputs, and these at half substeps.
     """
 
     def __init__(
@@ -75,7 +70,8 @@ class Simulation:
         pushed = self._vectors(self.constants, mass).T
         self.untold = untold_offsets(rig, self.arrangement, self.constants, self.terms, list(pushed))
         self.parameters = tuple(self._parameters())
-        kept = like.between if like is not None and like.substeps == self.substeps else ()
+        kept = like.between if like is not None and (like.rig.hold, like.substeps) == (rig.hold, self.substeps) else ()
+        # of each recording its inputs, and these at half substeps
         self.between: tuple[tuple[Real, Real], ...] = tuple(
             kept[i] if kept and kept[i][0] is r.inputs else (r.inputs, at_half_substeps(r.inputs, sub, rig.hold))
             for i, (r, sub) in enumerate(zip(self.recordings, self.substeps, strict=True))

@@ -164,3 +164,20 @@ def test_a_damping_that_ended_at_its_bound_is_still_a_parameter_that_tells() -> 
         assert np.abs(simulation.run(nudged, own, 0)[0] - simulation.run(x, own, 0)[0]).max() > 1e-12
     for one in found[1:]:
         np.testing.assert_allclose(one, found[0], rtol=0, atol=1e-2 * np.abs(found[0]).max())
+
+
+def test_another_hold_takes_its_own_inputs_between_samples() -> None:
+    """A fit of inputs that are held otherwise begins with a fit of the same recording."""
+    u = np.random.default_rng(1).standard_normal(500)
+    springs = "bodies: {m: 1}\nsprings: [{between: [m, ground], stiffness: 900, damping: 2}]\n"
+    channels = "inputs: [{channel: 0, force_on: m}]\nsensors: [{channel: 1, of: m, shows: displacement}]\n"
+    shown = {}
+    for hold, other in (("zero", "first"), ("first", "zero")):
+        rig, like = (parse_rig(f"{springs}{channels}recording: {{hold: {h}}}\n") for h in (hold, other))
+        prepared = [prepare(recorded([u, u], 100.0, 0.0), rig)]
+        before = Simulation(like, prepared, {}, 5.0)
+        for name, alike in (("alone", None), ("after", before)):
+            one = Simulation(rig, prepared, {}, 5.0, (), alike)
+            shown[hold, name], _ = one.run(one.begin(), one.own(np.zeros(2)), 0)
+        np.testing.assert_array_equal(shown[hold, "after"], shown[hold, "alone"])
+    assert not np.allclose(shown["zero", "alone"], shown["first", "alone"])

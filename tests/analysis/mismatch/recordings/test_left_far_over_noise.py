@@ -174,12 +174,13 @@ def test_the_error_of_a_score_is_that_of_a_full_fit_where_a_named_law_is_like_th
     terms = (*begun.terms, Term(power, values | {"force_n": 0.1, "rate_exponent": POWER}, (0,)))
     problem = problem.weighed(fit(problem, terms, begun, fine=True))
     named = fit(problem, terms, begun, fine=True)
-    (score, *_) = screen(problem, named, [known["guide_friction"]]).scores
+    scores = screen(problem, named, [known["guide_friction"]]).scores
+    score = min(scores, key=lambda s: s.term.values["rounding"])  # a blunt one is more like the rig's own damper
     rubbing = Term(known["guide_friction"], {**score.term.values, "friction_force_n": 1e-4}, (0,))
     full = fit(problem, (*named.terms, rubbing), named, fine=True)
     # with a trial as large as those beside a linear rig are, it was a twentieth of that
     error = math.sqrt(full.term_covariances[-1][0, 0])
-    assert 0.4 < score.error * score.term.values["friction_force_n"] / error < 2.0
+    assert 0.5 < score.error * score.term.values["friction_force_n"] / error < 2.0
 
 
 @pytest.mark.long

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from analysis.mismatch.recordings.thinning import RINGING, thinned
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.session import AnalysisError
 from daq.exchange import Recording
@@ -23,9 +24,7 @@ PARTS: Final = np.array([FIT, CHOOSE, FIT, HELD])  # of neighbouring blocks
 LONGEST_STRETCH = 20_000  # samples that are simulated in fitting; all of a recording is in the end
 PER_PERIOD = 10  # samples kept of the highest frequency
 FULL_BAND_ENERGY = 0.999999  # of what stands out of a recording's noise, below its highest frequency
-RINGING = 12  # samples, after thinning out, that the filter before it spoils at either end
-PASSED = 0.2  # of the rate after thinning out, up to which its filter changes nothing
-NOISE_LINES = 6.0  # times the noise's power, that a line of noise hardly reaches
+NOISE_LINE: Final = 0.05  # chance that any line of a spectrum of noise counts as more than that
 FILTER_ORDER = 4
 EDGE_PERIODS = 3.0  # of the band's width that a filter's edge takes
 SILENT: Final = 0.03  # of a decay's largest deflection: nothing has happened yet
@@ -133,19 +132,21 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
                 f"{source}: the band of {rig.name} ends at {rig.band_hz[1]:g} Hz, too close to half the rate of "
                 f"{rate:g} Hz"
             )
-        factor = min(_decimation_factor(outputs[:, first:last], rate, rig.band_hz), max((last - first) // FEWEST, 1))
+        free = max(first, 0 if rig.from_s is not None else min(_free_from(outputs[:, :last]), last - FEWEST))
+        factor = min(_decimation_factor(outputs[:, free:last], rate, rig.band_hz), max((last - free) // FEWEST, 1))
+        struck_s = (
+            _silent_until(outputs[:, :last]) / rate
+        )  # as it was sampled: thinning out spreads what begins at once
         if factor > 1:
             outputs = thinned(outputs, factor)
-            # what begins or ends at once makes the filter ring
             rate, first, last = rate / factor, first // factor + RINGING, last // factor - RINGING
         if rig.band_hz is not None:
             band = signal.butter(FILTER_ORDER, rig.band_hz, "bandpass", fs=rate, output="sos")
             outputs = signal.sosfiltfilt(band, outputs, axis=1)
             edge = round(EDGE_PERIODS * rate / (rig.band_hz[1] - rig.band_hz[0]))
         if rig.from_s is None:
-            impact, free = _after_impact(outputs[:, :last], edge)
-            first = max(free, first)
-            rang = (first - impact) / rate
+            first = max(_free_from(outputs[:, :last]) + max(edge, RINGING if factor > 1 else 0), first)
+            rang = first / rate - struck_s
         outputs = outputs[:, first:last]
         inputs = inputs[:, : outputs.shape[1]]
         if outputs.shape[1] < FEWEST // 2 + 2 * edge:
@@ -219,44 +220,33 @@ def _decimation_factor(outputs: Real, rate: float, band: tuple[float, float] | N
         power = np.abs(np.fft.rfft((outputs - outputs.mean(axis=1, keepdims=True)) * np.hanning(outputs.shape[1]))) ** 2
         # what is left in the upper half is noise, mean over median of a chi-squared of two degrees of freedom
         floor = np.median(power[:, power.shape[1] // 2 :], axis=1, keepdims=True) / math.log(2)
-        grown = np.cumsum(np.maximum(power - NOISE_LINES * floor, 0.0), axis=1)
+        grown = np.cumsum(np.maximum(power - math.log(power.shape[1] / NOISE_LINE) * floor, 0.0), axis=1)
         place = max(int(np.searchsorted(row, FULL_BAND_ENERGY * row[-1])) for row in grown)
         highest = max(place, 1) * rate / outputs.shape[1]
     return max(int(rate / (PER_PERIOD * highest)), 1)
 
 
-def thinned(rows: Real, factor: int) -> Real:
-    """Return every so many samples of rows (c, n), after a filter of no phase that leaves white noise white.
+def _loudness(outputs: Real) -> Real:
+    """Return (n,) how loud the loudest channel (c, n) is at each sample, over its own largest value."""
+    return np.asarray(np.abs(outputs / np.abs(outputs).max(axis=1, keepdims=True)).max(axis=0), np.float64)
 
-    The power that it takes away below half the new rate is the one that it lets through as far above (the transition
-    of Meyer's wavelets).
 
-    Examples
-    --------
-    >>> noise = np.random.default_rng(1).standard_normal((1, 40_000))
-    >>> bool(abs(np.std(thinned(noise, 4)) - 0.5) < 0.01)
-    True
+def _silent_until(outputs: Real) -> int:
+    """Return the last silent sample before a recording became loud: that of the impact; 0 where none was."""
+    level = _loudness(outputs)
+    silent = np.flatnonzero(level[: int(np.argmax(level >= LOUD_START))] < SILENT)
+    return int(silent[-1]) if silent.size else 0
+
+
+def _free_from(outputs: Real) -> int:
+    """Return the sample after the largest deflection.
+
+    Modes that beat may be largest long after a recording began in mid-decay: then it is free from where it first comes
+    near to that.
     """
-    taps = 2 * RINGING * factor + 1
-    frequency = np.fft.rfftfreq(16 * taps) * factor
-    x = np.clip((frequency - PASSED) / (1 - 2 * PASSED), 0.0, 1.0)
-    passed = np.cos(np.pi / 2 * x**4 * (35 - 84 * x + 70 * x**2 - 20 * x**3))
-    kernel = np.roll(np.fft.irfft(passed, 16 * taps), RINGING * factor)[:taps]
-    return np.asarray(signal.oaconvolve(rows, kernel[None] / kernel.sum(), "same", axes=1)[:, ::factor], np.float64)
-
-
-def _after_impact(outputs: Real, edge: int) -> tuple[int, int]:
-    """Return the sample of the impact, and that from which on a decay is free: after the filter's edge.
-
-    The impact was when silence ended before the recording became loud, or before one that began in mid-decay. Modes
-    that beat may be largest long after it began: then it is free from where it first comes near to that.
-    """
-    level = np.abs(outputs / np.abs(outputs).max(axis=1, keepdims=True)).max(axis=0)
-    near = level >= NEAR_LARGEST
-    ringing = level >= LOUD_START
-    begun = np.any(ringing[: max(level.size // 50, 1)])
-    silent = np.flatnonzero(level[: int(np.argmax(ringing))] < SILENT)
-    return int(silent[-1]) if silent.size else 0, int(np.argmax(near if begun else level)) + edge + 1
+    level = _loudness(outputs)
+    begun = np.any(level[: max(level.size // 50, 1)] >= LOUD_START)
+    return int(np.argmax(level >= NEAR_LARGEST if begun else level)) + 1
 
 
 def _divided(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from operator import is_
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -19,7 +20,7 @@ from analysis.mismatch.limits import upper_bound
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.model import residual, slopes, step_of
 from analysis.mismatch.recordings.motion import GROWTH, Own, backwards
-from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, PER_PERIOD, Recorded
 from analysis.mismatch.score_test import Score
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import SecondImpact
@@ -27,13 +28,14 @@ from sim_backend.mechanisms.kinds import SecondImpact
 if TYPE_CHECKING:
     from analysis.mismatch.recordings.fit import SimulatedFit
 
-LEAST_BEHIND: Final = 40  # samples of a recording after a second impact
+LEAST_BEHIND: Final = 40  # samples of a recording, as it was taken, after a second impact; and a period in any case
 LEAST_LEFT: Final = 1e-3  # share of its response that a rig without it could not show as well
 SAME_TO: Final = 1e-9  # of the largest singular value of what is free: less is no direction of its own
 TRIED: Final = 2  # times of a second impact from which it is fitted
 LOOKED_AGAIN: Final = 3  # times that it is looked for beside the fit before
 CLEAR: Final = 4.0  # standard errors, beyond which an impact at any of some thousand samples is no chance
 STEP: Final = 1e-6  # of differences
+BEYOND: Final = 0.02  # samples after one, or before the one before, that an impact is tried at
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +72,8 @@ class _Free:
 
     def columns(self) -> Real:
         """Return (c n, k) all of them, as they are used."""
-        return (
-            (np.concatenate([self.own, self.constants]) * self.used).reshape(len(self.own) + len(self.constants), -1).T
-        )
+        rows = np.concatenate([self.own, self.constants]) * self.used
+        return rows.reshape(len(rows), -1).T
 
     @classmethod
     def of(cls, fitted: SimulatedFit, number: int, plain: bool = False) -> _Free:
@@ -100,7 +101,7 @@ def _along(fitted: SimulatedFit, number: int, plain: bool) -> _Along:
     """Return what a second impact on any of the rig's own bodies would explain at each sample of a recording."""
     free = _Free.of(fitted, number, plain)
     simulation, bodies = fitted.simulation, len(fitted.problem.arrangement.bodies)
-    columns = free.columns()
+    behind, columns = max(LEAST_BEHIND // fitted.problem.recordings[number].every, PER_PERIOD), free.columns()
     columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     left, singular, _ = np.linalg.svd(columns, full_matrices=False)
     q = left[:, singular > SAME_TO * singular[0]]
@@ -115,7 +116,7 @@ def _along(fitted: SimulatedFit, number: int, plain: bool) -> _Along:
         power = _correlated(np.broadcast_to(free.used, (1, channels, samples)), h**2)[0]
         beside = power - np.sum(seen[1:] ** 2, axis=0)
         sound = beside > LEAST_LEFT * power.max()
-        sound[[0]], sound[samples - LEAST_BEHIND :] = False, False
+        sound[[0]], sound[samples - behind :] = False, False
         beside = np.where(sound, beside, np.inf)
         scale = free.scale[simulation.n + b]
         gain = seen[0] ** 2 / beside / max(variance, 1e-300)
@@ -171,16 +172,34 @@ def where_it_fell(current: SimulatedFit, term: Term, refit: Callable[[SimulatedF
     Beside a rig that is far from the one recorded none is looked for.
     """
     begun = [] if current.far_off() else _begun(current, term)
-    best = min((refit(b) for b in begun), key=lambda f: f.scatter, default=None)
-    if best is None:
+    if not begun:
         return refit(current)
+    best = min((refit(b) for b in begun), key=lambda f: f.scatter)
     for _ in range(LOOKED_AGAIN):
         bare = replace(best, own=tuple(replace(o, impact=np.zeros(0)) for o in best.own))
         again = min((refit(b) for b in _begun(bare, term)[:1]), key=lambda f: f.scatter, default=best)
         if not again.scatter < best.scatter:
             break
         best = again
-    return best
+    return _on_the_right_side(best, refit)
+
+
+def _on_the_right_side(best: SimulatedFit, refit: Callable[[SimulatedFit], SimulatedFit]) -> SimulatedFit:
+    """Return a fit whose impacts lie between the right samples: what one shows of a jump no slope foretells."""
+
+    def missed(own: Own, number: int) -> float:
+        off, at = residual(best.simulation, best.x, own, number)
+        return float(np.sum(off[:, np.isin(best.problem.recordings[number].part[at], best.parts)] ** 2))
+
+    def nearby(own: Own, recorded: Recorded) -> list[Own]:
+        rate = recorded.rate_hz * recorded.every  # at which it was sampled
+        beyond = ((math.floor(t * rate) - BEYOND, math.ceil(t * rate) + BEYOND) for t in own.impact[:1])
+        return [own, *(replace(own, impact=np.array([t / rate, own.impact[1]])) for pair in beyond for t in pair)]
+
+    tried = map(nearby, best.own, best.problem.recordings)
+    own = tuple(min(some, key=lambda o: missed(o, i)) for i, some in enumerate(tried))
+    same = all(map(is_, own, best.own))
+    return best if same else min(best, refit(replace(best, own=own)), key=lambda f: f.scatter)
 
 
 def fitted_where_struck(fitted: SimulatedFit) -> tuple[Recorded, ...]:
@@ -306,10 +325,7 @@ def _share_of(fitted: SimulatedFit, number: int, body: int) -> tuple[float, floa
 
 
 def _faded_until_loud(fitted: SimulatedFit, number: int, body: int) -> float:
-    """Return by which share the motion fades while the first impact is not heard: in a quarter period, as fast as any.
-
-    0 where the recording begins after it.
-    """
+    """Return by which share the motion fades before a first impact in the recording is heard: in a quarter period."""
     rang_s, state = fitted.problem.recordings[number].rang_s, fitted.own[number].state
     begun, heard = (
         _speed_begun(fitted, state, body, s) for s in (rang_s, max(rang_s - 0.25 / fitted.problem.highest_hz, 0.0))

@@ -16,6 +16,7 @@ from analysis.mismatch.recordings.channels import distort, memories, remembered,
 from analysis.mismatch.recordings.inputs import at_half_substeps, peaks_of
 from analysis.mismatch.recordings.motion import Motion, Own, impulse, sensible
 from analysis.mismatch.recordings.recorded import Recorded, level
+from analysis.mismatch.recordings.spread_impact import spread_of_impact
 from analysis.mismatch.recordings.untold import SINGULAR, untold_offsets
 from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.acting import extended, laws_in, shaken
@@ -186,12 +187,10 @@ class Simulation:
     def begin(self) -> Real:
         """Return the starting point of a fit."""
         values = {(i, name): v for i, t in enumerate(self.terms) for name, v in t.values.items()}
-        return np.array(
-            [
-                p.inward(self.constants[p.name] if p.name in self.constants else values[p.owner, p.name])
-                for p in self.parameters
-            ]
+        found = (
+            self.constants[p.name] if p.name in self.constants else values[p.owner, p.name] for p in self.parameters
         )
+        return np.array([p.inward(value) for p, value in zip(self.parameters, found, strict=True)])
 
     def read(self, x: Real) -> tuple[dict[str, float], tuple[Term, ...]]:
         """Return constants and terms that the fit's numbers mean."""
@@ -228,6 +227,9 @@ class Simulation:
             shown += remembered(terms, own.memory, len(shown), np.arange(last - first) / recorded.rate_hz)
         if self.lines:
             shown += own.tones @ self.waves(number, at)
+        if self.struck is not None and own.impact.size and recorded.every > 1:
+            begun = own.impact[1] * np.eye(2 * self.n)[self.n + self.struck]
+            shown += spread_of_impact(self.rig.seen, self.arrangement, constants, (own.impact[0], begun), recorded, at)
         if recorded.band is not None and np.all(np.isfinite(shown)) and shown.shape[1] > SHORTEST_FILTERED:
             shown = signal.sosfiltfilt(recorded.band, shown, axis=1)
         return shown, at

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from analysis.mismatch.recordings.noise import Whitening
-from analysis.mismatch.recordings.recorded import RINGING, prepare, thinned
+from analysis.mismatch.recordings.recorded import prepare
+from analysis.mismatch.recordings.thinning import RINGING, thinned
 from analysis.session import AnalysisError
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig

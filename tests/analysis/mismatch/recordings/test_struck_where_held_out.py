@@ -1,4 +1,4 @@
-"""A second impact in a stretch that would be held out: what falls once cannot be foretold."""
+"""A second impact wherever it falls: in a stretch that would be held out, late, after silence, thinned out."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from tests.analysis.terms import listed
 
 RATE, SAMPLES = 300.0, 960
 OMEGA, DECAY = 2 * np.pi * 14.7, 1.4
+NOISE = 3e-3  # rms, over the largest deflection
 RIG = parse_rig(
     "bodies: {mass: 1}\ncontacts: [{between: [mass, ground], stiffness: unknown, damping: unknown}]\n"
     "sensors: [{channel: a, of: mass, shows: velocity}]\n"
@@ -62,3 +63,25 @@ def test_a_decay_is_counted_from_where_silence_ends(silent: int) -> None:
     late = Recording(np.append(noise, decay.data[0])[None], RATE, ("a",), "", "silent at first")
     recorded = prepare(late, RIG)
     assert recorded.rang_s == pytest.approx(prepare(decay, RIG).rang_s, abs=2 / RATE)
+
+
+@pytest.mark.parametrize(("rate", "when"), [(1000.0, 1.531), (2570.0, 2.9283), (6000.0, 2.4001)])
+def test_impacts_are_exact_in_a_recording_that_is_thinned_out(rate: float, when: float) -> None:
+    """The filter before thinning out spreads the jump of the speed at either impact over some samples."""
+    t, first = np.arange(round(3.4 * rate)) / rate, 0.0507
+
+    def ringing(s: np.ndarray) -> np.ndarray:
+        after = np.maximum(s, 0.0)
+        return (s > 0) * np.exp(-DECAY * after) * (np.cos(OMEGA * after) - DECAY / OMEGA * np.sin(OMEGA * after))
+
+    y = ringing(t - first) + 0.05 * ringing(t - when)
+    y += NOISE * np.random.default_rng(round(rate)).standard_normal(t.size)
+    recording = Recording(y[None], rate, ("a",), "", "struck twice")
+    assert prepare(recording, RIG).every > 1
+    answer = diagnose_recordings([recording], RIG, [listed("double_hit"), listed("contact_creep")], learn=False).answer
+    assert [m.id for m in answer.mechanisms] == ["double_hit"]
+    share = answer.mechanisms[0].parameters["second_impulse_fraction"]
+    assert share.low < 0.05 < share.high
+    assert share.high - share.low < 0.004
+    assert answer.remainder.p_value > 0.01
+    assert answer.fit.noise_rms < 1.15 * NOISE / np.sqrt(prepare(recording, RIG).every)

@@ -19,6 +19,7 @@ from analysis.mismatch.recordings.determined import left_open
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.held_out import beyond_noise, channel_errors
 from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.next_experiment import next_experiment
 from analysis.mismatch.recordings.otherwise import hold_that_explains
 from analysis.mismatch.recordings.ranking import lead_of, with_time
 from analysis.mismatch.recordings.reasons import decided, not_tried, reason, with_what_else
@@ -29,13 +30,11 @@ from analysis.mismatch.recordings.start_check import far_off_words
 from analysis.mismatch.recordings.tones import loudest_tone
 from analysis.mismatch.remainder import frequency_words
 from analysis.mismatch.rig_description import DescribedRig
-from analysis.mismatch.rivals import LIKELY
 from analysis.mismatch.score_test import Screening
 from analysis.mismatch.selection import Candidate, SelectionStep
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import ForceLaw, SecondImpact
 
-STRONGER = 3.0  # tap over the one made, that parts amplitude from time
 SEEN = 0.1  # of the largest gain of a channel, from which on a channel shows what is missing
 
 
@@ -300,43 +299,11 @@ class BlockAccount(Account[SimulatedFit]):
         return f"{said}: {decided(self.judge, self.selection.steps[0], self.selection.best, candidate)}."
 
     def next_experiment(self, named: Sequence[Named]) -> NextExperiment | None:
-        """Return what would part the best explanations."""
-        if not named or not self.selection.steps:
+        """Return what would part the best explanations, or tell what is left over; nothing of a wrong description."""
+        if self.far_off:
             return None
-        fits = [c for c in self.selection.steps[0].candidates if c.fit is not None]
-        return self._amplitude_or_time(named, fits) if self.rival is not None else self._stronger(named, fits)
-
-    def _amplitude_or_time(
-        self, named: Sequence[Named], fits: Sequence[Candidate[SimulatedFit]]
-    ) -> NextExperiment | None:
-        rival = self.rival
-        by_amplitude = [n.id for n in named if rival is None or n.id != rival.id]
-        by_amplitude += [c.id for c in fits if not with_time(c.mechanism)]
-        if rival is None or not by_amplitude:
-            return None
-        return NextExperiment(
-            None,
-            STRONGER,
-            (by_amplitude[0], rival.id),
-            "In one decay amplitude and time are confounded. Taps of different strength settle it (one "
-            f"{STRONGER:g} times stronger or weaker than this one): what goes with amplitude then comes earlier or "
-            "later in the decay, what goes with time does not move. So does a steady excitation at two or more levels.",
-            ("tap", "input"),
-        )
-
-    def _stronger(self, named: Sequence[Named], fits: Sequence[Candidate[SimulatedFit]]) -> NextExperiment | None:
-        weights = self.weights(0)
-        listed = [c.id for c in fits if c.id != named[0].id and not (self.settled and with_time(c.mechanism))]
-        others = [i for i in listed if weights.of.get(i, 0.0) > LIKELY * weights.total]
-        if not others:
-            return None
-        return NextExperiment(
-            None,
-            STRONGER / 2,
-            (named[0].id, max(others, key=weights.of.__getitem__)),
-            f"The two differ most at the largest amplitude: {STRONGER / 2:g} times as strong they would part further.",
-            ("input",) if self.described.drives else ("tap",),
-        )
+        weights = self.weights(0) if self.selection.steps else Weights({}, 1.0)
+        return next_experiment(self.selection, self.judge, [m.id for m in named], self.rival, weights)
 
     def fitted(self) -> FittedRig | None:
         """Return the rig as fitted."""

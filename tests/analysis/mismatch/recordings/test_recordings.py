@@ -88,6 +88,9 @@ def test_without_the_true_mechanism_nothing_is_named(u: Real) -> None:
     assert found.verdict == "unexplained"
     assert found.mechanisms == ()
     assert found.location is not None
+    assert found.next_experiment is not None
+    assert found.next_experiment.peak_force_ratio == 0.5
+    assert found.next_experiment.moves == ("input",)
 
 
 @pytest.mark.long

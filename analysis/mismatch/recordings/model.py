@@ -22,8 +22,9 @@ from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody
 
 STEP = 1e-6  # of differences
-JUMPING_STEP = 1e-5  # the same where a force jumps, and with it the division of the steps
+JUMPING_STEP = 1e-5  # the least where a force jumps, and with it the division of the steps
 JUMP_SEEN_STEP = 1e-4  # where accelerations show it: at a point a jump that passes a sample would be all of the slope
+SEEN_STEP, LARGEST_STEP = 1e-3, 0.03  # change of the channels, in their levels, that a step then makes; and the largest
 DRAWS = 80  # of the noise of measured inputs: standard errors from them are known to 8 %
 DRAWS_SEED = 144
 SMALL_DRAW = 0.1  # of such noise, where no force jumps: about a motion that a little sets on another course
@@ -65,7 +66,7 @@ def made_by_input_noise(
 
 
 def slopes(
-    changed: Callable[[Real, Own], Real], x: Real, own: Own, step: float, signs: Real, scale: Real
+    changed: Callable[[Real, Own], Real], x: Real, own: Own, steps: Real, signs: Real, scale: Real
 ) -> tuple[Real, Real]:
     """Return what a unit of each parameter, and of each number that is a recording's own, changes, by differences.
 
@@ -73,27 +74,45 @@ def slopes(
     ----------
     changed
         From parameters and a recording's own numbers to how (n,) residuals differ from those at ``x`` and ``own``.
-    step, signs, scale
-        Step of the differences; (k,) direction of each parameter's; (own.size,) what counts as a unit of the own
-        numbers.
+    steps
+        (own.size + k,) of the differences; see `steps_of`.
+    signs, scale
+        (k,) direction of each parameter's; (own.size,) what counts as a unit of the own numbers.
 
     Returns
     -------
     tuple
         (n, k) and (n, own.size).
     """
-    steps = signs * step * np.maximum(1.0, np.abs(x))
-    places = [(x, own.moved(step * unit)) for unit in np.diag(scale)] + [(x + step, own) for step in np.diag(steps)]
-    rows = np.array(side_by_side(changed, places)) / np.concatenate([np.full(own.size, step), steps])[:, None]
+    begun, forward = steps[: own.size], signs * steps[own.size :] * np.maximum(1.0, np.abs(x))
+    places = [(x, own.moved(unit)) for unit in np.diag(begun * scale)] + [(x + one, own) for one in np.diag(forward)]
+    rows = np.array(side_by_side(changed, places)) / np.concatenate([begun, forward])[:, None]
     return rows[own.size :].T, rows[: own.size].T
 
 
-def step_of(simulation: Simulation) -> float:
-    """Return the step of differences for the forces at work."""
+def steps_of(simulation: Simulation, x: Real, own: Own, number: int, samples: int | None = None) -> Real:
+    """Return (own.size + k,) the steps of differences: of a recording's own numbers, then of the parameters.
+
+    Where a force jumps a step changes the motion by `SEEN_STEP`: where it turns about moves on from step to step of the
+    motion, and what is less than the error that this makes says nothing of a slope.
+    """
     if not simulation.jumps:
-        return STEP
-    shown = (sensor.quantity for sensor in simulation.arrangement.sensors)
-    return JUMP_SEEN_STEP if "acceleration" in shown else JUMPING_STEP
+        return np.full(own.size + x.size, STEP)
+    known = simulation.steps.get(number)
+    if known is None or known.size != own.size + x.size:
+        recorded = simulation.recordings[number]
+        near, size = simulation.near(x, own, number, samples), (level(recorded) / recorded.unit)[:, None]
+        base, _ = residual(near, x, own, number, samples=samples)
+
+        def changed(moved: Real, begun: Own) -> Real:
+            return np.asarray((residual(near, moved, begun, number, samples=samples)[0] - base) / size).ravel()
+
+        shown = (sensor.quantity for sensor in simulation.arrangement.sensors)
+        tried = np.full(own.size + x.size, JUMP_SEEN_STEP if "acceleration" in shown else JUMPING_STEP)
+        common, begun = slopes(changed, x, own, tried, np.ones(x.size), simulation.own_scale(number, own))
+        each = np.sqrt(np.mean(np.column_stack([begun, common * np.maximum(1.0, np.abs(x))]) ** 2, axis=0))
+        known = simulation.steps[number] = np.clip(SEEN_STEP / np.maximum(each, 1e-300), tried, LARGEST_STEP)
+    return known
 
 
 def side_by_side(simulated: Callable[..., Real], places: Sequence[tuple[Any, ...]]) -> list[Real]:
@@ -146,13 +165,14 @@ class SimulationModel:
     def linearise(self, at: Evaluation[Point], exact: bool) -> Linearisation:
         """Return the derivatives of every recording, by differences, with respect to steps in the basis."""
         x, k = at.point.x, at.point.x.size
-        normal, tangents, step = np.zeros((k, k)), [], step_of(self.simulation)
+        normal, tangents = np.zeros((k, k)), []
         for number, (own, base) in enumerate(zip(at.point.own, at.residuals, strict=True)):
-            reach = x + step * np.maximum(1.0, np.abs(x))
+            steps = steps_of(self.simulation, x, own, number, self.samples[number])
+            reach = x + steps[own.size :] * np.maximum(1.0, np.abs(x))
             signs = np.where((reach > self.low) & (reach < self.high), 1.0, -1.0)
             near = self.simulation.near(x, own, number, self.samples[number])
             changed = partial(self._changed, near, number, base)
-            common, own_slopes = slopes(changed, x, own, step, signs, self.scales[number])
+            common, own_slopes = slopes(changed, x, own, steps, signs, self.scales[number])
             tangent = Tangent.of(np.arange(k), own_slopes, common @ self.basis)
             normal += tangent.common.T @ tangent.common
             tangents.append(tangent)
@@ -171,6 +191,7 @@ class SimulationModel:
         tuple
             (k, k) and the noise of each recording.
         """
+        self.simulation.steps.clear()  # parameters have moved since they were chosen
         point, linear = found.point, self.linearise(found, True)
         inverse, basis = covariance(linear.normal), linear.basis
         inner, noises = np.zeros(inverse.shape), []

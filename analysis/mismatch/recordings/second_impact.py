@@ -18,7 +18,7 @@ from scipy.stats import chi2
 
 from analysis.mismatch.limits import upper_bound
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.model import residual, slopes, step_of
+from analysis.mismatch.recordings.model import residual, slopes, steps_of
 from analysis.mismatch.recordings.motion import GROWTH, Own, backwards
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, PER_PERIOD, Recorded
 from analysis.mismatch.score_test import Score
@@ -89,8 +89,8 @@ class _Free:
         def changed(x: Real, moved: Own) -> Real:
             return white(residual(near, x, moved, number)[0] - off).ravel()
 
-        scale = simulation.own_scale(number, own)
-        common, begun = slopes(changed, fitted.x, own, step_of(simulation), np.ones(fitted.x.size), scale)
+        scale, steps = simulation.own_scale(number, own), steps_of(simulation, fitted.x, own, number)
+        common, begun = slopes(changed, fitted.x, own, steps, np.ones(fitted.x.size), scale)
         shape = (-1, *off.shape)
         return cls(
             common.T.reshape(shape), begun.T.reshape(shape), -white(off) * used, used.astype(np.float64), scale,

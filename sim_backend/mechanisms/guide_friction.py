@@ -7,7 +7,7 @@ import math
 from sim_backend.mechanisms.kinds import ForceLaw, Quantity, law
 
 NAME, ROUNDING = "friction_force_n", "rounding"
-ROUNDINGS = (1e6, 500.0, 50.0)  # the sign of the speed is rounded below such a share of the speed after an impact
+ROUNDINGS = (1e8, 500.0, 50.0)  # the sign of the speed is rounded below such a share of the speed after an impact
 
 
 @law

@@ -11,22 +11,31 @@ from sim_backend.arrays import Real, Whole
 from sim_backend.force_law import LAW, MEMORY, SLOTS, STEP
 from sim_backend.propagate.exact_step import exact_steps
 from sim_backend.propagate.forces import (
+    AFTER,
     CURVE,
     FIRST,
+    HELD,
     IMPULSE,
     LAST,
+    LEAN,
     LINEAR,
     NEW,
     NOW,
     OLD_CURVE,
     PEAK,
+    RATE,
     ROWS,
     SECOND,
     STEEP,
+    TURNS,
     evaluate,
     is_held,
     settle,
+    stops,
+    turn_about,
+    turns_about,
     uncounted,
+    weight,
 )  # fmt: skip
 from sim_backend.propagate.inputs import Clock, Given, Impact, Laws, Rigs
 
@@ -40,7 +49,8 @@ MOST_DIVIDED: Final = 12  # short steps for a whole one, on average: beyond, the
 RUNAWAY: Final = 1e300  # of the first state: what follows is not computed
 FAINT: Final = 1e-9  # share of an element's linear force below which an extra force is rounding
 SHAPES: Final = 4  # a step's division is written as its level, and so often how many values of the force were known
-HOLDING: Final = 1e-3  # error that a step counts as, over the change of a force that holds a body where it is
+HOLDING: Final = 3e-5  # error that a step counts as, over the change of a force that holds a body where it is
+TURNING: Final = 2  # times divided by four, that a step is in which an element turns about
 LOOSER: Final = 2.0  # factor in the tolerance beyond which a motion that follows another's division divides by itself
 
 _ROW = types.Array(types.float64, 1, "C")
@@ -140,12 +150,19 @@ def _attempt(run, level, known, shape, t, turn):  # type: ignore[no-untyped-def]
         slope = (now - force[LAST, e]) / ratio if known > 1 else 0.0
         curve = force[OLD_CURVE, e] * square if known > 2 else 0.0
         begin[size + e], begin[size + elements + e] = (1.0 - constant) * now, -parabola * (now + slope)
-        force[NEW, e] = now + slope + (1.0 + ratio) * curve
+        force[NEW, e], force[TURNS, e] = now + slope + (1.0 + ratio) * curve, 0.0
+        force[LEAN, e] = force[HELD, e] / (1.0 + run.spans[1] / run.spans[0]) if constant > 0.0 else 0.0
     for i in range(len(found)):
         total = 0.0
         for j in range(len(begin)):
             total += matrix[level, i, j] * begin[j]
+        if constant > 0.0:
+            for e in range(elements):
+                total -= force[LEAN, e] * force[NOW, e] * (run.late[level, 0, i, e] - run.late[level, 2, i, e])
         found[i] = total
+    for k in range(SLOTS):
+        if run.jumps[k] > 0:
+            turn_about(run, run.element[k], level, shape, t, turn)
     for e in range(elements):
         force[FIRST, e] = force[NEW, e]
     evaluate(run, level, shape, t, turn)
@@ -153,7 +170,7 @@ def _attempt(run, level, known, shape, t, turn):  # type: ignore[no-untyped-def]
         force[SECOND, e] = force[NEW, e]
     evaluate(run, level, shape, t, turn)
     for k in range(SLOTS):
-        if run.jumps[k] > 0:
+        if run.jumps[k] > 0 and not force[TURNS, run.element[k]] > 0.0:
             settle(run, run.element[k], level, shape, t, turn)
     worst = 0.0
     for e in range(elements):
@@ -161,8 +178,10 @@ def _attempt(run, level, known, shape, t, turn):  # type: ignore[no-untyped-def]
         force[CURVE, e] = bend
         largest = max(force[PEAK, e], FAINT * abs(force[LINEAR, e]))
         off = weight * abs(bend - force[OLD_CURVE, e] * square) if known > 2 else 0.0
+        if force[TURNS, e] > 0.0:
+            force[CURVE, e], force[STEEP, e], off = 0.0, 0.0, 0.0 if level >= TURNING else largest
         if force[STEEP, e] > 0.0:  # a parabola would overshoot from step to step
-            off = HOLDING * abs(force[NEW, e] - force[NOW, e])
+            off = HOLDING * abs(force[NEW, e] - force[NOW, e]) if force[RATE, e] != 0.0 else 0.0
         if off > worst * largest:
             worst = off / largest
     return worst
@@ -183,21 +202,26 @@ def _inputs(run, n, low, high):  # type: ignore[no-untyped-def]
 @njit(inline="always")
 def _accept(run, level, shape):  # type: ignore[no-untyped-def]
     """Make the attempted step's end the present."""
-    _, parabola, constant, _ = shape
-    known, found, force, late, spans = run.known, run.found, run.force, run.late, run.spans
+    _, _, constant, _ = shape
+    known, found, force, spans = run.known, run.found, run.force, run.spans
     elements, span = force.shape[1], spans[0]
-    for i in range(len(found) - 2 * elements):
+    size = len(found) - 2 * elements
+    for i in range(len(found)):
         total = found[i]
         for e in range(elements):
-            late_share = late[level, 0, i, e] + parabola * late[level, 1, i, e] + constant * late[level, 2, i, e]
-            total += late_share * force[NEW, e]
-        known[i] = total
+            total += weight(run, level, i, e, shape) * force[NEW, e]
+        found[i] = total
+    for i in range(size):
+        known[i] = found[i]
     for e in range(elements):
         now, new = force[NOW, e], force[NEW, e]
-        begun = constant * new + (1.0 - constant) * now
+        begun = new if force[TURNS, e] > 0.0 else constant * new + (1.0 - constant) * now
         force[IMPULSE, e] += span * (0.5 * (begun + new) - force[CURVE, e] / 6.0)
         force[OLD_CURVE, e] = force[CURVE, e] / (span * span)
-        force[LAST, e], force[NOW, e] = now, new
+        new = force[AFTER, e] if force[TURNS, e] == 1.0 else new
+        rate = 0.0 if force[TURNS, e] == 2.0 else found[size + elements + e]
+        force[LAST, e], force[NOW, e], force[RATE, e] = now, new, rate
+        force[HELD, e] = 1.0 if force[STEEP, e] > 0.0 else 0.0
         force[PEAK, e] = max(force[PEAK, e], abs(new))
     spans[2], spans[1] = spans[1], span
 
@@ -216,7 +240,8 @@ def _start(run, sees, t, turn):  # type: ignore[no-untyped-def]
         for j in range(size):
             found[i] += sees[i, j] * known[j]
     for e in range(elements):
-        force[NEW, e] = 0.0
+        force[NEW, e], force[TURNS, e], force[RATE, e] = 0.0, 0.0, found[size + elements + e]
+        force[LEAN, e] = force[HELD, e] = 0.0
     evaluate(run, 0, (1.0, 0.0, 0.0, 0.0), t, 0)
     for e in range(elements):
         force[NOW, e] = force[NEW, e]
@@ -273,8 +298,8 @@ def _whole_step(run, at, state, tolerance, division, follows):  # type: ignore[n
         if not follows and len(division) > 0:
             division[short] = level + SHAPES * known
         short += 1 if not follows or tick == over else 0
-        holds = known < 1 and is_held(force)
-        anew = error > tolerance and left > 0 and not follows
+        holds = (known < 1 and is_held(force)) or stops(force)
+        anew = (error > tolerance and left > 0 and not follows) or turns_about(force)
         known = 0 if holds else 1 if anew else min(known + 1, 3)
         calm = ((known == 3 or holds) and COARSER * error < tolerance) or left <= 0
         if not follows and level > 0 and calm and tick % (4 * width) == 0:

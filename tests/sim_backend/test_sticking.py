@@ -1,4 +1,4 @@
-"""Dry friction that holds a body, against its motion in closed form."""
+"""Dry friction that holds a body and turns it about, against motions in closed form and from event to event."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.catalogue import catalogue
 from sim_backend.propagate import Clock, Given, Motion, Rigs, laws_of, propagate
+from tests.sim_backend.exact_friction import exact_motion
 
 MASS, STIFFNESS, FRICTION = 0.9, 5200.0, 4.0
 LEVELS = np.array([30.0, -12.0, -14.5, 25.0, 25.0, -30.0])  # N; the second step is too small to let it go
@@ -63,3 +64,34 @@ def test_what_is_held_is_not_divided_into_short_steps() -> None:
     steps = found.forces.shape[2] - 1
     short = np.trim_zeros(found.division[0], "b").size
     assert short < 1.3 * steps
+
+
+BLOCKS = np.array([1.2, 0.7]), np.array([[18.3, -12.3], [-12.3, 12.3]]), np.array([[211e3, -135e3], [-135e3, 135e3]])
+TURNING_SAMPLES, TURNING_SUBSTEPS = 3000, 6
+
+
+def shaking() -> np.ndarray:
+    """Return (2 n - 1,) a force of twenty lines at every half substep: the joint sticks and turns 80 times a second."""
+    random = np.random.default_rng(158)
+    t = np.arange(2 * (TURNING_SAMPLES - 1) * TURNING_SUBSTEPS + 1) / RATE / TURNING_SUBSTEPS / 2
+    lines = random.uniform(4, 90, 20)
+    return 5.0 * np.cos(2 * np.pi * np.outer(t, lines) + random.uniform(0, 2 * np.pi, 20)).sum(axis=1) / math.sqrt(10)
+
+
+@pytest.mark.parametrize(("rounding", "off"), [(1e-6, 1.5e-4), (1e-8, 3e-5)])  # m/s, of some 0.1 m/s
+def test_a_joint_that_sticks_and_turns_about_moves_as_from_event_to_event(rounding: float, off: float) -> None:
+    force, rubs, h = shaking(), np.array([-1.0, 1.0]), 1 / RATE / TURNING_SUBSTEPS
+    exact = exact_motion(BLOCKS, np.array([0.0, 1.0]), rubs, FRICTION, force, h)[::TURNING_SUBSTEPS]
+    rate = exact[:, 2:] @ rubs
+    assert np.count_nonzero(np.diff(np.sign(rate)) != 0) > 80  # it turns about and sticks often
+    assert 0.05 < np.mean(np.abs(rate) < 1e-12) < 0.5
+    mass, damping, stiffness = BLOCKS
+    law = catalogue()["guide_friction"][0].law
+    laws = laws_of([(law, 0)], [[np.array([0.0, 0.0, 0.0, h, FRICTION, rounding])]], [True])
+    rigs = Rigs(mass[None], damping[None], stiffness[None], rubs[None, None], np.array([[[0.0], [1.0]]]))
+    begin, middle, end = force[:-2:2], force[1::2], force[2::2]
+    given = Given(begin[None, None], end[None, None], (2 * (begin + end) - 4 * middle)[None, None], 1)
+    clock = Clock(np.zeros(1), h, len(begin), TURNING_SUBSTEPS)
+    states = propagate(rigs, laws, np.zeros((1, 4)), clock, given, None, 1e-5).states[0]
+    size = np.sqrt(np.mean(exact**2, axis=0))
+    assert np.all(np.sqrt(np.mean((states - exact) ** 2, axis=0)) < off * size)

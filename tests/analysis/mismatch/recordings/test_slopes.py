@@ -1,4 +1,4 @@
-"""Slopes of a simulated recording beside a force that jumps, against those of far finer steps."""
+"""Slopes of a simulated recording beside a force that jumps, against those of a motion from event to event."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ import pytest
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings import simulation as simulated
 from analysis.mismatch.recordings.model import Point, SimulationModel
-from analysis.mismatch.recordings.recorded import FIT, prepare
+from analysis.mismatch.recordings.recorded import FIT, Recorded, prepare
 from analysis.mismatch.recordings.simulation import Simulation
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.arrays import Real
 from tests.analysis.terms import listed
+from tests.sim_backend.exact_friction import exact_motion
 
 RIG = """
 bodies: {frame: 1.3, arm: 0.9}
@@ -33,34 +34,78 @@ CONSTANTS = {
     "damping of guide": 0.3,
 }  # fmt: skip
 RATE, SAMPLES = 2000.0, 2000
+KINDS = ("damping", "stiffness")
 
 
-def slopes() -> Real:
-    """Return what each parameter changes, (numbers, parameters)."""
+ROUNDING = 1e-7  # m/s, of some 0.4 m/s
+FRICTION = 2.2  # N
+SUBSTEPS = 6
+
+
+def force() -> Real:
+    """Return (n,) the force at the samples: lines of 1.5 to 20 Hz."""
     random, t = np.random.default_rng(11), np.arange(SAMPLES) / RATE
     lines = np.arange(1.5, 20.0, 0.5)
-    force = np.cos(2 * np.pi * np.outer(t, lines) + random.uniform(0, 6.28, lines.size)).sum(axis=1)
-    data = np.array([14 * force / force.std(), random.normal(size=SAMPLES), random.normal(size=SAMPLES)])
+    made = np.cos(2 * np.pi * np.outer(t, lines) + random.uniform(0, 6.28, lines.size)).sum(axis=1)
+    return np.asarray(14 * made / made.std(), np.float64)
+
+
+def slopes(rounding: float = ROUNDING) -> tuple[dict[str, Real], Recorded]:
+    """Return what a unit of the logarithm of each parameter changes in both velocities, (2, n) each."""
+    random = np.random.default_rng(12)
+    data = np.array([force(), random.normal(size=SAMPLES), random.normal(size=SAMPLES)])
     rig = parse_rig(RIG)
     prepared = prepare(Recording(data, RATE, ("force", "v1", "v2"), "", "simulated"), rig)
     constants = {p.name: p.value for p in rig.arrangement.parameters} | CONSTANTS
-    term = Term(listed("guide_friction"), {"friction_force_n": 2.2, "rounding": 3e-4}, (2,))
+    term = Term(listed("guide_friction"), {"friction_force_n": FRICTION, "rounding": rounding}, (2,))
     simulation = Simulation(rig, [prepared], constants, 14.0, [term])
-    own = simulation.own(np.zeros(4))
+    own, x = simulation.own(np.zeros(4)), simulation.begin()
     model = SimulationModel(simulation, [own], (FIT,), 1.0)
-    (tangent,) = model.linearise(model.evaluate(Point(simulation.begin(), (own,))), exact=True).tangents
-    return np.asarray(tangent.common + tangent.q @ tangent.cross, np.float64)
+    (tangent,) = model.linearise(model.evaluate(Point(x, (own,))), exact=True).tangents
+    found, values = {}, CONSTANTS | {"friction_force_n": FRICTION}
+    for p, at, column in zip(simulation.parameters, x, (tangent.common + tangent.q @ tangent.cross).T, strict=True):
+        if p.name in values:
+            by = (p.outward(at + 1e-6) - p.outward(at - 1e-6)) / 2e-6 / values[p.name]
+            found[p.name] = column.reshape(2, -1) * prepared.unit[:, None] / by
+    return found, prepared
+
+
+def moved(name: str, factor: float) -> Real:
+    """Return (2, n) both velocities, from event to event, where one parameter is another one."""
+    c = CONSTANTS | {"friction": FRICTION}
+    c[name] *= factor
+    damping, stiffness = (
+        np.array([[c[f"{what} of spring"] + c[f"{what} of joint"], -c[f"{what} of joint"]]] * 2) for what in KINDS
+    )
+    damping[1], stiffness[1] = damping[0, ::-1], stiffness[0, ::-1]
+    damping[1, 1], stiffness[1, 1] = c["damping of joint"] + c["damping of guide"], c["stiffness of joint"]
+    at = np.linspace(0, SAMPLES - 1, 2 * SUBSTEPS * (SAMPLES - 1) + 1)
+    line = np.interp(at, np.arange(SAMPLES), force())
+    rig, rubs = (np.array([1.3, 0.9]), damping, stiffness), np.array([0.0, 1.0])
+    states = exact_motion(rig, np.array([1.0, 0.0]), rubs, c["friction"], line, 1 / RATE / SUBSTEPS)
+    return np.asarray(states[::SUBSTEPS, 2:].T, np.float64)
+
+
+def test_slopes_beside_dry_friction_are_those_of_a_motion_from_event_to_event() -> None:
+    found, prepared = slopes()
+    fitted = prepared.part == FIT
+    assert len(found) == len(CONSTANTS) + 1
+    for name, slope in found.items():
+        own = "friction" if name == "friction_force_n" else name
+        exact = ((moved(own, 1 + 1e-5) - moved(own, 1 - 1e-5)) / 2e-5)[:, fitted]
+        assert np.linalg.norm(slope - exact) < 0.01 * np.linalg.norm(exact), name
 
 
 def test_slopes_beside_dry_friction_are_those_of_far_finer_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulated, "WITH_JUMPS", 3)  # between six steps a sample there is little to tell apart
-    found = slopes()
+    found = np.array([*slopes(3e-4)[0].values()])
     with monkeypatch.context() as alone:
         alone.setattr(Simulation, "near", lambda self, *_: self)
-        without = slopes()
+        without = np.array([*slopes(3e-4)[0].values()])
     monkeypatch.setattr(simulated, "TOLERANCE", math.inf)
     monkeypatch.setattr(Simulation, "_substeps", lambda self, recorded: 192)
-    fine = slopes()
-    off, off_alone = (np.linalg.norm(one - fine, axis=0) / np.linalg.norm(fine, axis=0) for one in (found, without))
+    fine = np.array([*slopes(3e-4)[0].values()])
+    size = np.linalg.norm(fine, axis=(1, 2))
+    off, off_alone = (np.linalg.norm(one - fine, axis=(1, 2)) / size for one in (found, without))
     assert np.all(off < 1e-3)
-    assert off_alone.max() > 0.01  # of differences between motions that are divided each by its own errors
+    assert np.all(off_alone < 1e-3)  # of differences between motions that are divided each by its own errors

@@ -20,7 +20,7 @@ from analysis.mismatch.chi_squared import p_of
 from analysis.mismatch.least_squares import covariance
 from analysis.mismatch.recordings.blocks import noise_rms
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit
-from analysis.mismatch.recordings.model import residual, slopes, steps_of
+from analysis.mismatch.recordings.model import residual, slopes, steps_of, ways
 from analysis.mismatch.recordings.motion import Own
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD
 from analysis.mismatch.recordings.signatures import noise_drawn
@@ -155,8 +155,8 @@ def _whitened(fitted: SimulatedFit, number: int) -> _Whitened:
     def changed(x: Real, moved: Own) -> Real:
         return noise.white(residual(near, x, moved, number, samples=recorded.samples)[0] - off).ravel()
 
-    scale, forward = simulation.own_scale(number, own), np.ones(fitted.x.size)
-    common, begun = slopes(changed, fitted.x, own, steps_of(simulation, fitted.x, own, number), forward, scale)
+    scale, steps = simulation.own_scale(number, own), steps_of(simulation, fitted.x, own, number)
+    common, begun = slopes(changed, fitted.x, own, steps, ways(simulation), scale)
     first = fitted.x.size + sum(o.size for o in fitted.own[:number])
     where = np.concatenate([np.arange(fitted.x.size), first + np.arange(own.size)])
     columns = np.concatenate([common, begun], axis=1).T.reshape(-1, *off.shape)

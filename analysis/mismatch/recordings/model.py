@@ -77,17 +77,24 @@ def slopes(
     steps
         (own.size + k,) of the differences; see `steps_of`.
     signs, scale
-        (k,) direction of each parameter's; (own.size,) what counts as a unit of the own numbers.
+        (k,) direction of each parameter's, 0 for both ways; (own.size,) what counts as a unit of the own numbers, which
+        go both ways where any parameter does.
 
     Returns
     -------
     tuple
         (n, k) and (n, own.size).
     """
-    begun, forward = steps[: own.size], signs * steps[own.size :] * np.maximum(1.0, np.abs(x))
-    places = [(x, own.moved(unit)) for unit in np.diag(begun * scale)] + [(x + one, own) for one in np.diag(forward)]
-    rows = np.array(side_by_side(changed, places)) / np.concatenate([begun, forward])[:, None]
-    return rows[own.size :].T, rows[: own.size].T
+    size = own.size
+    ways = np.append(np.full(size, 1.0 if np.all(signs) else 0.0), signs)
+    reach = steps * np.append(np.ones(size), np.maximum(1.0, np.abs(x))) * np.where(ways == 0, 1.0, ways)
+    back = np.flatnonzero(ways == 0)
+    units = np.concatenate([np.diag(reach), -np.diag(reach)[back]])
+    places = [(x + u[size:], own.moved(u[:size] * scale)) for u in units]
+    rows = np.array(side_by_side(changed, places)).reshape(len(places), -1)
+    rows[back] = (rows[back] - rows[ways.size :]) / 2
+    rows = rows[: ways.size] / reach[:, None]
+    return rows[size:].T, rows[:size].T
 
 
 def steps_of(simulation: Simulation, x: Real, own: Own, number: int, samples: int | None = None) -> Real:
@@ -109,10 +116,19 @@ def steps_of(simulation: Simulation, x: Real, own: Own, number: int, samples: in
 
         shown = (sensor.quantity for sensor in simulation.arrangement.sensors)
         tried = np.full(own.size + x.size, JUMP_SEEN_STEP if "acceleration" in shown else JUMPING_STEP)
-        common, begun = slopes(changed, x, own, tried, np.ones(x.size), simulation.own_scale(number, own))
+        common, begun = slopes(changed, x, own, tried, ways(simulation), simulation.own_scale(number, own))
         each = np.sqrt(np.mean(np.column_stack([begun, common * np.maximum(1.0, np.abs(x))]) ** 2, axis=0))
         known = simulation.steps[number] = np.clip(SEEN_STEP / np.maximum(each, 1e-300), tried, LARGEST_STEP)
     return known
+
+
+def ways(simulation: Simulation) -> Real:
+    """Return (k,) the direction of each parameter's difference: both ways beside a force that jumps.
+
+    Steps that the motion shows are long; along one of them a motion bends by more than what parts two parameters that
+    do nearly the same.
+    """
+    return np.full(len(simulation.parameters), 0.0 if simulation.jumps else 1.0)
 
 
 def side_by_side(simulated: Callable[..., Real], places: Sequence[tuple[Any, ...]]) -> list[Real]:
@@ -168,8 +184,9 @@ class SimulationModel:
         normal, tangents = np.zeros((k, k)), []
         for number, (own, base) in enumerate(zip(at.point.own, at.residuals, strict=True)):
             steps = steps_of(self.simulation, x, own, number, self.samples[number])
-            reach = x + steps[own.size :] * np.maximum(1.0, np.abs(x))
-            signs = np.where((reach > self.low) & (reach < self.high), 1.0, -1.0)
+            reach = steps[own.size :] * np.maximum(1.0, np.abs(x))
+            signs = np.where((x + reach > self.low) & (x + reach < self.high), ways(self.simulation), -1.0)
+            signs = np.where((signs == 0) & (x - reach <= self.low), 1.0, signs)
             near = self.simulation.near(x, own, number, self.samples[number])
             changed = partial(self._changed, near, number, base)
             common, own_slopes = slopes(changed, x, own, steps, signs, self.scales[number])

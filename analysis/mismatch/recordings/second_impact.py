@@ -18,7 +18,7 @@ from scipy.stats import chi2
 
 from analysis.mismatch.limits import upper_bound
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.model import residual, slopes, steps_of
+from analysis.mismatch.recordings.model import residual, slopes, steps_of, ways
 from analysis.mismatch.recordings.motion import GROWTH, Own, backwards
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, PER_PERIOD, Recorded
 from analysis.mismatch.score_test import Score
@@ -90,7 +90,7 @@ class _Free:
             return white(residual(near, x, moved, number)[0] - off).ravel()
 
         scale, steps = simulation.own_scale(number, own), steps_of(simulation, fitted.x, own, number)
-        common, begun = slopes(changed, fitted.x, own, steps, np.ones(fitted.x.size), scale)
+        common, begun = slopes(changed, fitted.x, own, steps, ways(simulation), scale)
         shape = (-1, *off.shape)
         return cls(
             common.T.reshape(shape), begun.T.reshape(shape), -white(off) * used, used.astype(np.float64), scale,

@@ -12,7 +12,7 @@ import numpy as np
 from analysis.mismatch.parameters import Term, lines_of
 from analysis.mismatch.problem import Columns, Rung
 from analysis.mismatch.recordings.inputs import at_rest_between_pulses
-from analysis.mismatch.recordings.model import DRAWS, made_by_input_noise, residual, slopes, steps_of
+from analysis.mismatch.recordings.model import DRAWS, made_by_input_noise, residual, slopes, steps_of, ways
 from analysis.mismatch.recordings.motion import Own
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.recordings.simulation import Simulation
@@ -108,9 +108,9 @@ def columns_of(
 ) -> Columns:
     """Return what a recording's residual is compared with, whitened as a problem asks, without what is held out."""
     compared = _Compared(problem, fitted, number)
-    forward = np.ones(fitted.x.size)
     scale = compared.simulation.own_scale(number, compared.own)
     steps = steps_of(compared.simulation, fitted.x, compared.own, number, compared.count)
+    forward = ways(compared.simulation)
     common, own_slopes = slopes(compared.changed, fitted.x, compared.own, steps, forward, scale)
     q, _ = np.linalg.qr(own_slopes)
     columns = np.array([compared.little(t) for t in terms]).reshape(len(terms), len(own_slopes)).T

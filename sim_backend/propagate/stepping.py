@@ -181,7 +181,7 @@ def _attempt(run, level, known, shape, t, turn):  # type: ignore[no-untyped-def]
         if force[TURNS, e] > 0.0:
             force[CURVE, e], force[STEEP, e], off = 0.0, 0.0, 0.0 if level >= TURNING else largest
         if force[STEEP, e] > 0.0:  # a parabola would overshoot from step to step
-            off = HOLDING * abs(force[NEW, e] - force[NOW, e]) if force[RATE, e] != 0.0 else 0.0
+            off = HOLDING * abs(force[NEW, e] - force[NOW, e])
         if off > worst * largest:
             worst = off / largest
     return worst
@@ -218,10 +218,13 @@ def _accept(run, level, shape):  # type: ignore[no-untyped-def]
         begun = new if force[TURNS, e] > 0.0 else constant * new + (1.0 - constant) * now
         force[IMPULSE, e] += span * (0.5 * (begun + new) - force[CURVE, e] / 6.0)
         force[OLD_CURVE, e] = force[CURVE, e] / (span * span)
-        new = force[AFTER, e] if force[TURNS, e] == 1.0 else new
-        rate = 0.0 if force[TURNS, e] == 2.0 else found[size + elements + e]
-        force[LAST, e], force[NOW, e], force[RATE, e] = now, new, rate
-        force[HELD, e] = 1.0 if force[STEEP, e] > 0.0 else 0.0
+        held, rate = force[STEEP, e] > 0.0 or force[TURNS, e] == 2.0, found[size + elements + e]
+        if held and not force[HELD, e] > 0.0:  # it stopped: from now on the force is the one that changes no rate
+            row = size + elements + e
+            new -= (rate - force[RATE, e]) / (run.late[level, 0, row, e] + run.late[level, 2, row, e])
+        elif force[TURNS, e] > 0.0:
+            new = force[AFTER, e]
+        force[LAST, e], force[NOW, e], force[RATE, e], force[HELD, e] = now, new, rate, 1.0 if held else 0.0
         force[PEAK, e] = max(force[PEAK, e], abs(new))
     spans[2], spans[1] = spans[1], span
 

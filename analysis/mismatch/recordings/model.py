@@ -86,14 +86,14 @@ def slopes(
         (n, k) and (n, own.size).
     """
     size = own.size
-    ways = np.append(np.full(size, 1.0 if np.all(signs) else 0.0), signs)
-    reach = steps * np.append(np.ones(size), np.maximum(1.0, np.abs(x))) * np.where(ways == 0, 1.0, ways)
-    back = np.flatnonzero(ways == 0)
+    way = np.append(np.full(size, 1.0 if np.all(signs) else 0.0), signs)
+    reach = steps * np.append(np.ones(size), np.maximum(1.0, np.abs(x))) * np.where(way == 0, 1.0, way)
+    back = np.flatnonzero(way == 0)
     units = np.concatenate([np.diag(reach), -np.diag(reach)[back]])
     places = [(x + u[size:], own.moved(u[:size] * scale)) for u in units]
     rows = np.array(side_by_side(changed, places)).reshape(len(places), -1)
-    rows[back] = (rows[back] - rows[ways.size :]) / 2
-    rows = rows[: ways.size] / reach[:, None]
+    rows[back] = (rows[back] - rows[way.size :]) / 2
+    rows = rows[: way.size] / reach[:, None]
     return rows[size:].T, rows[:size].T
 
 

@@ -134,9 +134,8 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
             )
         free = max(first, 0 if rig.from_s is not None else min(_free_from(outputs[:, :last]), last - FEWEST))
         factor = min(_decimation_factor(outputs[:, free:last], rate, rig.band_hz), max((last - free) // FEWEST, 1))
-        struck_s = (
-            _silent_until(outputs[:, :last]) / rate
-        )  # as it was sampled: thinning out spreads what begins at once
+        # in what was sampled: thinning out spreads what begins at once
+        struck_s = _silent_until(outputs[:, :last]) / rate
         if factor > 1:
             outputs = thinned(outputs, factor)
             rate, first, last = rate / factor, first // factor + RINGING, last // factor - RINGING

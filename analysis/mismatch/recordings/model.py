@@ -23,7 +23,7 @@ from sim_backend.mechanisms.kinds import AddedBody
 
 STEP = 1e-6  # of differences
 JUMPING_STEP = 1e-5  # the least where a force jumps, and with it the division of the steps
-JUMP_SEEN_STEP = 1e-4  # where accelerations show it: at a point a jump that passes a sample would be all of the slope
+JUMP_SEEN_STEP = 3e-4  # where accelerations show it: at a point a jump that passes a sample would be all of the slope
 SEEN_STEP, LARGEST_STEP = 5e-4, 0.03  # change of the channels, in their levels, that a step then makes; and the largest
 DRAWS = 80  # of the noise of measured inputs: standard errors from them are known to 8 %
 DRAWS_SEED = 144

@@ -24,6 +24,7 @@ PARTS: Final = np.array([FIT, CHOOSE, FIT, HELD])  # of neighbouring blocks
 LONGEST_STRETCH = 20_000  # samples that are simulated in fitting; all of a recording is in the end
 PER_PERIOD = 10  # samples kept of the highest frequency
 FULL_BAND_ENERGY = 0.999999  # of what stands out of a recording's noise, below its highest frequency
+RISE: Final = 20  # one of so many parts of a decay, in which a window rises
 NOISE_LINE: Final = 0.05  # chance that any line of a spectrum of noise counts as more than that
 FILTER_ORDER = 4
 EDGE_PERIODS = 3.0  # of the band's width that a filter's edge takes
@@ -211,15 +212,23 @@ def _column(recording: Recording, channel: str | int) -> int:
     raise AnalysisError(f"{recording.source}: has no channel {channel}; it holds {', '.join(recording.names[:20])}")
 
 
+def _window(samples: int) -> Real:
+    """Return (samples,) weights that begin and end with nothing, and lose little of what decays from the first on."""
+    t, rise = np.arange(samples) / samples, 1 / RISE
+    return np.where(t < rise, np.sin(np.pi / 2 * t / rise), np.cos(np.pi / 2 * (t - rise) / (1 - rise))) ** 2
+
+
 def _decimation_factor(outputs: Real, rate: float, band: tuple[float, float] | None) -> int:
     """Return the factor by which the sampling rate may be divided."""
     if band is not None:
         highest = band[1]
     else:
-        power = np.abs(np.fft.rfft((outputs - outputs.mean(axis=1, keepdims=True)) * np.hanning(outputs.shape[1]))) ** 2
+        power = np.abs(np.fft.rfft((outputs - outputs.mean(axis=1, keepdims=True)) * _window(outputs.shape[1]))) ** 2
         # what is left in the upper half is noise, mean over median of a chi-squared of two degrees of freedom
         floor = np.median(power[:, power.shape[1] // 2 :], axis=1, keepdims=True) / math.log(2)
         grown = np.cumsum(np.maximum(power - math.log(power.shape[1] / NOISE_LINE) * floor, 0.0), axis=1)
+        if np.any(grown[:, -1] == 0):  # a channel in which nothing stands out
+            return 1
         place = max(int(np.searchsorted(row, FULL_BAND_ENERGY * row[-1])) for row in grown)
         highest = max(place, 1) * rate / outputs.shape[1]
     return max(int(rate / (PER_PERIOD * highest)), 1)

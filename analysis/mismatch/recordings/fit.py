@@ -289,7 +289,7 @@ def fit(
     for part in (*(s for s in STAGES if staged and s < looked_at), looked_at):
         beats = to_beat if part == looked_at else math.inf
         stopping = Stopping(most, 0.0, share, FIRST_DAMPING, MOST_TRIES, to_beat=beats)
-        model = SimulationModel(simulation, point.own, parts, part)
+        model = SimulationModel(simulation, point.own, parts, part, rough=not fine)
         model.noise = _mean_square(model.evaluate(point))
         found, _ = minimise(model, model.evaluate(point), stopping, problem.policy.race())
         while fine and model.prior and _mean_square(found) < OUTDATED * model.noise:  # what priors are weighed by

@@ -150,12 +150,18 @@ class Point:
 
 
 class SimulationModel:
-    """See `analysis.mismatch.least_squares.Fitted`; ``share`` of a free decay is fitted, of these parts."""
+    """See `analysis.mismatch.least_squares.Fitted`; ``share`` of a free decay is fitted, of these parts.
+
+    Beside a force that jumps differences go both ways but where a fit is ``rough``.
+    """
 
     approximates, reuses, bends = False, True, True
 
-    def __init__(self, simulation: Simulation, own: Sequence[Own], parts: Sequence[int], share: float):
+    def __init__(
+        self, simulation: Simulation, own: Sequence[Own], parts: Sequence[int], share: float, rough: bool = False
+    ):
         self.simulation, self.parts = simulation, tuple(parts)
+        self.ways = ways(simulation) if not rough else np.ones(len(simulation.parameters))
         self.scales = [simulation.own_scale(i, o) for i, o in enumerate(own)]
         low, high = zip(*(p.bounds for p in simulation.parameters), strict=True) if simulation.parameters else ((), ())
         self.low, self.high = np.array(low), np.array(high)
@@ -185,7 +191,7 @@ class SimulationModel:
         for number, (own, base) in enumerate(zip(at.point.own, at.residuals, strict=True)):
             steps = steps_of(self.simulation, x, own, number, self.samples[number])
             reach = steps[own.size :] * np.maximum(1.0, np.abs(x))
-            signs = np.where((x + reach > self.low) & (x + reach < self.high), ways(self.simulation), -1.0)
+            signs = np.where((x + reach > self.low) & (x + reach < self.high), self.ways, -1.0)
             signs = np.where((signs == 0) & (x - reach <= self.low), 1.0, signs)
             near = self.simulation.near(x, own, number, self.samples[number])
             changed = partial(self._changed, near, number, base)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from analysis.mismatch.recordings.thinning import RINGING, thinned
+from analysis.mismatch.recordings.thinning import RINGING, SPOILT, thinned
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.session import AnalysisError
 from daq.exchange import Recording
@@ -24,8 +24,7 @@ PARTS: Final = np.array([FIT, CHOOSE, FIT, HELD])  # of neighbouring blocks
 LONGEST_STRETCH = 20_000  # samples that are simulated in fitting; all of a recording is in the end
 PER_PERIOD = 10  # samples kept of the highest frequency
 FULL_BAND_ENERGY = 0.999999  # of what stands out of a recording's noise, below its highest frequency
-RISE: Final = 20  # one of so many parts of a decay, in which a window rises
-NOISE_LINE: Final = 0.05  # chance that any line of a spectrum of noise counts as more than that
+NOISE_LINES = 6.0  # times the noise's power, that a line of noise hardly reaches
 FILTER_ORDER = 4
 EDGE_PERIODS = 3.0  # of the band's width that a filter's edge takes
 SILENT: Final = 0.03  # of a decay's largest deflection: nothing has happened yet
@@ -133,10 +132,10 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
                 f"{source}: the band of {rig.name} ends at {rig.band_hz[1]:g} Hz, too close to half the rate of "
                 f"{rate:g} Hz"
             )
-        free = max(first, 0 if rig.from_s is not None else min(_free_from(outputs[:, :last]), last - FEWEST))
-        factor = min(_decimation_factor(outputs[:, free:last], rate, rig.band_hz), max((last - free) // FEWEST, 1))
-        # in what was sampled: thinning out spreads what begins at once
-        struck_s = _silent_until(outputs[:, :last]) / rate
+        factor = min(_decimation_factor(outputs[:, first:last], rate, rig.band_hz), max((last - first) // FEWEST, 1))
+        # in what was sampled, as thinning out spreads what begins at once; in silence that was asked for, too
+        silent = _silent_until(outputs[:, first:last])
+        tapped, struck_s = rig.from_s is None or silent > 0, (first + silent) / rate
         if factor > 1:
             outputs = thinned(outputs, factor)
             rate, first, last = rate / factor, first // factor + RINGING, last // factor - RINGING
@@ -144,8 +143,10 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
             band = signal.butter(FILTER_ORDER, rig.band_hz, "bandpass", fs=rate, output="sos")
             outputs = signal.sosfiltfilt(band, outputs, axis=1)
             edge = round(EDGE_PERIODS * rate / (rig.band_hz[1] - rig.band_hz[0]))
-        if rig.from_s is None:
-            first = max(_free_from(outputs[:, :last]) + max(edge, RINGING if factor > 1 else 0), first)
+        if tapped:
+            sought = 0 if rig.from_s is None else first
+            free = sought + _free_from(outputs[:, sought:last])
+            first = max(free + max(edge, SPOILT if factor > 1 else 0), first)
             rang = first / rate - struck_s
         outputs = outputs[:, first:last]
         inputs = inputs[:, : outputs.shape[1]]
@@ -212,23 +213,15 @@ def _column(recording: Recording, channel: str | int) -> int:
     raise AnalysisError(f"{recording.source}: has no channel {channel}; it holds {', '.join(recording.names[:20])}")
 
 
-def _window(samples: int) -> Real:
-    """Return (samples,) weights that begin and end with nothing, and lose little of what decays from the first on."""
-    t, rise = np.arange(samples) / samples, 1 / RISE
-    return np.where(t < rise, np.sin(np.pi / 2 * t / rise), np.cos(np.pi / 2 * (t - rise) / (1 - rise))) ** 2
-
-
 def _decimation_factor(outputs: Real, rate: float, band: tuple[float, float] | None) -> int:
     """Return the factor by which the sampling rate may be divided."""
     if band is not None:
         highest = band[1]
     else:
-        power = np.abs(np.fft.rfft((outputs - outputs.mean(axis=1, keepdims=True)) * _window(outputs.shape[1]))) ** 2
+        power = np.abs(np.fft.rfft((outputs - outputs.mean(axis=1, keepdims=True)) * np.hanning(outputs.shape[1]))) ** 2
         # what is left in the upper half is noise, mean over median of a chi-squared of two degrees of freedom
         floor = np.median(power[:, power.shape[1] // 2 :], axis=1, keepdims=True) / math.log(2)
-        grown = np.cumsum(np.maximum(power - math.log(power.shape[1] / NOISE_LINE) * floor, 0.0), axis=1)
-        if np.any(grown[:, -1] == 0):  # a channel in which nothing stands out
-            return 1
+        grown = np.cumsum(np.maximum(power - NOISE_LINES * floor, 0.0), axis=1)
         place = max(int(np.searchsorted(row, FULL_BAND_ENERGY * row[-1])) for row in grown)
         highest = max(place, 1) * rate / outputs.shape[1]
     return max(int(rate / (PER_PERIOD * highest)), 1)

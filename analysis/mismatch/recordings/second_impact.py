@@ -34,6 +34,7 @@ SAME_TO: Final = 1e-9  # of the largest singular value of what is free: less is 
 TRIED: Final = 2  # times of a second impact from which it is fitted
 LOOKED_AGAIN: Final = 3  # times that it is looked for beside the fit before
 CLEAR: Final = 4.0  # standard errors, beyond which an impact at any of some thousand samples is no chance
+UNHEARD: Final = 0.05  # of a period, as fast as any: until then a first impact may not have been heard
 STEP: Final = 1e-6  # of differences
 BEYOND: Final = 0.02  # samples after one, or before the one before, that an impact is tried at
 
@@ -325,10 +326,10 @@ def _share_of(fitted: SimulatedFit, number: int, body: int) -> tuple[float, floa
 
 
 def _faded_until_loud(fitted: SimulatedFit, number: int, body: int) -> float:
-    """Return by which share the motion fades before a first impact in the recording is heard: in a quarter period."""
+    """Return by which share the motion fades before a first impact in the recording is heard."""
     rang_s, state = fitted.problem.recordings[number].rang_s, fitted.own[number].state
     begun, heard = (
-        _speed_begun(fitted, state, body, s) for s in (rang_s, max(rang_s - 0.25 / fitted.problem.highest_hz, 0.0))
+        _speed_begun(fitted, state, body, s) for s in (rang_s, max(rang_s - UNHEARD / fitted.problem.highest_hz, 0.0))
     )
     return 1 - min(heard / begun, 1.0)
 

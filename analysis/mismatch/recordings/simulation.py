@@ -78,7 +78,7 @@ class Simulation:
             for i, (r, sub) in enumerate(zip(self.recordings, self.substeps, strict=True))
         )
         self._divided: dict[int, tuple[slice, Division]] = {}
-        self.steps: dict[int, Real] = {}  # of differences along each recording, where a force jumps
+        self.steps: dict[int, Real] = {} if like is None else dict(like.steps)  # of differences, where a force jumps
 
     def near(self, x: Real, own: Own, number: int, samples: int | None = None) -> Simulation:
         """Return the simulation for parameters near these: along this recording, its steps are divided as theirs are.

@@ -14,6 +14,7 @@ from scipy import signal
 from sim_backend.arrays import Real
 
 RINGING: Final = 12  # samples, after thinning out, that the filter spoils on either side of what begins or ends at once
+SPOILT: Final = 8  # of these, beyond which that is less than 1e-4 of a jump
 PASSED: Final = 0.2  # of the rate after thinning out, up to which its filter changes nothing
 
 

@@ -94,9 +94,9 @@ def test_a_distortion_is_right_from_the_first_sample_of_a_decay(
         "bodies: {mass: 2}\nsprings: [{between: [mass, ground], stiffness: 800, damping: 4}]\n" + sensor(shows, 0)
     )
     t, s = np.arange(SAMPLES) / RATE, complex(-1.0, np.sqrt(399.0))  # of 2 s^2 + 4 s + 800 = 0
-    prepared = prepare(recorded([np.exp(s * t).real], RATE, 0.0), rig)
-    assert prepared.every == 2  # every second sample of it
-    t = t * 2
+    prepared = prepare(recorded([np.exp(s * t).real], RATE, 0.0), rig)  # every third sample of it
+    assert prepared.every == 3
+    t = t * 3
     constants = {p.name: p.value for p in rig.arrangement.parameters}
     simulation = Simulation(rig, [prepared], constants, 3.2, [Term(catalogue()[name][0], values, (0,))])
     shown, at = simulation.run(simulation.begin(), simulation.own(np.array([1.0, s.real])), 0)

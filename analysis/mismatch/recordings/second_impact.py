@@ -199,8 +199,7 @@ def _on_the_right_side(best: SimulatedFit, refit: Callable[[SimulatedFit], Simul
 
     tried = map(nearby, best.own, best.problem.recordings)
     own = tuple(min(some, key=lambda o: missed(o, i)) for i, some in enumerate(tried))
-    same = all(map(is_, own, best.own))
-    return best if same else min(best, refit(replace(best, own=own)), key=lambda f: f.scatter)
+    return best if all(map(is_, own, best.own)) else min(best, refit(replace(best, own=own)), key=lambda f: f.scatter)
 
 
 def fitted_where_struck(fitted: SimulatedFit) -> tuple[Recorded, ...]:
@@ -231,7 +230,8 @@ def _begun(fitted: SimulatedFit, term: Term) -> list[SimulatedFit]:
             gain, apart = a.gain[body].copy(), max(int(recorded.rate_hz / fitted.problem.highest_hz), 1)
             for k in range(TRIED):
                 at = int(np.argmax(gain))
-                impact = np.array([(at + recorded.fitted.start) / recorded.rate_hz, a.change[body, at]])
+                fell = at + recorded.fitted.start - 0.5 / recorded.every  # before the sample that shows it first
+                impact = np.array([fell / recorded.rate_hz, a.change[body, at]])
                 clear = gain[at] > a.choice
                 starts[k].append(replace(own, impact=impact) if clear else starts[0][number] if k else own)
                 gain[max(at - apart, 0) : at + apart + 1] = 0.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -85,3 +87,23 @@ def test_impacts_are_exact_in_a_recording_that_is_thinned_out(rate: float, when:
     assert share.high - share.low < 0.004
     assert answer.remainder.p_value > 0.01
     assert answer.fit.noise_rms < 1.15 * NOISE / np.sqrt(prepare(recording, RIG).every)
+
+
+def test_a_fit_begins_before_the_sample_that_shows_an_impact_first() -> None:
+    """At that sample the speed is not yet the one after it: a fit that begins there cannot move."""
+    rate, first, when = 4000.0, 0.13337, 0.13337 + 0.0813
+    decay, omega, t = 1.00531, math.sqrt(15791.4 - 1.00531**2), np.arange(8000) / 4000.0
+
+    def ringing(s: np.ndarray) -> np.ndarray:
+        after = np.maximum(s, 0.0)
+        return (s > 0) * np.exp(-decay * after) * (np.cos(omega * after) - decay / omega * np.sin(omega * after))
+
+    y = ringing(t - first) + 0.05 * ringing(t - when)
+    y += 1e-3 * y.std() * np.random.default_rng(3).standard_normal(t.size)
+    recording = Recording(y[None], rate, ("a",), "", "struck early")
+    known = [listed("double_hit"), listed("contact_creep")]
+    answer = diagnose_recordings([recording], RIG, known, learn=False).answer
+    assert [m.id for m in answer.mechanisms] == ["double_hit"]
+    share = answer.mechanisms[0].parameters["second_impulse_fraction"]
+    assert share.low < 0.05 < share.high
+    assert share.high - share.low < 1e-3

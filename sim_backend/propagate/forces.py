@@ -22,6 +22,8 @@ about in this step, so that the force at its end is the mean over all of it, and
 How far a mean force goes from one end of the step to the other, over how far it is from the one before, and whether
 that one held a body.
 """
+HOLDS, TURNED, STOPPED = 1.0, 1.0, 2.0
+"""What `STEEP` is where a force holds a body, and `TURNS` where an element turns about or stops."""
 GAIN: Final = 2.0  # change of a law's answer over that of the force: beyond 2.5 a parabola overshoots ever further
 SETTLED: Final = 1e-6  # of the largest force: what a law's answer may differ from the force that it answers to
 MOST_TRIES: Final = 40  # to find the force that a law answers with itself
@@ -120,7 +122,7 @@ def turn_about(run, e, level, shape, t, turn):  # type: ignore[no-untyped-def]
     for i in range(len(found)):
         found[i] -= matrix[level, i, size + e] * own + matrix[level, i, size + elements + e] * bend
     begin[size + e], begin[size + elements + e] = 0.0, 0.0
-    force[TURNS, e], force[NEW, e] = 2.0 if stops else 1.0, mean
+    force[TURNS, e], force[NEW, e] = STOPPED if stops else TURNED, mean
 
 
 @uncounted()
@@ -164,27 +166,9 @@ def settle(run, e, level, shape, t, turn):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def is_held(force):  # type: ignore[no-untyped-def]
-    """Whether a force holds a body where it is."""
-    held = False
+def anywhere(force, row, least):  # type: ignore[no-untyped-def]
+    """Whether any element holds (``STEEP``), turns about or stops (``TURNS``): whether its number is so large."""
+    found = False
     for e in range(force.shape[1]):
-        held = held or force[STEEP, e] > 0.0
-    return held
-
-
-@njit(inline="always")
-def turns_about(force):  # type: ignore[no-untyped-def]
-    """Whether an element turned about or stopped within the step."""
-    turned = False
-    for e in range(force.shape[1]):
-        turned = turned or force[TURNS, e] > 0.0
-    return turned
-
-
-@njit(inline="always")
-def stops(force):  # type: ignore[no-untyped-def]
-    """Whether an element stopped within the step."""
-    stopped = False
-    for e in range(force.shape[1]):
-        stopped = stopped or force[TURNS, e] == 2.0
-    return stopped
+        found = found or force[row, e] >= least
+    return found

@@ -15,6 +15,7 @@ from sim_backend.propagate.forces import (
     CURVE,
     FIRST,
     HELD,
+    HOLDS,
     IMPULSE,
     LAST,
     LEAN,
@@ -27,13 +28,13 @@ from sim_backend.propagate.forces import (
     ROWS,
     SECOND,
     STEEP,
+    STOPPED,
+    TURNED,
     TURNS,
+    anywhere,
     evaluate,
-    is_held,
     settle,
-    stops,
     turn_about,
-    turns_about,
     uncounted,
     weight,
 )  # fmt: skip
@@ -218,7 +219,7 @@ def _accept(run, level, shape):  # type: ignore[no-untyped-def]
         begun = new if force[TURNS, e] > 0.0 else constant * new + (1.0 - constant) * now
         force[IMPULSE, e] += span * (0.5 * (begun + new) - force[CURVE, e] / 6.0)
         force[OLD_CURVE, e] = force[CURVE, e] / (span * span)
-        held, rate = force[STEEP, e] > 0.0 or force[TURNS, e] == 2.0, found[size + elements + e]
+        held, rate = force[STEEP, e] > 0.0 or force[TURNS, e] == STOPPED, found[size + elements + e]
         if held and not force[HELD, e] > 0.0:  # it stopped: from now on the force is the one that changes no rate
             row = size + elements + e
             new -= (rate - force[RATE, e]) / (run.late[level, 0, row, e] + run.late[level, 2, row, e])
@@ -288,7 +289,7 @@ def _whole_step(run, at, state, tolerance, division, follows):  # type: ignore[n
             _inputs(run, at, tick * TICK, (tick + width) * TICK)
         error = _attempt(run, level, known, shape, run.begun + (at + (tick + width) * TICK) * run.h, turn)
         left -= 1
-        if known > 0 and is_held(force) and (error > most or not follows):
+        if known > 0 and anywhere(force, STEEP, HOLDS) and (error > most or not follows):
             known = 0
             continue
         if error > most and level < DEEPEST and left > 0:
@@ -301,8 +302,8 @@ def _whole_step(run, at, state, tolerance, division, follows):  # type: ignore[n
         if not follows and len(division) > 0:
             division[short] = level + SHAPES * known
         short += 1 if not follows or tick == over else 0
-        holds = (known < 1 and is_held(force)) or stops(force)
-        anew = (error > tolerance and left > 0 and not follows) or turns_about(force)
+        holds = (known < 1 and anywhere(force, STEEP, HOLDS)) or anywhere(force, TURNS, STOPPED)
+        anew = (error > tolerance and left > 0 and not follows) or anywhere(force, TURNS, TURNED)
         known = 0 if holds else 1 if anew else min(known + 1, 3)
         calm = ((known == 3 or holds) and COARSER * error < tolerance) or left <= 0
         if not follows and level > 0 and calm and tick % (4 * width) == 0:

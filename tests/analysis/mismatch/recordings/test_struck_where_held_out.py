@@ -22,15 +22,17 @@ RIG = parse_rig(
 )
 
 
+def ringing(s: np.ndarray, decay: float = DECAY, omega: float = OMEGA) -> np.ndarray:
+    """Return the speed of a body at times from when an impulse of a unit struck it."""
+    after = np.maximum(s, 0.0)
+    return (s >= 0) * np.exp(-decay * after) * (np.cos(omega * after) - decay / omega * np.sin(omega * after))
+
+
 def struck_twice(block: int, share: float, seed: int = 1) -> Recording:
     """Return a decay with a second impact in the middle of a block."""
     t, when = np.arange(SAMPLES) / RATE, (block + 0.47) * SAMPLES / BLOCKS / RATE
 
-    def ringing(s: np.ndarray) -> np.ndarray:
-        s = np.maximum(s, 0.0)
-        return np.exp(-DECAY * s) * (np.cos(OMEGA * s) - DECAY / OMEGA * np.sin(OMEGA * s))
-
-    y = ringing(t) + share * (t > when) * ringing(t - when)
+    y = ringing(t) + share * ringing(t - when)
     y += 1e-3 * np.random.default_rng([seed, block]).standard_normal(SAMPLES)
     return Recording(y[None], RATE, ("a",), "", f"struck in block {block}")
 
@@ -72,10 +74,6 @@ def test_impacts_are_exact_in_a_recording_that_is_thinned_out(rate: float, when:
     """The filter before thinning out spreads the jump of the speed at either impact over some samples."""
     t, first = np.arange(round(3.4 * rate)) / rate, 0.0507
 
-    def ringing(s: np.ndarray) -> np.ndarray:
-        after = np.maximum(s, 0.0)
-        return (s > 0) * np.exp(-DECAY * after) * (np.cos(OMEGA * after) - DECAY / OMEGA * np.sin(OMEGA * after))
-
     y = ringing(t - first) + 0.05 * ringing(t - when)
     y += NOISE * np.random.default_rng(round(rate)).standard_normal(t.size)
     recording = Recording(y[None], rate, ("a",), "", "struck twice")
@@ -94,11 +92,7 @@ def test_a_fit_begins_before_the_sample_that_shows_an_impact_first() -> None:
     rate, first, when = 4000.0, 0.13337, 0.13337 + 0.0813
     decay, omega, t = 1.00531, math.sqrt(15791.4 - 1.00531**2), np.arange(8000) / 4000.0
 
-    def ringing(s: np.ndarray) -> np.ndarray:
-        after = np.maximum(s, 0.0)
-        return (s > 0) * np.exp(-decay * after) * (np.cos(omega * after) - decay / omega * np.sin(omega * after))
-
-    y = ringing(t - first) + 0.05 * ringing(t - when)
+    y = ringing(t - first, decay, omega) + 0.05 * ringing(t - when, decay, omega)
     y += 1e-3 * y.std() * np.random.default_rng(3).standard_normal(t.size)
     recording = Recording(y[None], rate, ("a",), "", "struck early")
     known = [listed("double_hit"), listed("contact_creep")]

@@ -64,7 +64,10 @@ class Refit:
         self.free = [key for key, constant in constants.items() if constant.free]
         self.uncertainty = {key: constants[key].uncertainty for key in self.free if constants[key].uncertainty > 0}
         self.true = Point(trial.rig.true_values(), [r.start for r in trial.records])
-        self.first = self._derivatives(self.true)
+        first = self._derivatives(self.true)
+        if first is None:
+            raise ValueError("the true rig's motion is beyond what numbers hold")
+        self.first = first
 
     def __call__(self, channels: Sequence[Array], followed: bool = True) -> Fitted:
         """Fit the linear rig to noise-free channels, one array (samples, sensors) for each recording.
@@ -84,9 +87,12 @@ class Refit:
         """Step until nothing is gained in a share of the recordings."""
         kept = self._kept(channels, share)
         residual = kept * self._residual(channels, point)
-        at = Fitted(float(np.linalg.norm(residual)), residual, point)
+        d = float(np.linalg.norm(residual))
+        at = Fitted(d if np.isfinite(d) else np.inf, residual, point)
         for _ in range(ROUNDS):
             slopes = self.first if at.point is self.true and share == 1.0 else self._derivatives(at.point, kept)
+            if slopes is None:  # followed from its beginning on, a rig has run away beyond what is kept
+                break
             before = at.d
             for _ in range(CHORDS):
                 found = self._stepped(channels, at, slopes, kept)
@@ -137,9 +143,12 @@ class Refit:
         states = step[len(self.free) :].reshape(len(point.starts), -1)
         return Point(values, [start + change for start, change in zip(point.starts, states, strict=True)])
 
-    def _derivatives(self, point: Point, kept: Array | float = 1.0) -> Slopes:
+    def _derivatives(self, point: Point, kept: Array | float = 1.0) -> Slopes | None:
+        """Return the derivatives at a point; None where its motion is beyond what numbers hold."""
         columns = [self._of_constant(point, key) for key in self.free] + self._of_starts(point)
         jacobian = np.stack([kept * column for column in columns], axis=1)
+        if not np.all(np.isfinite(jacobian)):
+            return None
         size = np.linalg.norm(jacobian, axis=0)
         size[size == 0] = 1.0
         u, s, v = np.linalg.svd(jacobian / size, full_matrices=False)

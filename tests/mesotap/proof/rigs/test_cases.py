@@ -26,7 +26,7 @@ from mesotap.proof.rigs.cases import (
 )
 from mesotap.proof.rigs.draw import Wants, draw_trial
 from mesotap.proof.rigs.plant import Branch, Law, Plant
-from mesotap.proof.rigs.refit import Refit
+from mesotap.proof.rigs.refit import Point, Refit
 from mesotap.proof.rigs.trial import Altered, Trial, recorded
 
 SPRING = Branch(np.array([1.0]), 4000.0, 0.8)
@@ -126,6 +126,17 @@ def test_a_gain_leaves_what_the_refit_cannot_take_up() -> None:
     assert refit(recorded(trial, linear)).d < 1e-3
     sizes = [size_of(trial, refit, linear, hidden, s) for s in (1e-3, 2e-3)]
     assert sizes[1] == pytest.approx(2 * sizes[0], rel=0.05)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_a_refit_that_ran_away_ends_where_it_is() -> None:
+    trial = draw_trial(Wants(sensors=2), np.random.default_rng(8))
+    refit = Refit(trial)
+    channels = recorded(trial, Altered(trial.rig.plant(trial.rig.true_values())))
+    damping = next(k for k in refit.free if k[0] == "damping")
+    away = Point({**refit.true.values, damping: -1e17}, refit.true.starts)
+    assert refit._settled(channels, away, 0.1).point is away
+    assert refit(channels).d < 1e-3
 
 
 def test_cases_are_drawn_evenly_and_made_again_from_their_seed(tmp_path: Path) -> None:

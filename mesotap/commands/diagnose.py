@@ -323,5 +323,5 @@ def _acts_in(mechanism: Mechanism) -> str:
     if isinstance(mechanism, ForceLaw):
         load = {True: " under preload", False: " without preload", None: ""}[mechanism.preloaded]
         return ", ".join(mechanism.fits) + load
-    words = {AddedBody: "bodies and elements", Tones: "every channel", SecondImpact: "the impacts"}
+    words = {AddedBody: "bodies and elements", Tones: "every channel", SecondImpact: "bodies"}
     return mechanism.of if isinstance(mechanism, ChannelDistortion) else words[type(mechanism)]

@@ -26,6 +26,7 @@ _SAME = {
     "double_hit": ("second_impulse_fraction",),
     "frame_compliance": ("frame_mass_kg", "frame_stiffness_n_per_m", "frame_damping_n_s_per_m"),
     "guide_friction": ("friction_force_n",),
+    "knock": ("knock_impulse_n_s",),
     "hunt_crossley_damping": ("damping_growth_per_relative_approach",),
     "mains_hum": ("amplitude_m_s2",),
     "squeeze_film": ("film_height_m",),

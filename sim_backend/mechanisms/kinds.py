@@ -4,7 +4,7 @@
 `AddedBody`          more bodies, springs or dampers; the rig stays linear
 `ChannelDistortion`  what a sensor chain makes of the channels, or an exciter of an input
 `Tones`              steady tones in every channel, with an amplitude and phase of their own in each record
-`SecondImpact`       a second impact, with a delay of its own in every record
+`SecondImpact`       an impact that nothing measured shows, with a delay of its own in every record
 
 A *place* is where in a rig a mechanism acts, as numbers in its arrangement (`sim_backend.mechanisms.places.Place`).
 """
@@ -312,11 +312,20 @@ class Tones(Mechanism):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SecondImpact(Mechanism):
-    """A second impact; the first parameter is its impulse over that of the first."""
+    """An impact that nothing measured shows; the first parameter is its size.
+
+    Attributes
+    ----------
+    driven
+        Whether it strikes a rig whose inputs are measured, with an impulse in N s; else one in a free decay, with a
+        share of the first impact.
+    """
+
+    driven: bool = False
 
     def places(self, rig: Arrangement) -> list[Place]:
-        """Return the whole rig, unless its inputs are measured: then they show every impact."""
-        return [] if rig.inputs else [()]
+        """Return the whole rig, if its inputs are measured, or are not, as it asks."""
+        return [()] if bool(rig.inputs) == self.driven else []
 
 
 def element_name(rig: Arrangement, place: Place) -> str:

@@ -18,6 +18,8 @@ from analysis.mismatch.recordings.decay import along_words, decay_of
 from analysis.mismatch.recordings.determined import left_open
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.held_out import beyond_noise, channel_errors
+from analysis.mismatch.recordings.impact_size import said_of, struck
+from analysis.mismatch.recordings.impact_size import together as size_of
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.next_experiment import next_experiment
 from analysis.mismatch.recordings.otherwise import hold_that_explains
@@ -25,7 +27,6 @@ from analysis.mismatch.recordings.ranking import lead_of, with_time
 from analysis.mismatch.recordings.reasons import decided, not_tried, reason, with_what_else
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.residual_band import residual_band
-from analysis.mismatch.recordings.second_impact import impulse_share, said_of, struck
 from analysis.mismatch.recordings.start_check import far_off_words
 from analysis.mismatch.recordings.tones import loudest_tone
 from analysis.mismatch.remainder import frequency_words
@@ -107,7 +108,7 @@ class BlockAccount(Account[SimulatedFit]):
     def read_off(self, fitted: SimulatedFit, term: Term) -> tuple[float, float, str] | None:
         """Return value, standard error and unit of tones and second impacts, which are each recording's own."""
         if isinstance(term.mechanism, SecondImpact):
-            return *impulse_share(struck(fitted, term)), "1"
+            return *size_of(struck(fitted, term.mechanism, term.place[0])), term.mechanism.parameters[0].unit
         return super(BlockAccount, self).read_off(fitted, term)
 
     def weights(self, number: int) -> Weights:
@@ -181,8 +182,9 @@ class BlockAccount(Account[SimulatedFit]):
         """Say whether amplitude is told from time, and when a second impact fell."""
         rival, accepted = self.rival, step.accepted
         if accepted is not None and isinstance(accepted.mechanism, SecondImpact):
-            term = accepted.score.term
-            return said_of(struck(self.selection.best, term), self.described.arrangement.bodies[term.place[0]])
+            impact, body = accepted.mechanism, accepted.score.term.place[0]
+            found = struck(self.selection.best, impact, body)
+            return said_of(found, impact, self.described.arrangement.bodies[body], self.unit("N s"))
         if accepted is None or number or not self.judge.problem.one_decay:
             return ""
         if rival is not None and accepted.id != rival.id:

@@ -118,7 +118,7 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
         """Whether the recordings can show it: a band has no harmonics, which tell a bent scale from a bent spring."""
         if mechanism.hidden:
             return False
-        if isinstance(mechanism, SecondImpact) and not all(r.free for r in self.recordings):
+        if isinstance(mechanism, SecondImpact) and any(r.free == mechanism.driven for r in self.recordings):
             return False
         return not (self.banded and isinstance(mechanism, ChannelDistortion | Tones | AddedBody | SecondImpact))
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from sim_backend.arrays import Real
-from sim_backend.propagate import Division
+from sim_backend.propagate import Division, Given
 
 BEFORE = 32  # samples before the first that what remembers is shown
 GROWTH = 10.0  # of a motion followed backwards, up to which it is: what has died out cannot be told
@@ -119,6 +119,14 @@ def impulse(substeps: int, substep: float, size: float) -> Real:
         passed = substep - first
         out[:, first] = size * (4 - 6 * passed), size * (6 * passed - 2)
     return out
+
+
+def with_impulse(given: Given, substep: float, size: float) -> Given:
+    """Return inputs of one run with an impulse as one more, every substep by itself; see `impulse`."""
+    rows = [np.repeat(u[0], given.held, axis=1) for u in (given.start, given.end, given.bend)]
+    begin, end = impulse(rows[0].shape[1], substep, size)
+    start, stop, bend = (np.vstack([u, s])[None] for u, s in zip(rows, (begin, end, 0 * begin), strict=True))
+    return Given(start, stop, bend, 1)
 
 
 def sensible(mass: Real, damping: Real, stiffness: Real, rate: float) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import get_args
@@ -45,7 +44,7 @@ def hold_that_explains(
 ) -> SimulatedFit | None:
     """Return the linear rig with inputs that do between samples what leaves nothing beyond noise; None if none does.
 
-    And to predict the choosing blocks no worse than what is ``named``.
+    And predicts the choosing blocks no worse than what is ``named``, or than the rig as described.
 
     Parameters
     ----------
@@ -59,7 +58,7 @@ def hold_that_explains(
     for hold in get_args(Hold):
         if hold != rig.hold:
             other = replace(linear.problem, rig=replace(rig, hold=hold))
-            best = math.inf if named is None else mean_of(named.by_block(CHOOSE))
+            best = mean_of((linear if named is None else named).by_block(CHOOSE))
             found = fit(other, (), linear)
             if mean_of(found.by_block(CHOOSE)) > HOPELESS * best:
                 continue

@@ -88,10 +88,16 @@ class Recorded:
         return len(self.inputs) == 0
 
     def fitted_at(self, sample: int) -> Recorded:
-        """Return it divided such that a sample is in a block that is fitted: every block is what the next one was."""
+        """Return it divided such that a sample is in a block that is fitted: it takes turns with a neighbouring one.
+
+        Never with the first: the state in which the rig began is known there alone where it dies out soon.
+        """
         if self.stretches or self.part[sample] in (FIT, UNUSED):
             return self
-        moved = np.where(self.part == UNUSED, UNUSED, PARTS[(self.block + 1) % len(PARTS)])
+        block, moved = self.block[sample], self.part.copy()
+        other = block - 1 if block > 1 else block + 1
+        moved[(self.block == other) & (moved != UNUSED)] = self.part[sample]
+        moved[(self.block == block) & (self.part != UNUSED)] = FIT
         return replace(self, part=moved)
 
 

@@ -14,7 +14,7 @@ from scipy import signal
 from analysis.mismatch.parameters import FreeParameter, Term, lines_of, rounding_of, with_values
 from analysis.mismatch.recordings.channels import distort, memories, remembered, rows_of, shown_by, told_by
 from analysis.mismatch.recordings.inputs import at_half_substeps, peaks_of
-from analysis.mismatch.recordings.motion import Motion, Own, impulse, sensible
+from analysis.mismatch.recordings.motion import Motion, Own, sensible, with_impulse
 from analysis.mismatch.recordings.recorded import Recorded, level
 from analysis.mismatch.recordings.spread_impact import spread_of_impact
 from analysis.mismatch.recordings.untold import SINGULAR, untold_offsets
@@ -272,14 +272,14 @@ class Simulation:
         if self.rig.hold == "band-limited" and not recorded.free:  # what is in between is raised against parabolas
             pushed, _ = self._driven(constants, terms, number, at, at_samples=True)
         force = pushed.T @ vectors.T
-        begin, end = (inputs, inputs) if held else (inputs[:, :-1:2], inputs[:, 2::2])
-        bend = np.zeros_like(begin) if held else 2 * (begin + end) - 4 * inputs[:, 1::2]
+        if held:
+            given = Given(inputs[None], inputs[None], np.zeros_like(inputs)[None], sub)
+        else:
+            begin, end = inputs[:, :-1:2], inputs[:, 2::2]
+            given = Given(begin[None], end[None], (2 * (begin + end) - 4 * inputs[:, 1::2])[None], 1)
         if self.struck is not None and own.impact.size:
             substep, change = (own.impact[0] * recorded.rate_hz - at.start) * sub, own.impact[1] / h
-            struck = impulse(begin.shape[1], substep, mass[self.struck] * change)
-            begin, end, bend = (
-                np.vstack([u, s]) for u, s in zip((begin, end, bend), (*struck, 0 * struck[0]), strict=True)
-            )
+            given = with_impulse(given, substep, mass[self.struck] * change)
             vectors = np.column_stack([vectors, np.eye(self.n)[self.struck]])
         start = own.state
         if whole and recorded.fitted.start > 0:
@@ -289,7 +289,6 @@ class Simulation:
             mass[None], damping[None], stiffness[None], rows_of(self.arrangement, constants)[None, bent], vectors[None]
         )
         clock = Clock(np.array([at.start / recorded.rate_hz]), h, (at.stop - 1 - at.start) * sub, sub)
-        given = Given(begin[None], end[None], bend[None], sub if held else 1)
         laws = self._laws(terms, constants, h, bent)
         near, division = self._divided.get(number, (at, None))
         division = division if near == at else None

@@ -186,6 +186,24 @@ def _second_impact(trial: Trial, rng: Rng) -> Hidden:
     return Hidden("double_hit", places, "impactor", add, lambda s: {"second_impulse_fraction": s / float(first)})
 
 
+def _knock(trial: Trial, rng: Rng) -> Hidden:
+    """Somebody bumps into a body of a driven rig, once in one of the recordings."""
+    rig = trial.rig
+    bodies, number = len(rig.masses), int(rng.integers(len(trial.records)))
+    struck, sample = int(rng.integers(bodies)), int(rng.uniform(0.05, 0.95) * trial.records[number].count)
+    linear = rig.plant(rig.true_values())
+    u = trial.records[number].size * trial.records[number].drive.steps(1)
+    fastest = float(np.abs(linear.motion(trial.records[number].start, u, 1 / rig.rate)[0][1]).max())
+
+    def add(altered: Altered, s: float) -> Altered:
+        return replace(altered, knock=(number, sample, np.append(np.zeros(bodies), s * fastest * unit(bodies, struck))))
+
+    impulse = rig.masses[struck].true * fastest
+    return Hidden(
+        "knock", (rig.body(struck), "surroundings"), "surroundings", add, lambda s: {"knock_impulse_n_s": s * impulse}
+    )
+
+
 def _energy(trial: Trial, state: Array) -> float:
     """Energy of the linear rig (J) with displacements and velocities (2 bodies,)."""
     rig = trial.rig
@@ -201,5 +219,6 @@ ADDITIONS = (
     Effect("relaxation", Wants(), _relaxation),
     Effect("tube_spring_damping", Wants(undamped=True), _loss),
     Effect("double_hit", Wants(excited="free"), _second_impact),
+    Effect("knock", Wants(excited="forced"), _knock),
 )
 UNLISTED_ADDITIONS = (Effect("series_damper_to_ground", Wants(), _series_to_ground),)

@@ -68,6 +68,8 @@ class Altered:
         What the recorder makes of channels that are known ``pieces`` times a sample, in recording number so and so.
     kick
         Sample, and jump of displacements and velocities as a share of those at the beginning of each recording.
+    knock
+        Number of a recording, sample, and jump of displacements (m) and velocities (m/s) in that one alone.
     sees
         Sensors' weights where there are more coordinates than bodies, by sensor.
     """
@@ -76,6 +78,7 @@ class Altered:
     force: Callable[[Array], Array] = as_it_is
     recorder: Callable[[Array, int, int], Array] = sampled
     kick: tuple[int, Array] | None = None
+    knock: tuple[int, int, Array] | None = None
     sees: Mapping[int, Array] = field(default_factory=dict)
 
 
@@ -99,6 +102,8 @@ def recorded(trial: Trial, altered: Altered, refined: int = 1) -> list[Array]:
     for number, record in enumerate(trial.records):
         u = altered.force(record.size * record.drive.steps(pieces))
         kick = NO_KICK if altered.kick is None else Kick(altered.kick[0] * pieces, altered.kick[1] * _size(record))
+        if altered.knock is not None and altered.knock[0] == number:
+            kick = Kick(altered.knock[1] * pieces, altered.knock[2])
         motion, _ = altered.plant.motion(record.start, u, 1.0 / (rig.rate * pieces), kick)
         fine = rig.channels(motion, values)
         for i, weights in altered.sees.items():

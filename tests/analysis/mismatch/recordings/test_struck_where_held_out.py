@@ -55,6 +55,7 @@ def test_divided_anew_a_sample_is_fitted_and_as_much_is_held_out(block: int) -> 
     sample = int(np.flatnonzero(recorded.block == block)[0])
     moved = recorded.fitted_at(sample)
     assert moved.part[sample] == FIT
+    assert np.all(moved.part[moved.block == 0] == recorded.part[moved.block == 0])  # where it begins is fitted
     assert (moved is recorded) == (PARTS[block % PARTS.size] == FIT)
     for part in (FIT, CHOOSE, HELD, UNUSED):
         assert abs(np.count_nonzero(moved.part == part) - np.count_nonzero(recorded.part == part)) < SAMPLES / BLOCKS

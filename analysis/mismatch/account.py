@@ -187,7 +187,9 @@ class Account(ABC, Generic[FitOf]):
             return self.selection.problem.arrangement.elements[term.place[0]].component
         if isinstance(m, ChannelDistortion):
             return m.of
-        return {AddedBody: "body", Tones: "sensor", SecondImpact: "input"}[type(m)]
+        if isinstance(m, SecondImpact):
+            return "body" if m.driven else "input"
+        return {AddedBody: "body", Tones: "sensor"}[type(m)]
 
 
 def beyond_noise(selection: Selection[FitOf], screening: Screening) -> float:

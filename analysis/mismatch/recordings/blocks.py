@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from analysis.mismatch.recordings.noise import correlation, noise_of
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import SecondImpact
+
+NO_WORSE: Final = 1.02  # held-out errors of an impact over those without it, by chance (recordings of decision 159)
 
 
 def independent_samples(fitted: SimulatedFit, part: int = CHOOSE) -> float:
@@ -78,11 +81,10 @@ def over_noise(fitted: SimulatedFit) -> float:
 def predicts_no_better(before: SimulatedFit, after: SimulatedFit) -> bool:
     """Whether one fit's errors on what was held out are no smaller than another one's; False where nothing was.
 
-    An impact is no matter of what was held out: it happened once, elsewhere, and may have died out there.
+    An impact happened once, elsewhere, and may have died out there: it must only not be much worse.
     """
-    if after.terms and all(isinstance(t.mechanism, SecondImpact) for t in after.terms):
-        return False
-    return bool(np.mean(held_out_rms(after)[0] / held_out_rms(before)[0]) > 1)
+    once = bool(after.terms) and all(isinstance(t.mechanism, SecondImpact) for t in after.terms)
+    return bool(np.mean(held_out_rms(after)[0] / held_out_rms(before)[0]) > (NO_WORSE if once else 1))
 
 
 def missed_still(before: SimulatedFit, after: SimulatedFit) -> float:

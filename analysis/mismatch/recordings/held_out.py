@@ -22,6 +22,7 @@ from analysis.mismatch.recordings.blocks import noise_rms
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit
 from analysis.mismatch.recordings.model import residual, slopes, steps_of, ways
 from analysis.mismatch.recordings.motion import Own
+from analysis.mismatch.recordings.nearby import beside_jumps, nearby
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD
 from analysis.mismatch.recordings.signatures import noise_drawn
 from analysis.mismatch.recordings.start_check import worse_than_zero
@@ -150,7 +151,7 @@ def _whitened(fitted: SimulatedFit, number: int) -> _Whitened:
     simulation, own, recorded = fitted.simulation, fitted.own[number], fitted.problem.recordings[number]
     off, at = residual(simulation, fitted.x, own, number, samples=recorded.samples)
     part = recorded.part[at]
-    noise, near = fitted.noise(number), simulation.near(fitted.x, own, number, recorded.samples)
+    noise, near = fitted.noise(number), nearby(simulation, fitted.x, own, number, recorded.samples)
 
     def changed(x: Real, moved: Own) -> Real:
         return noise.white(residual(near, x, moved, number, samples=recorded.samples)[0] - off).ravel()
@@ -163,7 +164,9 @@ def _whitened(fitted: SimulatedFit, number: int) -> _Whitened:
     weights = np.count_nonzero(noise.own.taps, axis=(1, 2)) - 1
     counted = bool(fitted.problem.draws(fitted))
     drawn = noise_drawn(fitted, number, off.shape[1]) if counted else np.zeros((0, *off.shape))
-    return _Whitened(noise.white(off), columns, where, part, recorded.block[at], weights, drawn)
+    beside = beside_jumps(near)
+    told = np.where(beside, 0.0, off) if beside.size else off
+    return _Whitened(noise.white(told), columns, where, part, recorded.block[at], weights, drawn)
 
 
 def _blocks(fitted: SimulatedFit, number: int, whitened: _Whitened, spread: Real, drawn: Real) -> list[HeldOutBlock]:

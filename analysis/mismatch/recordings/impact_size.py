@@ -12,6 +12,7 @@ from scipy.linalg import expm
 
 from analysis.mismatch.recordings.model import residual, slopes, steps_of, ways
 from analysis.mismatch.recordings.motion import GROWTH, Own, backwards
+from analysis.mismatch.recordings.nearby import nearby
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import SecondImpact
@@ -23,17 +24,22 @@ SAME_TO: Final = 1e-9  # of the largest singular value of what is free: less is 
 CLEAR: Final = 4.0  # standard errors, beyond which an impact at any of some thousand samples is no chance
 UNHEARD: Final = 0.05  # of a period, as fast as any: until then a first impact may not have been heard
 STEP: Final = 1e-6  # of differences
+PULSE: Final = 64  # samples, in which a whitened pulse is over
 
 
 @dataclass(frozen=True, slots=True)
 class Free:
-    """What is free in a recording: whitened changes, (c, n) each, of the constants and of its own numbers, masked."""
+    """What is free in a recording: whitened changes, (c, n) each, of the constants and of its own numbers, masked.
+
+    And what a single wrong sample of each channel is, whitened, (c, c, k).
+    """
 
     constants: Real
     own: Real
     residual: Real
     used: Real
     scale: Real
+    wrong: Real
 
     def columns(self) -> Real:
         """Return (c n, k) all of them, as they are used."""
@@ -46,7 +52,7 @@ class Free:
         simulation, own, recorded = fitted.simulation, fitted.own[number], fitted.problem.recordings[number]
         off, at = fitted.off(number)
         used = np.isin(recorded.part[at], (FIT, CHOOSE))
-        noise, near = None if plain else fitted.noise(number), simulation.near(fitted.x, own, number)
+        noise, near = None if plain else fitted.noise(number), nearby(simulation, fitted.x, own, number)
 
         def white(y: Real) -> Real:
             return y if noise is None else noise.white(y)
@@ -59,7 +65,15 @@ class Free:
         shape = (-1, *off.shape)
         return cls(
             common.T.reshape(shape), begun.T.reshape(shape), -white(off) * used, used.astype(np.float64), scale,
+            np.array([white(pulse) for pulse in _pulses(len(off))]),
         )  # fmt: skip
+
+
+def _pulses(channels: int) -> Real:
+    """Return (c, c, k) one in the first sample of each channel in turn."""
+    out = np.zeros((channels, channels, PULSE))
+    out[range(channels), range(channels), 0] = 1.0
+    return out
 
 
 def speed_begun(fitted: SimulatedFit, state: Real, body: int, before_s: float = 0.0) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 
 from analysis.mismatch.least_squares import Evaluation, Linearisation, Tangent, covariance
 from analysis.mismatch.recordings.motion import Own
+from analysis.mismatch.recordings.nearby import nearby
 from analysis.mismatch.recordings.noise import InputNoiseMade, NoiseModel, rms_of_inputs
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, level
 from analysis.mismatch.recordings.simulation import Simulation
@@ -108,7 +109,7 @@ def steps_of(simulation: Simulation, x: Real, own: Own, number: int, samples: in
     known = simulation.steps.get(number)
     if known is None or known.size != own.size + x.size:
         recorded = simulation.recordings[number]
-        near, size = simulation.near(x, own, number, samples), (level(recorded) / recorded.unit)[:, None]
+        near, size = nearby(simulation, x, own, number, samples), (level(recorded) / recorded.unit)[:, None]
         base, _ = residual(near, x, own, number, samples=samples)
 
         def changed(moved: Real, begun: Own) -> Real:
@@ -193,7 +194,7 @@ class SimulationModel:
             reach = steps[own.size :] * np.maximum(1.0, np.abs(x))
             signs = np.where((x + reach > self.low) & (x + reach < self.high), self.ways, -1.0)
             signs = np.where((signs == 0) & (x - reach <= self.low), 1.0, signs)
-            near = self.simulation.near(x, own, number, self.samples[number])
+            near = nearby(self.simulation, x, own, number, self.samples[number])
             changed = partial(self._changed, near, number, base)
             common, own_slopes = slopes(changed, x, own, steps, signs, self.scales[number])
             tangent = Tangent.of(np.arange(k), own_slopes, common @ self.basis)

@@ -12,6 +12,7 @@ from operator import is_
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 from scipy.signal import oaconvolve
 from scipy.stats import chi2
 
@@ -32,6 +33,7 @@ LEAST_BEHIND: Final = 40  # samples of a recording, as it was taken, after a sec
 LEAST_LEFT: Final = 1e-3  # share of its response that a rig without it could not show as well
 TRIED: Final = 2  # times of a second impact from which it is fitted
 LOOKED_AGAIN: Final = 3  # times that it is looked for beside the fit before
+CLOSE_BY: Final = 2  # samples from a wrong one
 BEYOND: Final = 0.02  # samples after one, or before the one before, that an impact is tried at
 
 
@@ -45,11 +47,19 @@ class _Along:
         (bodies, n) chi-squared that it would take away.
     change, error
         (bodies, n) speed that it would add, m/s, and its standard error.
+    wrong
+        (n,) chi-squared that one wrong sample of one channel would take away, there or close by.
     """
 
     gain: Real
     change: Real
     error: Real
+    wrong: Real
+
+    @property
+    def struck(self) -> Real:
+        """(bodies, n) the gain where it is more: a channel that jumps once and does not ring was not struck."""
+        return np.where(self.gain > self.wrong, self.gain, 0.0)
 
     @property
     def choice(self) -> float:
@@ -81,7 +91,21 @@ def _along(fitted: SimulatedFit, number: int, plain: bool) -> _Along:
         scale = free.scale[simulation.n + b]
         gain = seen[0] ** 2 / beside / max(variance, 1e-300)
         found.append((gain, seen[0] / beside * scale, np.sqrt(variance / beside) * scale))
-    return _Along(*(np.array(rows) for rows in zip(*found, strict=True)))
+    wrong = _wrong_samples(rows[:1], free) / max(variance, 1e-300)
+    gains, changes, errors = (np.array(rows) for rows in zip(*found, strict=True))
+    return _Along(gains, changes, errors, wrong)
+
+
+def _wrong_samples(left: Real, free: Free) -> Real:
+    """Return (n,) the sum of squares that one wrong sample of one channel would take away, there or close by."""
+    _, channels, samples = left.shape
+    found, used = np.zeros(samples), np.broadcast_to(free.used, (1, channels, samples))
+    for pulse in free.wrong:
+        h = np.pad(pulse, ((0, 0), (0, samples)))[:, :samples]
+        power = _correlated(used, h**2)[0]
+        taken = _correlated(left, h)[0] ** 2 / np.maximum(power, LEAST_LEFT * power.max())
+        found = np.maximum(found, taken)
+    return np.asarray(maximum_filter1d(found, 2 * CLOSE_BY + 1), np.float64)
 
 
 def _correlated(rows: Real, h: Real) -> Real:
@@ -101,9 +125,9 @@ def second_impact_score(fitted: SimulatedFit, mechanism: SecondImpact, plain: bo
     if fitted.far_off():
         return Score(Term(mechanism, {name: 0.0}, (0,)), 0.0, 1, 0.0, 1.0)
     along = [_along(fitted, i, plain) for i in range(len(fitted.own))]
-    net = np.array([[max(float(row.max()) - a.choice, 0.0) for row in a.gain] for a in along])
+    net = np.array([[max(float(row.max()) - a.choice, 0.0) for row in a.struck] for a in along])
     body = int(np.argmax(net.sum(axis=0)))
-    best = max(float(a.gain.max()) for a in along)
+    best = max(float(a.struck.max()) for a in along)
     tests = sum(np.count_nonzero(a.gain) for a in along)
     p_value = min(1.0, tests * float(chi2.sf(best, 1)))
     strength = max(_largest(fitted, mechanism, along, body))

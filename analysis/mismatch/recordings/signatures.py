@@ -14,6 +14,7 @@ from analysis.mismatch.problem import Columns, Rung
 from analysis.mismatch.recordings.inputs import at_rest_between_pulses
 from analysis.mismatch.recordings.model import DRAWS, made_by_input_noise, residual, slopes, steps_of, ways
 from analysis.mismatch.recordings.motion import Own
+from analysis.mismatch.recordings.nearby import beside_jumps, nearby
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.recordings.simulation import Simulation
 from sim_backend.arrays import Real
@@ -45,7 +46,8 @@ class _Compared:
         self.off, self.at = residual(fitted.simulation, fitted.x, self.own, number, samples=self.count)
         same = self.simulation is fitted.simulation
         self.shown = self.off if same else self.off_by(self.simulation, fitted.x, self.own)
-        self.near = self.simulation.near(fitted.x, self.own, number, self.count)
+        self.near = nearby(self.simulation, fitted.x, self.own, number, self.count)
+        self.beside = beside_jumps(self.near)
         self.used = np.isin(recorded.part[self.at], (FIT, CHOOSE))
         self.noise = None if self.plain else fitted.noise(number)
 
@@ -54,7 +56,8 @@ class _Compared:
         return residual(other, x, moved, self.number, samples=self.count)[0]
 
     def white(self, y: Real) -> Real:
-        """Return one row of all channels' samples that count."""
+        """Return one row of all channels' samples that count, next to jumps nothing."""
+        y = np.where(self.beside, 0.0, y) if self.beside.size else y
         return (y if self.noise is None else self.noise.white(y))[:, self.used].ravel()
 
     def changed(self, x: Real, moved: Own) -> Real:

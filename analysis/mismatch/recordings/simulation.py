@@ -77,22 +77,8 @@ class Simulation:
             kept[i] if kept and kept[i][0] is r.inputs else (r.inputs, at_half_substeps(r.inputs, sub, rig.hold))
             for i, (r, sub) in enumerate(zip(self.recordings, self.substeps, strict=True))
         )
-        self._divided: dict[int, tuple[slice, Division]] = {}
+        self.divided: dict[int, tuple[slice, Division]] = {}
         self.steps: dict[int, Real] = {} if like is None else dict(like.steps)  # of differences, where a force jumps
-
-    def near(self, x: Real, own: Own, number: int, samples: int | None = None) -> Simulation:
-        """Return the simulation for parameters near these: along this recording, its steps are divided as theirs are.
-
-        Of what is fitted, or of so many samples from its beginning. Beside a force that jumps, what another division
-        changes is far more than what a small step of a parameter does.
-        """
-        at = self._span(number, whole=False, samples=samples)
-        moved = self.motion(x, own, number, at, whole=False, keeps_division=True) if laws_in(self.terms) else None
-        if moved is None:
-            return self
-        found = copy.copy(self)
-        found._divided = {number: (at, moved.division)}
-        return found
 
     @property
     def jumps(self) -> bool:
@@ -212,7 +198,7 @@ class Simulation:
         samples
             So many only, or beyond what is fitted.
         """
-        recorded, at = self.recordings[number], self._span(number, whole, samples)
+        recorded, at = self.recordings[number], self.span(number, whole, samples)
         first, last = at.start, at.stop
         constants, terms = self.read(x)
         moved = self.motion(x, own, number, at, whole)
@@ -235,7 +221,7 @@ class Simulation:
             shown = signal.sosfiltfilt(recorded.band, shown, axis=1)
         return shown, at
 
-    def _span(self, number: int, whole: bool, samples: int | None) -> slice:
+    def span(self, number: int, whole: bool, samples: int | None) -> slice:
         """Return the samples of a recording that are simulated."""
         recorded = self.recordings[number]
         first = 0 if whole else recorded.fitted.start
@@ -290,7 +276,7 @@ class Simulation:
         )
         clock = Clock(np.array([at.start / recorded.rate_hz]), h, (at.stop - 1 - at.start) * sub, sub)
         laws = self._laws(terms, constants, h, bent)
-        near, division = self._divided.get(number, (at, None))
+        near, division = self.divided.get(number, (at, None))
         division = division if near == at else None
         found = propagate(rigs, laws, start[None], clock, given, None, TOLERANCE, division, keeps_division)
         extra = np.zeros((len(found.states[0]), len(self.arrangement.elements)))

@@ -183,7 +183,7 @@ def _second_impact(trial: Trial, rng: Rng) -> Hidden:
     begun = trial.records[0].start
     first = np.sqrt(2 * _energy(trial, begun) / rig.masses[tapped].true) / float(np.max(np.abs(start)))
     places = (rig.body(tapped), "impactor")
-    return Hidden("double_hit", places, "impactor", add, lambda s: {"second_impulse_fraction": s / float(first)})
+    return Hidden("double_hit", places, "input", add, lambda s: {"second_impulse_fraction": s / float(first)})
 
 
 def _knock(trial: Trial, rng: Rng) -> Hidden:
@@ -199,9 +199,7 @@ def _knock(trial: Trial, rng: Rng) -> Hidden:
         return replace(altered, knock=(number, sample, np.append(np.zeros(bodies), s * fastest * unit(bodies, struck))))
 
     impulse = rig.masses[struck].true * fastest
-    return Hidden(
-        "knock", (rig.body(struck), "surroundings"), "surroundings", add, lambda s: {"knock_impulse_n_s": s * impulse}
-    )
+    return Hidden("knock", (rig.body(struck),), "body", add, lambda s: {"knock_impulse_n_s": s * impulse})
 
 
 def _energy(trial: Trial, state: Array) -> float:

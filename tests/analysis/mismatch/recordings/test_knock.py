@@ -17,6 +17,7 @@ from analysis.mismatch.recordings.fit import linear_fit, problem_of
 from analysis.mismatch.recordings.impact_size import Struck, said_of, together
 from analysis.mismatch.recordings.motion import with_impulse
 from analysis.mismatch.recordings.recorded import prepare
+from analysis.mismatch.recordings.second_impact import second_impact_score
 from analysis.mismatch.rig_description import DescribedRig
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
@@ -111,9 +112,11 @@ def test_a_knock_that_has_died_out_before_anything_is_held_out() -> None:
 def test_what_was_held_out_says_nothing_of_what_happened_once_elsewhere() -> None:
     problem = problem_of(rig(), [prepare(driven([], 9), rig())])
     linear = linear_fit(problem)
-    worse = replace(linear, x=linear.x + 0.01)
+    worse, far_worse = (replace(linear, x=linear.x + by) for by in (3e-5, 3e-4))
+    term = Term(KNOWN[0], {"knock_impulse_n_s": 0.0}, (1,))
     assert predicts_no_better(linear, worse)
-    assert not predicts_no_better(linear, replace(worse, terms=(Term(KNOWN[0], {"knock_impulse_n_s": 0.0}, (1,)),)))
+    assert not predicts_no_better(linear, replace(worse, terms=(term,)))
+    assert predicts_no_better(linear, replace(far_worse, terms=(term,)))
 
 
 @pytest.mark.long
@@ -132,6 +135,22 @@ def test_nothing_knocked_where_nothing_did() -> None:
     limit = next(u for u in answer.upper_limits if u.id == "knock")
     assert limit.parameter == "knock_impulse_n_s"
     assert 0 < limit.value < 0.01
+
+
+@pytest.mark.parametrize("channel", [1, 2])
+def test_one_wrong_sample_is_no_knock(channel: int) -> None:
+    clean = driven([], 9)
+    wrong = clean.data.copy()
+    wrong[channel, 1301] += 12 * NOISE * wrong[channel].std()
+    knocked = driven([(1301 / RATE, channel - 1, 0.002)], 9)
+    scores = []
+    for recording in (replace(clean, data=wrong), knocked):
+        problem = problem_of(rig(), [prepare(recording, rig())])
+        scores.append(second_impact_score(linear_fit(problem), KNOWN[0]))
+    assert scores[0].gain == 0
+    assert scores[0].p_value > 0.01
+    assert scores[1].gain > 25
+    assert scores[1].p_value < 1e-4
 
 
 def test_an_impulse_beside_held_inputs_acts_in_one_substep() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.mismatch.parameters import Term
+from analysis.mismatch.recordings import model
 from analysis.mismatch.recordings import simulation as simulated
 from analysis.mismatch.recordings.model import Point, SimulationModel
 from analysis.mismatch.recordings.recorded import FIT, Recorded, prepare
@@ -100,7 +101,7 @@ def test_slopes_beside_dry_friction_are_those_of_far_finer_steps(monkeypatch: py
     monkeypatch.setattr(simulated, "WITH_JUMPS", 3)  # between six steps a sample there is little to tell apart
     found = np.array([*slopes(3e-4)[0].values()])
     with monkeypatch.context() as alone:
-        alone.setattr(Simulation, "near", lambda self, *_: self)
+        alone.setattr(model, "nearby", lambda simulation, *_: simulation)
         without = np.array([*slopes(3e-4)[0].values()])
     monkeypatch.setattr(simulated, "TOLERANCE", math.inf)
     monkeypatch.setattr(Simulation, "_substeps", lambda self, recorded: 192)

@@ -22,6 +22,7 @@ from analysis.mismatch.recordings.impact_size import CLEAR, SAME_TO, Free, of_si
 from analysis.mismatch.recordings.model import residual
 from analysis.mismatch.recordings.motion import Own
 from analysis.mismatch.recordings.recorded import PER_PERIOD, Recorded
+from analysis.mismatch.recordings.signatures import noise_drawn
 from analysis.mismatch.score_test import Score
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import SecondImpact
@@ -77,8 +78,10 @@ def _along(fitted: SimulatedFit, number: int, plain: bool) -> _Along:
     q = left[:, singular > SAME_TO * singular[0]]
     channels, samples = free.residual.shape
     flat = free.residual.ravel() - q @ (q.T @ free.residual.ravel())
-    variance = float(flat @ flat) / max(channels * np.count_nonzero(free.used) - q.shape[1], 1)
+    freedom = max(channels * np.count_nonzero(free.used) - q.shape[1], 1)
+    variance = float(flat @ flat) / freedom
     rows = np.concatenate([flat[None], q.T]).reshape(-1, channels, samples)
+    noise = None if plain or not fitted.problem.draws(fitted) else _draws(fitted, number, free, q)
     found = []
     for b in range(bodies):
         h = free.own[simulation.n + b]
@@ -89,11 +92,25 @@ def _along(fitted: SimulatedFit, number: int, plain: bool) -> _Along:
         sound[[0]], sound[samples - behind :] = False, False
         beside = np.where(sound, beside, np.inf)
         scale = free.scale[simulation.n + b]
-        gain = seen[0] ** 2 / beside / max(variance, 1e-300)
-        found.append((gain, seen[0] / beside * scale, np.sqrt(variance / beside) * scale))
+        made = np.ones(samples) if noise is None else np.mean(_correlated(noise, h) ** 2, axis=0) / beside
+        error = np.sqrt(variance * np.maximum(made, 1.0) / beside)
+        found.append(((seen[0] / beside / np.maximum(error, 1e-300)) ** 2, seen[0] / beside * scale, error * scale))
     wrong = _wrong_samples(rows[:1], free) / max(variance, 1e-300)
     gains, changes, errors = (np.array(rows) for rows in zip(*found, strict=True))
     return _Along(gains, changes, errors, wrong)
+
+
+def _draws(fitted: SimulatedFit, number: int, free: Free, q: Real) -> Real:
+    """Return (draws, c, n) draws of noise beside what is free, as large as independent samples would be.
+
+    That of measured inputs rings: at times it looks like an impact more often than independent samples do.
+    """
+    drawn = noise_drawn(fitted, number, free.residual.shape[1]) * free.used
+    flat = drawn.reshape(len(drawn), -1)
+    flat = flat - (flat @ q) @ q.T
+    freedom = max(len(free.residual) * np.count_nonzero(free.used) - q.shape[1], 1)
+    flat /= np.sqrt(np.mean(np.sum(flat**2, axis=1)) / freedom)
+    return np.asarray(flat.reshape(drawn.shape), np.float64)
 
 
 def _wrong_samples(left: Real, free: Free) -> Real:

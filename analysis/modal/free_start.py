@@ -142,12 +142,15 @@ def _before_an_impact(
     """The free decay up to a later impact, where there is one and it tells more than the whole."""
     recorded = whole.recorded if whole.settled else recorded
     best = whole
+    explained: list[tuple[int, int]] = []
     for end in ends(recorded.y.shape[1], onset):
         part = _searched(recorded.until(end), onset, sample_rate_hz, longest, unseen)
         if not part.settled or part.clipped > CLIPPED:
             continue  # where a converter's limit shapes the record, it ends at once, too
         last = end_before_an_impact(recorded, part.counted)
-        if last is None:
+        # a longer part whose modes leave noise holds nothing sudden, whatever a few first samples seem to tell
+        if last is None or any(first < last < after for first, after in explained):
+            explained.append((part.counted.start, end))
             continue
         found = _searched(recorded.until(last), onset, sample_rate_hz, longest, unseen)
         certain = best.settled and not (best is whole and whole.crowded)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim_backend.arrays import Real
 from sim_backend.propagate.inputs import Clock, Given, Impact, Laws, Rigs
-from sim_backend.propagate.stepping import MOST_DIVIDED, TICKS, carried
+from sim_backend.propagate.stepping import MOST_DIVIDED, TICKS, carried_at_once
 
 Division = NDArray[np.int8]
 
@@ -59,8 +59,9 @@ def propagate(
         Error of a step's mean extra force, over the largest so far, beyond which the step is divided; infinite for
         steps of one length.
     division
-        (runs, any) to divide the steps as those of motions nearby were (`Motion.division`): differences between these
-        and such a motion do not hold the errors that another division makes, which are many times as large.
+        (runs or 1, any) to divide the steps as those of motions nearby were (`Motion.division`), or all as those of
+        one: differences between these and such a motion do not hold the errors that another division makes, which are
+        many times as large.
     keeps_division
         Whether it is returned.
 
@@ -83,8 +84,10 @@ def propagate(
     most = (MOST_DIVIDED + 1) * clock.steps + 2 * TICKS  # short steps: beyond `MOST_DIVIDED`, they are whole ones again
     if division is None:
         division = np.zeros((runs, most if keeps_division else 0), np.int8)
-    elif division.shape != (runs, most):
+    elif division.shape not in ((runs, most), (1, most)):
         raise ValueError(f"the division {division.shape} is not one of {runs} motions of {clock.steps} steps")
     division = np.ascontiguousarray(division)
-    forces, bends, states = carried(rigs, laws, start, clock, given, impact, float(tolerance), division, follows)
+    forces, bends, states = carried_at_once(
+        rigs, laws, start, clock, given, impact, float(tolerance), division, follows
+    )
     return Motion(forces, bends, states, division)

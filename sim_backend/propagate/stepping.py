@@ -351,7 +351,7 @@ def _carry(run, sees, jump, hit_at, tolerance, sampled, divided, out):  # type: 
 
 @njit([_SIGNATURE], cache=True, nogil=True)
 def carried(rigs, laws, start, clock, given, impact, tolerance, division, follows):  # type: ignore[no-untyped-def]
-    """Return forces, bends and states of `Motion`; ``division`` (runs, any) is filled in, or followed."""
+    """Return forces, bends and states of `Motion`; ``division`` (runs, any) is filled in, or followed (one by all)."""
     runs, n = rigs.mass.shape
     elements, inputs, h = rigs.rows.shape[1], rigs.inputs.shape[2], clock.step
     forces, bends = np.zeros((runs, elements, clock.steps + 1)), np.zeros((runs, elements, clock.steps))
@@ -374,7 +374,12 @@ def carried(rigs, laws, start, clock, given, impact, tolerance, division, follow
             np.zeros((2, SLOTS, MEMORY)), np.ones(3),
         )  # fmt: skip
         jump, out = impact.jump[i] * scale, (forces[i], bends[i], states[i])
-        _carry(run, sees, jump, impact.step[i], tolerance, clock.sampled, (division[i], follows), out)
+        divided = division[i if len(division) > 1 else 0], follows
+        _carry(run, sees, jump, impact.step[i], tolerance, clock.sampled, divided, out)
         for k in range(samples):
             states[i, k] /= scale
     return forces, bends, states
+
+
+carried_at_once: Any = carried.get_overload(_SIGNATURE)
+"""`carried` without the look at the types of its arguments, which takes as long as a thousand steps."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -232,3 +233,11 @@ def test_a_division_of_another_motion_is_refused() -> None:
     for other in (division[:, :-1], np.zeros((1, 0), np.int8), np.repeat(division, 2, axis=0)):
         with pytest.raises(ValueError, match="is not one of 1 motions of 1797 steps"):
             rubbing(2.2, 3, division=other)
+
+
+def test_a_motion_is_computed_without_a_word_of_the_compiler() -> None:
+    # numba warns where it looks at the types of force laws, and wraps the output each time if colorama is there;
+    # threads wrapped what was wrapped, until a program that printed after a diagnosis ended in a recursion too deep
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rubbing(1.0, 1)

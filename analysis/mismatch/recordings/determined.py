@@ -14,7 +14,8 @@ from typing import Final
 
 import numpy as np
 
-from analysis.mismatch.recordings.spectral_model import POLYNOMIAL, Piece, SpectralModel, Unknowns
+from analysis.mismatch.recordings.pieces import Piece
+from analysis.mismatch.recordings.spectral_model import POLYNOMIAL, SpectralModel, Unknowns
 from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.arrangement import LOAD, Parameter
 from sim_backend.arrays import Real
@@ -120,7 +121,7 @@ def flat_directions(rig: DescribedRig, names: Sequence[str], random: np.random.G
     if not rig.drives:  # what rings freely began somehow
         begun[: 2 * mass.size] = random.standard_normal(2 * mass.size)
     centre = float(np.mean(modes))
-    outputs = SpectralModel(unknowns, [piece], centre).made(x, 0, begun)
+    outputs = SpectralModel(unknowns, [piece], centre).made(x, begun)
     _, slopes = SpectralModel(unknowns, [replace(piece, outputs=outputs)], centre).evaluated(x)
     slopes = slopes[:, [unknowns.names.index(name) for name in names]]
     _, s, v = np.linalg.svd(slopes, full_matrices=True)

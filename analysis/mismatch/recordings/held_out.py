@@ -20,8 +20,8 @@ from analysis.mismatch.chi_squared import p_of
 from analysis.mismatch.least_squares import covariance
 from analysis.mismatch.recordings.blocks import noise_rms
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit
-from analysis.mismatch.recordings.model import residual, slopes, steps_of, ways
-from analysis.mismatch.recordings.motion import Own
+from analysis.mismatch.recordings.model import residual, residuals, slopes, steps_of, ways
+from analysis.mismatch.recordings.motion import Place
 from analysis.mismatch.recordings.nearby import beside_jumps, nearby
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD
 from analysis.mismatch.recordings.signatures import noise_drawn
@@ -153,8 +153,9 @@ def _whitened(fitted: SimulatedFit, number: int) -> _Whitened:
     part = recorded.part[at]
     noise, near = fitted.noise(number), nearby(simulation, fitted.x, own, number, recorded.samples)
 
-    def changed(x: Real, moved: Own) -> Real:
-        return noise.white(residual(near, x, moved, number, samples=recorded.samples)[0] - off).ravel()
+    def changed(places: Sequence[Place]) -> Real:
+        made, _ = residuals(near, places, number, samples=recorded.samples)
+        return np.array([noise.white(y - off) for y in made])
 
     scale, steps = simulation.own_scale(number, own), steps_of(simulation, fitted.x, own, number)
     common, begun = slopes(changed, fitted.x, own, steps, ways(simulation), scale)

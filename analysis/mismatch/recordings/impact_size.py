@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.linalg import expm
 
-from analysis.mismatch.recordings.model import residual, slopes, steps_of, ways
-from analysis.mismatch.recordings.motion import GROWTH, Own, backwards
+from analysis.mismatch.recordings.model import residuals, slopes, steps_of, ways
+from analysis.mismatch.recordings.motion import GROWTH, Own, Place, backwards
 from analysis.mismatch.recordings.nearby import nearby
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from sim_backend.arrays import Real
@@ -57,8 +57,8 @@ class Free:
         def white(y: Real) -> Real:
             return y if noise is None else noise.white(y)
 
-        def changed(x: Real, moved: Own) -> Real:
-            return white(residual(near, x, moved, number)[0] - off).ravel()
+        def changed(places: Sequence[Place]) -> Real:
+            return np.array([white(y - off) for y in residuals(near, places, number)[0]])
 
         scale, steps = simulation.own_scale(number, own), steps_of(simulation, fitted.x, own, number)
         common, begun = slopes(changed, fitted.x, own, steps, ways(simulation), scale)

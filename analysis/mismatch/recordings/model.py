@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from analysis.mismatch.least_squares import Evaluation, Linearisation, Tangent, covariance
-from analysis.mismatch.recordings.motion import Own
+from analysis.mismatch.recordings.motion import Own, Place
 from analysis.mismatch.recordings.nearby import nearby
 from analysis.mismatch.recordings.noise import InputNoiseMade, NoiseModel, rms_of_inputs
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, level
@@ -36,8 +36,16 @@ def residual(
     simulation: Simulation, x: Real, own: Own, number: int, whole: bool = False, samples: int | None = None
 ) -> tuple[Real, slice]:
     """Return simulation minus recording in the recording's units, (c, n), and of which samples."""
+    off, at = residuals(simulation, [(x, own)], number, whole, samples)
+    return off[0], at
+
+
+def residuals(
+    simulation: Simulation, places: Sequence[Place], number: int, whole: bool = False, samples: int | None = None
+) -> tuple[Real, slice]:
+    """Return (places, c, n) what `residual` does, for several places at once."""
     recorded = simulation.recordings[number]
-    shown, at = simulation.run(x, own, number, whole, samples)
+    shown, at = simulation.runs(places, number, whole, samples)
     lost = (LOST * level(recorded) / recorded.unit)[:, None]
     with np.errstate(over="ignore", invalid="ignore"):
         off = (shown - recorded.outputs[:, at]) / recorded.unit[:, None]
@@ -67,14 +75,15 @@ def made_by_input_noise(
 
 
 def slopes(
-    changed: Callable[[Real, Own], Real], x: Real, own: Own, steps: Real, signs: Real, scale: Real
+    changed: Callable[[Sequence[Place]], Real], x: Real, own: Own, steps: Real, signs: Real, scale: Real
 ) -> tuple[Real, Real]:
     """Return what a unit of each parameter, and of each number that is a recording's own, changes, by differences.
 
     Parameters
     ----------
     changed
-        From parameters and a recording's own numbers to how (n,) residuals differ from those at ``x`` and ``own``.
+        From parameters and a recording's own numbers at several places to how residuals (places, n) differ from those
+        at ``x`` and ``own``.
     steps
         (own.size + k,) of the differences; see `steps_of`.
     signs, scale
@@ -92,7 +101,7 @@ def slopes(
     back = np.flatnonzero(way == 0)
     units = np.concatenate([np.diag(reach), -np.diag(reach)[back]])
     places = [(x + u[size:], own.moved(u[:size] * scale)) for u in units]
-    rows = np.array(side_by_side(changed, places)).reshape(len(places), -1)
+    rows = changed(places).reshape(len(places), -1)
     rows[back] = (rows[back] - rows[way.size :]) / 2
     rows = rows[: way.size] / reach[:, None]
     return rows[size:].T, rows[:size].T
@@ -112,8 +121,8 @@ def steps_of(simulation: Simulation, x: Real, own: Own, number: int, samples: in
         near, size = nearby(simulation, x, own, number, samples), (level(recorded) / recorded.unit)[:, None]
         base, _ = residual(near, x, own, number, samples=samples)
 
-        def changed(moved: Real, begun: Own) -> Real:
-            return np.asarray((residual(near, moved, begun, number, samples=samples)[0] - base) / size).ravel()
+        def changed(places: Sequence[Place]) -> Real:
+            return np.asarray((residuals(near, places, number, samples=samples)[0] - base) / size)
 
         shown = (sensor.quantity for sensor in simulation.arrangement.sensors)
         tried = np.full(own.size + x.size, JUMP_SEEN_STEP if "acceleration" in shown else JUMPING_STEP)
@@ -174,14 +183,14 @@ class SimulationModel:
         self.noise = 1.0  # variance by which priors are weighed
         self.basis = _basis(simulation)
 
-    def used(self, x: Real, own: Own, number: int, simulation: Simulation | None = None) -> Real:
-        """Return minus the residual (c, m) at the samples that are fitted."""
-        off, at = residual(simulation or self.simulation, x, own, number, samples=self.samples[number])
-        return -off[:, np.isin(self.simulation.recordings[number].part[at], self.parts)]
+    def used(self, places: Sequence[Place], number: int, simulation: Simulation | None = None) -> Real:
+        """Return minus the residuals (places, c, m) at the samples that are fitted."""
+        off, at = residuals(simulation or self.simulation, places, number, samples=self.samples[number])
+        return -off[:, :, np.isin(self.simulation.recordings[number].part[at], self.parts)]
 
     def evaluate(self, point: Point) -> Evaluation[Point]:
         """Return the residuals at a point."""
-        rows = tuple(self.used(point.x, o, i) for i, o in enumerate(point.own))
+        rows = tuple(self.used([(point.x, o)], i)[0] for i, o in enumerate(point.own))
         penalty = self.noise * sum(((point.x[i] - mean) / error) ** 2 for i, mean, error in self.prior)
         return Evaluation(point, sum(float(np.vdot(r, r)) for r in rows) + penalty, float(penalty), rows)
 
@@ -204,8 +213,8 @@ class SimulationModel:
             normal[i, i] += self.noise / error**2
         return Linearisation(self.basis, normal, tuple(tangents))
 
-    def _changed(self, near: Simulation, number: int, base: Real, x: Real, own: Own) -> Real:
-        return np.asarray(base - self.used(x, own, number, near), np.float64).ravel()
+    def _changed(self, near: Simulation, number: int, base: Real, places: Sequence[Place]) -> Real:
+        return np.asarray(base - self.used(places, number, near), np.float64)
 
     def spread(self, found: Evaluation[Point]) -> tuple[Real, tuple[NoiseModel, ...]]:
         """Return the covariance that noise as it is gives to least squares, which weigh all of it alike, and the noise.

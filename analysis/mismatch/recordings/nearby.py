@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mismatch.recordings.channels import rows_of
-from analysis.mismatch.recordings.motion import Motion, Own
+from analysis.mismatch.recordings.motion import Motion, Own, Place
 from analysis.mismatch.recordings.simulation import Simulation
 from sim_backend.acting import laws_in
 from sim_backend.arrays import Real
@@ -46,11 +47,11 @@ class Near(Simulation):
         reach = np.ones(2 * BESIDE, np.bool_)
         return np.convolve(turned, reach)[BESIDE - 1 : BESIDE + turned.size] > 0
 
-    def run(
-        self, x: Real, own: Own, number: int, whole: bool = False, samples: int | None = None
+    def runs(
+        self, places: Sequence[Place], number: int, whole: bool = False, samples: int | None = None
     ) -> tuple[Real, slice]:
-        """Return what `Simulation.run` does, next to jumps what is shown nearby."""
-        shown, at = super().run(x, own, number, whole, samples)
+        """Return what `Simulation.runs` does, next to jumps what is shown nearby."""
+        shown, at = super().runs(places, number, whole, samples)
         if self.beside.size and (number, at) == self.near:
             shown = np.where(self.beside, self.shown, shown)
         return shown, at

@@ -12,8 +12,8 @@ import numpy as np
 from analysis.mismatch.parameters import Term, lines_of
 from analysis.mismatch.problem import Columns, Rung
 from analysis.mismatch.recordings.inputs import at_rest_between_pulses
-from analysis.mismatch.recordings.model import DRAWS, made_by_input_noise, residual, slopes, steps_of, ways
-from analysis.mismatch.recordings.motion import Own
+from analysis.mismatch.recordings.model import DRAWS, made_by_input_noise, residual, residuals, slopes, steps_of, ways
+from analysis.mismatch.recordings.motion import Own, Place
 from analysis.mismatch.recordings.nearby import beside_jumps, nearby
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.recordings.simulation import Simulation
@@ -60,9 +60,10 @@ class _Compared:
         y = np.where(self.beside, 0.0, y) if self.beside.size else y
         return (y if self.noise is None else self.noise.white(y))[:, self.used].ravel()
 
-    def changed(self, x: Real, moved: Own) -> Real:
-        """Return what other constants and another state make."""
-        return self.white(self.off_by(self.near, x, moved) - self.shown)
+    def changed(self, places: Sequence[Place]) -> Real:
+        """Return (places, n) what other constants and other states make."""
+        made, _ = residuals(self.near, places, self.number, samples=self.count)
+        return np.array([self.white(y - self.shown) for y in made])
 
     def with_term(self, term: Term) -> tuple[Simulation, Own]:
         """Return the simulation with one mechanism more, and the recording's own numbers in it."""
@@ -97,7 +98,8 @@ class _Compared:
             # what nothing drives began somehow; what is driven was at rest, or has forgotten it
             added = range(self.simulation.n, other.n) if self.recorded.free else ()
             starts = [i + j for i in (0, other.n) for j in added]
-            moved = [self.off_by(other, other.begin(), state.moved(scale[i])) for i in starts]
+            places = [(other.begin(), state.moved(scale[i])) for i in starts]
+            moved = residuals(other, places, self.number, samples=self.count)[0] if places else ()
             made_by = self.white(begun - self.shown)
             return np.array([self.white(y - begun) for y in moved]).reshape(len(starts), made_by.size), made_by
         waves = self.simulation.waves(self.number, self.at, lines_of([term]))

@@ -11,10 +11,11 @@ from typing import Final
 import numpy as np
 from scipy import signal
 
-from analysis.mismatch.parameters import FreeParameter, Term, lines_of, rounding_of, with_values
+from analysis.mismatch.parameters import Term, lines_of, with_values
 from analysis.mismatch.recordings.channels import distort, memories, remembered, rows_of, shown_by, told_by
+from analysis.mismatch.recordings.free_parameters import free_parameters
 from analysis.mismatch.recordings.inputs import at_half_substeps, peaks_of
-from analysis.mismatch.recordings.motion import Motion, Own, sensible, with_impulse
+from analysis.mismatch.recordings.motion import Begun, Motion, Own, Place, computed, sensible, with_impulse
 from analysis.mismatch.recordings.recorded import Recorded, level
 from analysis.mismatch.recordings.spread_impact import spread_of_impact
 from analysis.mismatch.recordings.untold import SINGULAR, untold_offsets
@@ -22,8 +23,9 @@ from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.acting import extended, laws_in, shaken
 from sim_backend.arrangement import DERIVATIVES, Row
 from sim_backend.arrays import Real
-from sim_backend.mechanisms.kinds import AddedBody, AtRest, ChannelDistortion, ForceLaw, SecondImpact
-from sim_backend.propagate import Clock, Division, Given, Laws, Rigs, laws_of, propagate
+from sim_backend.mechanisms.kinds import AtRest, ChannelDistortion, ForceLaw, SecondImpact
+from sim_backend.propagate import Clock, Division, Given, Rigs
+from sim_backend.propagate import Motion as Propagated
 
 Values = Mapping[str, float]
 
@@ -31,9 +33,6 @@ PER_PERIOD: Final = 56  # substeps in a period of the rig's highest mode, at lea
 FEWEST_SUBSTEPS, WITH_JUMPS = 3, 6  # the latter where dry friction turns at once, however slow the rig
 MOST_SUBSTEPS: Final = 8
 SHORTEST_FILTERED: Final = 60  # samples that a band's filter can be run over
-TOLERANCE: Final = 1e-5  # see `propagate`: along a decay of 60 periods errors of 3e-4 add up to a quarter of the noise
-LITTLE_DAMPING: Final = 1e-4  # ratio to the critical one
-HELD: Final = 1e-6  # standard error of an offset that nothing tells, over its size: it stays where it is
 
 
 class Simulation:
@@ -70,7 +69,7 @@ class Simulation:
         mass = self.arrangement.matrices(self.constants)[0]
         pushed = self._vectors(self.constants, mass).T
         self.untold = untold_offsets(rig, self.arrangement, self.constants, self.terms, list(pushed))
-        self.parameters = tuple(self._parameters())
+        self.parameters = tuple(free_parameters(self))
         kept = like.between if like is not None and (like.rig.hold, like.substeps) == (rig.hold, self.substeps) else ()
         # of each recording its inputs, and these at half substeps
         self.between: tuple[tuple[Real, Real], ...] = tuple(
@@ -106,51 +105,6 @@ class Simulation:
         moved = inputs, at_half_substeps(inputs, self.substeps[number], self.rig.hold)
         found.between = (*self.between[:number], moved, *self.between[number + 1 :])
         return found
-
-    def _parameters(self) -> list[FreeParameter]:
-        found = []
-        offsets = self._offset_scale()
-        added = {
-            q.name: i for i, t in enumerate(self.terms) if isinstance(t.mechanism, AddedBody)
-            for q in t.mechanism.parameters
-        }  # fmt: skip
-        quantities = {q.name: q for t in self.terms for q in t.mechanism.parameters}
-        for p in self.arrangement.parameters:
-            if p.uncertainty == 0.0:
-                continue
-            value = self.constants[p.name]
-            if p.name in added:
-                found.append(FreeParameter.of(quantities[p.name], added[p.name], value))
-                continue
-            scale = abs(value) if value else (abs(p.value) if math.isfinite(p.value) and p.value else 1.0)
-            prior, low = None, -math.inf
-            if p.name in offsets:  # weakly held: a linear rig cannot tell an input's offset from its sensor's
-                scale, prior = offsets[p.name], (0.0, 1.0)
-                if p.name in self.untold and p.name in {d.offset for d in self.rig.drives}:
-                    prior = value / scale, HELD
-            elif math.isfinite(p.uncertainty):
-                inner = math.log(p.value / scale) if p.positive else p.value / scale
-                prior = (inner, p.uncertainty / (p.value if p.positive else scale))
-            elif p.unit == "N s/m":
-                low, scale = 0.0, max(scale, self._little_damping)
-            found.append(FreeParameter(p.name, p.unit, scale, p.positive, low, prior=prior))
-        for i, term in enumerate(self.terms):
-            if term.nonlinear and not isinstance(term.mechanism, SecondImpact):  # that is each recording's own
-                found += [FreeParameter.of(q, i, term.values[q.name]) for q in term.mechanism.parameters]
-                found += rounding_of(term, i)
-        return found
-
-    @property
-    def _little_damping(self) -> float:
-        """A damping (N s/m) that is little, but no rounding of none: a fit may end at the bound."""
-        mass = self.arrangement.matrices(self.constants)[0]
-        return LITTLE_DAMPING * 2 * float(np.mean(mass)) * 2 * math.pi * self.highest_hz
-
-    def _offset_scale(self) -> dict[str, float]:
-        """Return how large offsets may well be: as large as what they are added to."""
-        sizes = {d.offset: _rms(self.recordings[0].inputs[i]) for i, d in enumerate(self.rig.drives)}
-        sizes |= {s.offset: _rms(self.recordings[0].outputs[c]) for c, s in enumerate(self.rig.seen)}
-        return {name: max(size, 1e-300) for name, size in sizes.items()}
 
     def own_scale(self, number: int, own: Own) -> Real:
         """Return (own.size,) how large displacements and speeds are, and one for each number of the tones."""
@@ -198,12 +152,24 @@ class Simulation:
         samples
             So many only, or beyond what is fitted.
         """
-        recorded, at = self.recordings[number], self.span(number, whole, samples)
-        first, last = at.start, at.stop
-        constants, terms = self.read(x)
-        moved = self.motion(x, own, number, at, whole)
+        shown, at = self.runs([(x, own)], number, whole, samples)
+        return shown[0], at
+
+    def runs(
+        self, places: Sequence[Place], number: int, whole: bool = False, samples: int | None = None
+    ) -> tuple[Real, slice]:
+        """Return (places, c, n) what `run` does, for several places at once."""
+        at = self.span(number, whole, samples)
+        moved = self.motions(places, number, at, whole)
+        shown = [self._shown(place, number, at, motion) for place, motion in zip(places, moved, strict=True)]
+        return np.array(shown), at
+
+    def _shown(self, place: Place, number: int, at: slice, moved: Motion | None) -> Real:
+        """Return what the channels (c, n) show of a motion."""
+        recorded, (x, own), first, last = self.recordings[number], place, at.start, at.stop
         if moved is None:
-            return np.full((len(self.rig.seen), last - first), np.nan), slice(first, last)
+            return np.full((len(self.rig.seen), last - first), np.nan)
+        constants, terms = self.read(x)
         if recorded.free and any(isinstance(t.mechanism, ChannelDistortion) for t in terms):  # some remember
             moved = moved.begun_earlier(*self.arrangement.matrices(constants), recorded.rate_hz)
         shown = shown_by(self.rig.seen, self.arrangement, constants, moved)
@@ -219,7 +185,7 @@ class Simulation:
             shown += spread_of_impact(self.rig.seen, self.arrangement, constants, (own.impact[0], begun), recorded, at)
         if recorded.band is not None and np.all(np.isfinite(shown)) and shown.shape[1] > SHORTEST_FILTERED:
             shown = signal.sosfiltfilt(recorded.band, shown, axis=1)
-        return shown, at
+        return np.asarray(shown, np.float64)
 
     def span(self, number: int, whole: bool, samples: int | None) -> slice:
         """Return the samples of a recording that are simulated."""
@@ -246,23 +212,49 @@ class Simulation:
         self, x: Real, own: Own, number: int, at: slice, whole: bool, keeps_division: bool = False
     ) -> Motion | None:
         """Return the motion between two samples; None where there is no such rig."""
-        constants, terms = self.read(x)
+        return self.motions([(x, own)], number, at, whole, keeps_division)[0]
+
+    def motions(
+        self, places: Sequence[Place], number: int, at: slice, whole: bool, keeps_division: bool = False
+    ) -> list[Motion | None]:
+        """Return what `motion` does, for several places at once."""
         recorded, sub = self.recordings[number], self.substeps[number]
+        acting = laws_in(self.terms)
+        bent = sorted({element for _, _, element in acting})  # the elements with more than spring and damper
+        known: dict[tuple[float, ...], tuple[Given, Real]] = {}
+        begun = [self._begun(place, number, at, whole, bent, known) for place in places]
+        clock = Clock(
+            np.array([at.start / recorded.rate_hz]), 1 / recorded.rate_hz / sub, (at.stop - 1 - at.start) * sub, sub
+        )
+        near, division = self.divided.get(number, (at, None))
+        slots = [(m.law, bent.index(element)) for _, m, element in acting]
+        there = [one for one in begun if one is not None]
+        followed = division if near == at else None
+        found = iter(computed(there, slots, [m.jumps for _, m, _ in acting], clock, followed, keeps_division))
+        return [None if one is None else self._moved(one, next(found), bent, sub) for one in begun]
+
+    def _moved(self, begun: Begun, found: Propagated, bent: Sequence[int], sub: int) -> Motion:
+        extra = np.zeros((len(found.states[0]), len(self.arrangement.elements)))
+        extra[:, bent] = found.forces[0, :, ::sub].T
+        return Motion(found.states[0], extra, begun.force, found.division)
+
+    def _begun(
+        self, place: Place, number: int, at: slice, whole: bool, bent: Sequence[int],
+        known: dict[tuple[float, ...], tuple[Given, Real]],
+    ) -> Begun | None:  # fmt: skip
+        """Return what a motion is computed from, None where there is no such rig; ``known`` are inputs of others."""
+        (x, own), recorded, sub = place, self.recordings[number], self.substeps[number]
+        constants, terms = self.read(x)
         mass, damping, stiffness = self.arrangement.matrices(constants)
         if not sensible(mass, damping, stiffness, recorded.rate_hz):
             return None
-        h = 1 / recorded.rate_hz / sub
-        vectors = self._vectors(constants, mass)
-        inputs, held = self._driven(constants, terms, number, at)
-        pushed = inputs if held else inputs[:, :: 2 * sub]
-        if self.rig.hold == "band-limited" and not recorded.free:  # what is in between is raised against parabolas
-            pushed, _ = self._driven(constants, terms, number, at, at_samples=True)
+        vectors, h = self._vectors(constants, mass), 1 / recorded.rate_hz / sub
+        told = [t.values for t in terms if isinstance(t.mechanism, ChannelDistortion) and t.mechanism.of == "input"]
+        key = (*(constants[d.offset] for d in self.rig.drives), *(v for values in told for v in values.values()))
+        if key not in known:
+            known[key] = self._given(constants, terms, number, at)
+        given, pushed = known[key]
         force = pushed.T @ vectors.T
-        if held:
-            given = Given(inputs[None], inputs[None], np.zeros_like(inputs)[None], sub)
-        else:
-            begin, end = inputs[:, :-1:2], inputs[:, 2::2]
-            given = Given(begin[None], end[None], (2 * (begin + end) - 4 * inputs[:, 1::2])[None], 1)
         if self.struck is not None and own.impact.size:
             substep, change = (own.impact[0] * recorded.rate_hz - at.start) * sub, own.impact[1] / h
             given = with_impulse(given, substep, mass[self.struck] * change)
@@ -270,18 +262,25 @@ class Simulation:
         start = own.state
         if whole and recorded.fitted.start > 0:
             start = self._at_rest(constants, mass, stiffness, number)
-        bent = sorted({element for _, _, element in laws_in(terms)})  # the elements with more than spring and damper
         rigs = Rigs(
             mass[None], damping[None], stiffness[None], rows_of(self.arrangement, constants)[None, bent], vectors[None]
         )
-        clock = Clock(np.array([at.start / recorded.rate_hz]), h, (at.stop - 1 - at.start) * sub, sub)
-        laws = self._laws(terms, constants, h, bent)
-        near, division = self.divided.get(number, (at, None))
-        division = division if near == at else None
-        found = propagate(rigs, laws, start[None], clock, given, None, TOLERANCE, division, keeps_division)
-        extra = np.zeros((len(found.states[0]), len(self.arrangement.elements)))
-        extra[:, bent] = found.forces[0, :, ::sub].T
-        return Motion(found.states[0], extra, force, found.division)
+        rest = [AtRest.of(element, constants, self.rig.preload_n) for element in self.arrangement.elements]
+        laws = [m.packed(terms[i].values, rest[e], h) for i, m, e in laws_in(terms)]
+        return Begun(rigs, laws, given, start, force)
+
+    def _given(self, constants: Values, terms: Sequence[Term], number: int, at: slice) -> tuple[Given, Real]:
+        """Return the inputs over each step, and (inputs, n) at the samples."""
+        sub = self.substeps[number]
+        inputs, held = self._driven(constants, terms, number, at)
+        pushed = inputs if held else inputs[:, :: 2 * sub]
+        if self.rig.hold == "band-limited" and not self.recordings[number].free:
+            # what is in between is raised against parabolas
+            pushed, _ = self._driven(constants, terms, number, at, at_samples=True)
+        if held:
+            return Given(inputs[None], inputs[None], np.zeros_like(inputs)[None], sub), pushed
+        begin, end = inputs[:, :-1:2], inputs[:, 2::2]
+        return Given(begin[None], end[None], (2 * (begin + end) - 4 * inputs[:, 1::2])[None], 1), pushed
 
     def _at_rest(self, constants: Values, mass: Real, stiffness: Real, number: int) -> Real:
         recorded = self.recordings[number]
@@ -322,14 +321,3 @@ class Simulation:
                     u = m.distort(u[None], {**term.values, **peaks}, recorded.rate_hz * (1 if held else 2 * sub))[0]
             rows[i] = u
         return rows, held
-
-    def _laws(self, terms: Sequence[Term], constants: Values, h: float, bent: Sequence[int]) -> Laws:
-        """Return the force laws at work, each with its place among the elements that are ``bent``."""
-        acting = laws_in(terms)
-        rest = [AtRest.of(element, constants, self.rig.preload_n) for element in self.arrangement.elements]
-        rows = [m.packed(terms[i].values, rest[e], h) for i, m, e in acting]
-        return laws_of([(m.law, bent.index(e)) for _, m, e in acting], [rows], [m.jumps for _, m, _ in acting])
-
-
-def _rms(row: Real) -> float:
-    return float(np.sqrt(np.mean(row**2)))

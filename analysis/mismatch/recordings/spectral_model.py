@@ -15,8 +15,8 @@ from typing import Final
 import numpy as np
 from scipy.optimize import least_squares
 
-from analysis.mismatch.recordings.recorded import Recorded, level
-from analysis.mismatch.rig_description import DescribedRig, Hold
+from analysis.mismatch.recordings.pieces import Piece, Pieces, held
+from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.arrangement import DERIVATIVES, LOAD
 from sim_backend.arrays import Complex, Real
 
@@ -29,40 +29,6 @@ MOST_EXPONENT: Final = 40.0
 LOGARITHMIC: Final = ("kg", "N/m", "N s/m")
 POWER_OF_TIME: Final = {"kg": 0, "N/m": 2, "N s/m": 1}  # by which constants of a faster rig are larger
 FASTER: Final = 0.7  # deviation of the logarithm of how fast rigs are that fits begin with
-
-
-@dataclass(frozen=True, slots=True)
-class Piece:
-    """Spectra of a piece of a recording at ``s`` (lines,): channels (c, lines) over their levels, inputs."""
-
-    s: Complex
-    outputs: Complex
-    inputs: Complex
-    level: Real
-
-    @classmethod
-    def of(cls, recorded: Recorded, at: slice, alpha: float, hold: Hold, lines: int) -> Piece:
-        """Return the strongest lines of the samples ``at``, weighed by ``exp(-alpha t)``."""
-        levels, rate = level(recorded), recorded.rate_hz
-        y = recorded.outputs[:, at] - recorded.outputs.mean(axis=1, keepdims=True)
-        u = recorded.inputs[:, at]
-        n = y.shape[1]
-        weight = np.exp(-alpha * np.arange(n) / rate) / rate
-        outputs = np.fft.rfft(y * weight, axis=1) / levels[:, None]
-        inputs = np.fft.rfft((u - recorded.inputs.mean(axis=1, keepdims=True)) * weight, axis=1)
-        power = np.sum(np.abs(outputs) ** 2, axis=0)
-        power[0] = 0.0
-        used = np.sort(np.argsort(power[: int(0.9 * power.size)])[::-1][:lines])
-        s = np.asarray(alpha + 2j * np.pi * np.fft.rfftfreq(n, 1 / rate)[used], np.complex128)
-        return cls(s, outputs[:, used], inputs[:, used] * held(s / rate, hold), levels)
-
-
-def held(sh: Complex, hold: Hold) -> Complex:
-    """Return what an input's spectrum is multiplied by for what it does between samples, at ``s`` times their time."""
-    if hold == "band-limited":
-        return np.ones(sh.size, np.complex128)
-    step = -np.expm1(-sh) / sh
-    return np.asarray(step if hold == "zero" else step**2 * np.exp(sh), np.complex128)
 
 
 class Unknowns:
@@ -154,24 +120,24 @@ class _Matrices:
 
 @dataclass(frozen=True, slots=True)
 class _Linear:
-    """The linear rig at the lines of a piece.
+    """The linear rig at the lines of pieces.
 
     Attributes
     ----------
     shown
-        (lines, channels, bodies) what the channels show of a force on each body.
-    dynamic
-        (lines, bodies, bodies) dynamic stiffness.
+        (p, lines, channels, bodies) what the channels show of a force on each body.
+    compliance
+        (p, lines, bodies, bodies) inverse of the dynamic stiffness.
     begun, mass
-        (lines, bodies, bodies) and (bodies,) forces that a displacement and a speed at the beginning stand for.
+        (p, lines, bodies, bodies) and (bodies,) forces that a displacement and a speed at the beginning stand for.
     driven, pushed
-        (lines, bodies) forces of each input for a gain of one, by the gain's name, and of all inputs.
+        (p, lines, bodies) forces of each input for a gain of one, by the gain's name, and of all inputs.
     own
-        (lines, channels, k) columns of a beginning, and of what the ends and an offset add.
+        (p, lines, channels, k) columns of a beginning, and of what the ends and an offset add.
     """
 
     shown: Complex
-    dynamic: Complex
+    compliance: Complex
     begun: Complex
     mass: Real
     driven: dict[str, Complex]
@@ -180,40 +146,44 @@ class _Linear:
 
     @classmethod
     def of(
-        cls, rig: DescribedRig, values: Mapping[str, float], at: _Matrices, piece: Piece, centre: float
+        cls, rig: DescribedRig, values: Mapping[str, float], at: _Matrices, pieces: Pieces, centre: float
     ) -> _Linear | None:
         """Return it for some constants; None where it has no response."""
-        s, mass, rows = piece.s, at.mass, at.sensors
-        begun = np.asarray(s[:, None, None] * np.diag(mass) + at.damping, np.complex128)
-        dynamic = np.asarray(s[:, None, None] * begun + at.stiffness, np.complex128)
+        s, mass, rows = pieces.s[:, :, None], at.mass, at.sensors
+        begun = np.asarray(s[..., None] * np.diag(mass) + at.damping, np.complex128)
         order = np.array([DERIVATIVES[seen.sensor.quantity] for seen in rig.seen])
         gains = np.array([values[seen.gain] for seen in rig.seen])
         try:
-            shown = (s[:, None] ** order * gains / piece.level)[:, :, None] * (rows @ np.linalg.inv(dynamic))
+            compliance = np.asarray(np.linalg.inv(s[..., None] * begun + at.stiffness), np.complex128)
         except np.linalg.LinAlgError:
             return None
+        shown = np.asarray((s**order * gains / pieces.level[:, None])[..., None] * (rows @ compliance), np.complex128)
         driven = {}
-        for drive, vector, u in zip(rig.drives, at.drives, piece.inputs, strict=True):
-            driven[drive.gain] = np.asarray(u[:, None] * (-mass * vector if drive.base else vector), np.complex128)
-        pushed = sum((values[gain] * one for gain, one in driven.items()), np.zeros((s.size, mass.size), np.complex128))
-        terms = [(s / centre) ** i for i in range(POLYNOMIAL)] + [centre / s]
-        ends = [np.eye(len(rows))[None] * term[:, None, None] for term in terms]
-        own = np.concatenate([shown @ begun, shown * mass, *ends], axis=2)
-        return cls(shown, dynamic, begun, mass, driven, pushed, own) if np.all(np.isfinite(own)) else None
+        for i, (drive, vector) in enumerate(zip(rig.drives, at.drives, strict=True)):
+            u = pieces.inputs[:, :, i, None]
+            driven[drive.gain] = np.asarray(u * (-mass * vector if drive.base else vector), np.complex128)
+        nothing = np.zeros((*pieces.s.shape, mass.size), np.complex128)
+        pushed = sum((values[gain] * one for gain, one in driven.items()), nothing)
+        ends = [(s[..., None] / centre) ** i * np.eye(len(rows)) for i in (*range(POLYNOMIAL), -1)]
+        own = np.concatenate([shown @ begun, shown * mass, *ends], axis=3)
+        return cls(shown, compliance, begun, mass, driven, pushed, own) if np.all(np.isfinite(own)) else None
 
     def force(self, coefficients: Real) -> Complex:
-        """Return (lines, bodies) all forces, those of a beginning (displacements, then speeds) among them."""
+        """Return (p, lines, bodies) all forces, those of beginnings (p, k: displacements, then speeds) among them."""
         n = self.mass.size
-        return np.asarray(
-            self.pushed + self.begun @ coefficients[:n] + self.mass * coefficients[n : 2 * n], np.complex128
-        )
+        displaced = np.einsum("plij,pj->pli", self.begun, coefficients[:, :n])
+        return np.asarray(self.pushed + displaced + self.mass * coefficients[:, None, n : 2 * n], np.complex128)
+
+    def showing(self, force: Complex) -> Complex:
+        """Return (p, lines, channels) what the channels show of forces (p, lines, bodies)."""
+        return np.asarray(np.einsum("plcn,pln->plc", self.shown, force), np.complex128)
 
 
 class SpectralModel:
     """What the linear rig makes of some pieces' spectra, as a function of its unknown constants."""
 
     def __init__(self, unknowns: Unknowns, pieces: Sequence[Piece], centre: float):
-        self.unknowns, self.pieces, self.centre = unknowns, pieces, centre
+        self.unknowns, self.pieces, self.centre = unknowns, Pieces.of(pieces), centre
         self.total = math.sqrt(sum(float(np.sum(np.abs(p.outputs) ** 2)) for p in pieces))
 
     def begun(self, x: Real) -> Real:
@@ -262,61 +232,61 @@ class SpectralModel:
         """Return what is left of the spectra (m,), over all of them, and its slopes (m, k)."""
         values = self.unknowns.constants(x)
         at = _Matrices.of(self.unknowns.rig, values)
-        parts = [self._of_piece(values, at, piece) for piece in self.pieces]
+        parts = [self._of_pieces(values, at, pieces) for pieces in self.pieces]
         off = np.concatenate([o for o, _ in parts]) / self.total
         slopes = np.concatenate([s for _, s in parts]) / self.total
         if np.all(np.isfinite(off)) and np.all(np.isfinite(slopes)):
             return off, slopes
         return np.full(off.shape, 10.0 / math.sqrt(off.size)), np.zeros(slopes.shape)
 
-    def made(self, x: Real, number: int, coefficients: Real) -> Complex:
-        """Return (channels, lines) what a piece would hold with a beginning and ends of its own."""
+    def made(self, x: Real, coefficients: Real) -> Complex:
+        """Return (channels, lines) what a single piece would hold with a beginning and ends of its own."""
         values, rig = self.unknowns.constants(x), self.unknowns.rig
-        linear = _Linear.of(rig, values, _Matrices.of(rig, values), self.pieces[number], self.centre)
+        linear = _Linear.of(rig, values, _Matrices.of(rig, values), self.pieces[0], self.centre)
         if linear is None:
             raise ArithmeticError("the rig has no response")
-        forced = np.einsum("lcn,ln->lc", linear.shown, linear.pushed)
-        return np.asarray((forced + linear.own @ coefficients).T, np.complex128)
+        return np.asarray((linear.showing(linear.pushed) + linear.own @ coefficients)[0].T, np.complex128)
 
-    def _of_piece(self, values: Mapping[str, float], at: _Matrices, piece: Piece) -> tuple[Real, Real]:
-        """Return what is left of a piece beside its own beginning and end, and the slopes of that."""
-        linear = _Linear.of(self.unknowns.rig, values, at, piece, self.centre)
+    def _of_pieces(self, values: Mapping[str, float], at: _Matrices, pieces: Pieces) -> tuple[Real, Real]:
+        """Return what is left of pieces beside their own beginnings and ends, and the slopes of that."""
+        linear = _Linear.of(self.unknowns.rig, values, at, pieces, self.centre)
         if linear is None:
-            samples = 2 * piece.outputs.size
+            samples = 2 * pieces.outputs.size
             return np.full(samples, np.inf), np.zeros((samples, len(self.unknowns.names)))
         u, size, v = np.linalg.svd(_real(linear.own), full_matrices=False)
-        kept = size > 1e-9 * size[0]
-        u, v = u[:, kept], v[kept] / size[kept][:, None]
-        forced = np.einsum("lcn,ln->lc", linear.shown, linear.pushed)
-        target = _real((piece.outputs.T - forced)[:, :, None])[:, 0]
-        slopes = _real(self._changes(values, at, piece, linear, v.T @ (u.T @ target)))
-        return target - u @ (u.T @ target), -(slopes - u @ (u.T @ slopes))
+        kept = size > 1e-9 * size[:, :1]
+        u, v = u * kept[:, None], v * (kept / np.where(kept, size, 1.0))[:, :, None]
+        across = u.swapaxes(1, 2)
+        target = _real((pieces.outputs - linear.showing(linear.pushed))[..., None])
+        found = across @ target
+        slopes = _real(self._changes(values, at, pieces, linear, (v.swapaxes(1, 2) @ found)[..., 0]))
+        return (target - u @ found).ravel(), -(slopes - u @ (across @ slopes)).reshape(-1, slopes.shape[2])
 
     def _changes(
-        self, values: Mapping[str, float], at: _Matrices, piece: Piece, linear: _Linear, coefficients: Real
+        self, values: Mapping[str, float], at: _Matrices, pieces: Pieces, linear: _Linear, coefficients: Real
     ) -> Complex:
-        """Return (lines, channels, k) how the model changes with each unknown: logarithms, then gains."""
-        rig, s, shown, n = self.unknowns.rig, piece.s[:, None], linear.shown, linear.mass.size
-        position, speed = coefficients[:n], coefficients[n : 2 * n]
+        """Return (p, lines, channels, k) how the model changes with each unknown: logarithms, then gains."""
+        rig, s, shown, n = self.unknowns.rig, pieces.s[:, :, None], linear.shown, linear.mass.size
+        position, speed = coefficients[:, None, :n], coefficients[:, None, n : 2 * n]
         force = linear.force(coefficients)
-        moved = np.linalg.solve(linear.dynamic, force[:, :, None])[:, :, 0]
+        moved = (linear.compliance @ force[..., None])[..., 0]
         inertial = s**2 * moved - s * position - speed
-        for drive, vector, u in zip(rig.drives, at.drives, piece.inputs, strict=True):
+        for i, (drive, vector) in enumerate(zip(rig.drives, at.drives, strict=True)):
             if drive.base:
-                inertial = inertial + values[drive.gain] * u[:, None] * vector
+                inertial = inertial + values[drive.gain] * pieces.inputs[:, :, i, None] * vector
         across, deformed = shown @ at.elements.T, moved @ at.elements.T
-        rate = s * deformed - at.elements @ position
-        acting = np.concatenate([shown * inertial[:, None], across * deformed[:, None], across * rate[:, None]], axis=2)
+        rate = s * deformed - position @ at.elements.T
+        parts = shown * inertial[:, :, None], across * deformed[:, :, None], across * rate[:, :, None]
         sizes = np.array([values[p.name] for p in self.unknowns.bent])
-        found = [-acting @ (self.unknowns.acting * sizes)]
-        pushed = np.einsum("lcn,ln->lc", shown, force)
+        found = [-np.concatenate(parts, axis=3) @ (self.unknowns.acting * sizes)]
+        pushed = linear.showing(force)
         for p in self.unknowns.gains:
             if p.name in linear.driven:
-                change = np.einsum("lcn,ln->lc", shown, linear.driven[p.name])
+                change = linear.showing(linear.driven[p.name])
             else:
                 change = pushed * np.array([seen.gain == p.name for seen in rig.seen]) / values[p.name]
-            found.append(change[:, :, None])
-        return np.concatenate(found, axis=2)
+            found.append(change[..., None])
+        return np.concatenate(found, axis=3)
 
 
 def responses(rig: DescribedRig, values: Mapping[str, float], hz: Real, rate_hz: float) -> Complex:
@@ -341,6 +311,6 @@ def responses(rig: DescribedRig, values: Mapping[str, float], hz: Real, rate_hz:
 
 
 def _real(columns: Complex) -> Real:
-    """Return (lines, channels, k) complex columns as real ones, (2 lines channels, k), of the same size."""
-    flat = columns.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])
-    return np.concatenate([flat.real, flat.imag])
+    """Return (p, lines, channels, k) complex columns as real ones, (p, 2 lines channels, k), of the same size."""
+    flat = columns.reshape(len(columns), -1, columns.shape[3])
+    return np.concatenate([flat.real, flat.imag], axis=1)

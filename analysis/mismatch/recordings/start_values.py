@@ -12,9 +12,10 @@ from typing import Final
 
 import numpy as np
 
+from analysis.mismatch.recordings.pieces import Piece
 from analysis.mismatch.recordings.recorded import Recorded, level
 from analysis.mismatch.recordings.simulation import Simulation
-from analysis.mismatch.recordings.spectral_model import Piece, SpectralModel, Unknowns
+from analysis.mismatch.recordings.spectral_model import SpectralModel, Unknowns
 from analysis.mismatch.rig_description import DescribedRig, Hold
 from analysis.session import AnalysisError
 from sim_backend.arrays import Complex, Real

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from analysis.mismatch.parameters import Term
+from analysis.mismatch.recordings import motion
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.recordings.simulation import Simulation
 from mesotap.configuration.rig_files import parse_rig
-from sim_backend.mechanisms.catalogue import catalogue
+from sim_backend.mechanisms.catalogue import catalogue, family
 from tests.analysis.mismatch.recordings.described_rigs import RATE, SAMPLES, recorded, sensor
 
 
@@ -181,3 +182,33 @@ def test_another_hold_takes_its_own_inputs_between_samples() -> None:
             shown[hold, name], _ = one.run(one.begin(), one.own(np.zeros(2)), 0)
         np.testing.assert_array_equal(shown[hold, "after"], shown[hold, "alone"])
     assert not np.allclose(shown["zero", "alone"], shown["first", "alone"])
+
+
+@pytest.mark.parametrize("threads", [False, True])
+def test_several_places_at_once_show_what_each_shows_alone(threads: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = parse_rig(
+        "bodies: {a: 2, b: 0.5}\n"
+        "springs:\n"
+        "  - {name: lower, between: [a, ground], stiffness: unknown, damping: unknown}\n"
+        "  - {name: upper, between: [b, a], stiffness: 900, damping: 0.3}\n"
+        "inputs: [{channel: 0, force_on: a, gain: unknown, offset: unknown}]\n"
+        + sensor("acceleration").replace("mass", "b")
+    )
+    random = np.random.default_rng(8)
+    prepared = prepare(recorded([random.normal(size=800), random.normal(size=800)], RATE, 0.0), rig)
+    known = {p.name: p.value if np.isfinite(p.value) else 1.0 for p in rig.arrangement.parameters}
+    (cubic,) = family("tube_spring_cubic")
+    term = Term(cubic, dict.fromkeys((q.name for q in cubic.parameters), 1e4), (0,))
+    simulation = Simulation(rig, [prepared], known, 8.0, (term,))
+    begin, own = simulation.begin(), simulation.own(np.array([0.1, -0.2, 1.0, 3.0]))
+    # every parameter, an offset among them, is another; one place has no rig at all
+    places = [(begin + 0.1 * i * random.normal(size=begin.size), own) for i in range(5)]
+    places.append((np.full(begin.size, np.nan), own))
+    monkeypatch.setattr(motion, "SIDE_BY_SIDE", 0 if threads else 10**9)
+    together, at = simulation.runs(places, 0)
+    alone = [simulation.run(*place, 0) for place in places]
+    assert all(at == own_at for _, own_at in alone)
+    np.testing.assert_array_equal(together, [shown for shown, _ in alone])
+    assert np.all(np.isfinite(together[:5]))
+    assert np.all(np.isnan(together[5]))
+    assert np.ptp(together[:5], axis=0).max() > 0

@@ -9,6 +9,7 @@ import pytest
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings import model
+from analysis.mismatch.recordings import motion as computed
 from analysis.mismatch.recordings import simulation as simulated
 from analysis.mismatch.recordings.model import Point, SimulationModel
 from analysis.mismatch.recordings.recorded import FIT, Recorded, prepare
@@ -103,7 +104,7 @@ def test_slopes_beside_dry_friction_are_those_of_far_finer_steps(monkeypatch: py
     with monkeypatch.context() as alone:
         alone.setattr(model, "nearby", lambda simulation, *_: simulation)
         without = np.array([*slopes(3e-4)[0].values()])
-    monkeypatch.setattr(simulated, "TOLERANCE", math.inf)
+    monkeypatch.setattr(computed, "TOLERANCE", math.inf)
     monkeypatch.setattr(Simulation, "_substeps", lambda self, recorded: 192)
     fine = np.array([*slopes(3e-4)[0].values()])
     size = np.linalg.norm(fine, axis=(1, 2))

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from analysis.mismatch.recordings.pieces import Piece, held
 from analysis.mismatch.recordings.recorded import prepare
-from analysis.mismatch.recordings.spectral_model import Piece, SpectralModel, Unknowns, held
+from analysis.mismatch.recordings.spectral_model import SpectralModel, Unknowns
 from analysis.mismatch.recordings.start_check import start_check
 from analysis.mismatch.recordings.start_values import _centre, start_values
 from daq.exchange import Recording
@@ -111,7 +112,7 @@ sensors:
     unknowns = Unknowns(rig, 60.0)
     x = np.concatenate([0.3 * random.normal(size=len(unknowns.bent)), 0.7 + random.random(len(unknowns.gains))])
     piece = Piece(s, np.zeros((2, 60), complex), u, np.array([1.0, 30.0]))
-    outputs = SpectralModel(unknowns, [piece], 60.0).made(x, 0, random.normal(size=4 + 2 * 4))
+    outputs = SpectralModel(unknowns, [piece], 60.0).made(x, random.normal(size=4 + 2 * 4))
     model = SpectralModel(unknowns, [Piece(s, outputs, u, piece.level)], 60.0)
     off, slopes = model.evaluated(x)
     assert np.abs(off).max() < 1e-9

@@ -260,7 +260,8 @@ class SpectralModel:
         target = _real((pieces.outputs - linear.showing(linear.pushed))[..., None])
         found = across @ target
         slopes = _real(self._changes(values, at, pieces, linear, (v.swapaxes(1, 2) @ found)[..., 0]))
-        return (target - u @ found).ravel(), -(slopes - u @ (across @ slopes)).reshape(-1, slopes.shape[2])
+        count, rows, k = slopes.shape
+        return (target - u @ found).ravel(), -(slopes - u @ (across @ slopes)).reshape(count * rows, k)
 
     def _changes(
         self, values: Mapping[str, float], at: _Matrices, pieces: Pieces, linear: _Linear, coefficients: Real
@@ -312,5 +313,6 @@ def responses(rig: DescribedRig, values: Mapping[str, float], hz: Real, rate_hz:
 
 def _real(columns: Complex) -> Real:
     """Return (p, lines, channels, k) complex columns as real ones, (p, 2 lines channels, k), of the same size."""
-    flat = columns.reshape(len(columns), -1, columns.shape[3])
+    pieces, lines, channels, k = columns.shape
+    flat = columns.reshape(pieces, lines * channels, k)
     return np.concatenate([flat.real, flat.imag], axis=1)

@@ -65,7 +65,7 @@ def test_they_use_the_public_face_alone(file: Path) -> None:
     assert used <= set(mesotap.__all__)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
 def test_their_code_runs_and_finds_what_the_text_promises(file: Path, tmp_path: Path) -> None:
     """In one process and without a kernel, as far as that shows it; the site executes them as notebooks."""

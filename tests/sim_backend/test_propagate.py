@@ -53,7 +53,7 @@ def test_four_substeps_are_as_good_as_bounded(name: str) -> None:
     assert error(case, motion(case, 4), reference(case)) < BOUNDS[name]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_held_input_is_as_good_as_bounded() -> None:
     case = CASES["input held"]
     assert error(case, motion(case, 4), reference(case)) < 2e-4

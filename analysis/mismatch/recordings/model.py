@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from analysis.mismatch.recordings.recorded import CHOOSE, FIT, level
 from analysis.mismatch.recordings.simulation import Simulation
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody
+
+Made = TypeVar("Made")
 
 STEP = 1e-6  # of differences
 JUMPING_STEP = 1e-5  # the least where a force jumps, and with it the division of the steps
@@ -141,7 +143,7 @@ def ways(simulation: Simulation) -> Real:
     return np.full(len(simulation.parameters), 0.0 if simulation.jumps else 1.0)
 
 
-def side_by_side(simulated: Callable[..., Real], places: Sequence[tuple[Any, ...]]) -> list[Real]:
+def side_by_side(simulated: Callable[..., Made], places: Sequence[tuple[Any, ...]]) -> list[Made]:
     """Return what is simulated at each place; compiled code lets go of the interpreter."""
     workers = min(len(os.sched_getaffinity(0)), len(places))
     if workers < 2:

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from analysis.mismatch.parameters import Term, lines_of
 from analysis.mismatch.problem import Columns, Rung
 from analysis.mismatch.recordings.inputs import at_rest_between_pulses
-from analysis.mismatch.recordings.model import DRAWS, made_by_input_noise, residual, residuals, slopes, steps_of, ways
-from analysis.mismatch.recordings.motion import Own, Place
+from analysis.mismatch.recordings.model import (
+    DRAWS,
+    made_by_input_noise,
+    residual,
+    residuals,
+    side_by_side,
+    slopes,
+    steps_of,
+    ways,
+)
+from analysis.mismatch.recordings.motion import SIDE_BY_SIDE, Own, Place
 from analysis.mismatch.recordings.nearby import beside_jumps, nearby
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.recordings.simulation import Simulation
@@ -23,6 +32,8 @@ from sim_backend.mechanisms.kinds import ForceLaw, Tones
 if TYPE_CHECKING:
     from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings
 
+
+Made = TypeVar("Made")
 
 LITTLE = 0.01  # of a trial, that a mechanism is tried with beside others
 SMALLEST, LARGEST = 0.3, 3.0  # what that may make, in deviations of the noise
@@ -89,6 +100,12 @@ class _Compared:
             column = self.made(weakened(term, share) or term)
         return column / share
 
+    def of_each(self, made: Callable[[Term], Made], terms: Sequence[Term]) -> list[Made]:
+        """Return what each mechanism makes, side by side where the simulation is most of the work."""
+        if self.count * self.simulation.substeps[self.number] < SIDE_BY_SIDE:
+            return [made(term) for term in terms]
+        return side_by_side(made, [(term,) for term in terms])
+
     def rings(self, term: Term) -> tuple[Real, Real]:
         """Return (k, n) what each start of what rings makes, and what it makes if nothing set it going."""
         if not isinstance(term.mechanism, Tones):
@@ -118,10 +135,10 @@ def columns_of(
     forward = ways(compared.simulation)
     common, own_slopes = slopes(compared.changed, fitted.x, compared.own, steps, forward, scale)
     q, _ = np.linalg.qr(own_slopes)
-    columns = np.array([compared.little(t) for t in terms]).reshape(len(terms), len(own_slopes)).T
+    columns = np.array(compared.of_each(compared.little, terms)).reshape(len(terms), len(own_slopes)).T
 
     def rung(against: Real) -> list[Rung]:
-        return [Rung.of(i, *compared.rings(t), against) for i, t in enumerate(ringing)]
+        return [Rung.of(i, *made, against) for i, made in enumerate(compared.of_each(compared.rings, ringing))]
 
     counted = problem.draws(fitted) > 0
     drawn = np.array([y[:, compared.used].ravel() for y in noise_drawn(fitted, number)]).T if counted else None

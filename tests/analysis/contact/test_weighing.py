@@ -258,7 +258,7 @@ def test_eight_points_tell_several_explanations_of_the_flats_alike(flat):
     assert {"series_compliance", "fractal", "crowned_flats"} <= {best.candidate.id, *best.indistinguishable_from}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_fig_6_is_another_assembly_that_agrees_and_speaks_against_misalignment(flat, sphere):
     other = ~flat.in_table
     np.testing.assert_allclose(flat.load_mn[other], [440, 800])

@@ -43,7 +43,7 @@ def test_the_best_two_are_given_their_error_on_what_was_held_out() -> None:
     assert ("Its held-out error is smaller all the same" in second.why) is smaller
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_error_is_that_of_a_fit_as_what_is_named_is_fitted() -> None:
     answer, selection = found()
     judge = selection.judge

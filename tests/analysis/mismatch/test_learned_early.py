@@ -21,7 +21,7 @@ def root_of_rate(d: float, v: float, load: float) -> float:
     return 1.2e-4 * math.copysign(math.sqrt(abs(v) / 1e-3), v)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_law_that_leaves_nothing_ends_the_search_for_listed_ones() -> None:
     few = [listed(name) for name in ("hunt_crossley_damping", "hertz_stiffness", "quadratic_damping")]
     problem = problem_of(session_of(at_upper_mass(root_of_rate), ratios=(0.3, 0.6, 0.9)))

@@ -205,7 +205,7 @@ def test_what_is_no_acceleration_is_not_a_or_b_of_a_session(tmp_path: Path, unit
         as_session(recording)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_within_the_limit_that_is_told_is_read(tmp_path: Path) -> None:
     block = rows("{a:.4f},{b:.4f}", a=A, b=B)
     for unit in (block, "1,2,3\n4,5,7\n", "1\n2\n"):

@@ -28,7 +28,9 @@ def data() -> Path:
     return folder
 
 
-@pytest.mark.parametrize("method", [pytest.param("ml", marks=pytest.mark.slow), "era"])
+@pytest.mark.parametrize(
+    "method", [pytest.param("ml", marks=pytest.mark.slow), pytest.param("era", marks=pytest.mark.slow)]
+)
 def test_modes_of_the_bolted_beam(data, method):
     recording = import_recording(data / "brake-reuss-beam" / "HammerImpact.mat")
     assert recording.rate_hz == pytest.approx(12800.0)

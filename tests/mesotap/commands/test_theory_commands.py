@@ -81,7 +81,7 @@ def test_published_gap_of_nothing(tmp_path):
         published_gap("cube", None, None, quiet())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_figures_of_the_paper(tmp_path):
     mesotap("figures", "-o", tmp_path / "f", "--json", tmp_path / "quoted.json")
     assert {p.stem for p in (tmp_path / "f").glob("*.svg")} == {

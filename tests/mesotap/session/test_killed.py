@@ -83,7 +83,7 @@ def accepted(folder: Path) -> dict[int, bytes]:
         return {s.number: s.acceleration.tobytes() for s in session.impacts() if s.accepted}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
 def test_a_killed_session_ends_as_an_unbroken_one(tmp_path):
     rng = random.Random(20261121)

@@ -43,7 +43,7 @@ def swept(noise: float, seed: int) -> tuple[Recording, np.ndarray]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3))])
 def test_the_interval_of_friction_is_what_its_size_tells(seed: int) -> None:
     recording, _ = swept(0.03, seed)
     answer = diagnose_recordings([recording], RIG, [listed("guide_friction")], learn=False).answer

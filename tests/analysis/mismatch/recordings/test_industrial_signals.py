@@ -52,7 +52,7 @@ def test_a_stage_in_closed_loop_with_nothing_hidden_is_consistent() -> None:
     assert found.answer.verdict == "consistent"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_friction_is_found_through_encoder_and_closed_loop() -> None:
     found = diagnose_recordings([stage(1.0)], parse_rig(STAGE), variants(catalogue()))
     assert [m.id for m in found.answer.mechanisms] == ["guide_friction"]

@@ -108,7 +108,7 @@ def test_an_input_that_stands_exactly_still_between_its_pulses_is_known_to_its_r
     assert 0.1 * quantum <= found * np.sqrt(12) <= 1.01 * quantum
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_intervals_beside_a_spring_that_bends_count_the_noise_of_the_force() -> None:
     found = pulls(draws=8)
     spread = np.sqrt(np.mean(found**2, axis=0))

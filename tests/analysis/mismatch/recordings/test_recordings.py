@@ -81,7 +81,7 @@ def test_a_cubic_spring_seen_by_its_velocity_under_a_measured_force_is_named_alo
     assert found.fit.heldout_rms_after < 0.03 * found.fit.heldout_rms_before
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_without_the_true_mechanism_nothing_is_named(u: Real) -> None:
     rest = [m for m in KNOWN if m.id != "tube_spring_cubic"]
     found = answer_of(parse_rig(SPRING + INPUT + sensor("velocity")), [duffing(u)], rest, learn=False)
@@ -326,7 +326,7 @@ def test_a_second_impact_in_one_of_two_decays_has_the_size_that_it_has_there() -
     assert "recording 1" not in found.mechanisms[0].statement
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_where_there_were_three_impacts_one_is_named_once_and_the_rest_is_left_over() -> None:
     known = [m for m in variants(catalogue()) if m.id in ("tube_spring_cubic", "double_hit")]
     a, t = np.array([[0.0, 1.0], [-(OMEGA**2), -1.0]]), np.arange(1600) / 400.0

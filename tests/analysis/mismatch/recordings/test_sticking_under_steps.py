@@ -20,7 +20,7 @@ recording: {{hold: zero}}
 """)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_friction_that_holds_a_body_most_of_the_time_has_its_size_and_leaves_nothing() -> None:
     x, _ = closed_form().T
     known = [listed(name) for name in ("guide_friction", "quadratic_damping", "contact_creep")]

@@ -35,7 +35,7 @@ def slow(random: np.random.Generator) -> np.ndarray:
     return lfilter([np.sqrt(1 - 0.8**2)], [1.0, -0.8], random.standard_normal(SAMPLES))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("drawn", [white, slow])
 def test_the_error_of_a_hums_amplitude_is_as_large_as_is_said(drawn: Callable[..., np.ndarray]) -> None:
     rig, off = parse_rig(RIG + sensor("displacement")), []

@@ -79,6 +79,13 @@ def propagate(
     rigs = Rigs(*(np.ascontiguousarray(a, np.float64) for a in rigs))
     begin, end, bend = (np.ascontiguousarray(a, np.float64) for a in given[:3])
     given = Given(begin, end, bend, int(given.held))
+    impact = Impact(np.ascontiguousarray(impact.step, np.int64), np.ascontiguousarray(impact.jump, np.float64))
+    laws = Laws(
+        laws.law,
+        np.ascontiguousarray(laws.element, np.int64),
+        np.ascontiguousarray(laws.parameters, np.float64),
+        np.ascontiguousarray(laws.jumps, np.int64),
+    )
     clock = Clock(np.ascontiguousarray(clock.start, np.float64), float(clock.step), int(clock.steps), clock.sampled)
     follows, start = division is not None, np.ascontiguousarray(start, np.float64)
     most = (MOST_DIVIDED + 1) * clock.steps + 2 * TICKS  # short steps: beyond `MOST_DIVIDED`, they are whole ones again
@@ -86,7 +93,7 @@ def propagate(
         division = np.zeros((runs, most if keeps_division else 0), np.int8)
     elif division.shape not in ((runs, most), (1, most)):
         raise ValueError(f"the division {division.shape} is not one of {runs} motions of {clock.steps} steps")
-    division = np.ascontiguousarray(division)
+    division = np.ascontiguousarray(division, np.int8)
     forces, bends, states = carried_at_once(
         rigs, laws, start, clock, given, impact, float(tolerance), division, follows
     )

@@ -382,4 +382,7 @@ def carried(rigs, laws, start, clock, given, impact, tolerance, division, follow
 
 
 carried_at_once: Any = carried.get_overload(_SIGNATURE)
-"""`carried` without the look at the types of its arguments, which takes as long as a thousand steps."""
+"""`carried` without the look at the types of its arguments, which takes as long as a thousand steps.
+
+They must be as `_SIGNATURE` says, C-contiguous: arrays of another layout are read wrongly and in silence.
+"""

@@ -14,7 +14,7 @@ from scipy.linalg import expm
 
 from sim_backend.force_law import SLOTS, no_law
 from sim_backend.mechanisms.catalogue import catalogue
-from sim_backend.propagate import Clock, Given, Motion, Rigs, laws_of, propagate
+from sim_backend.propagate import Clock, Given, Impact, Motion, Rigs, laws_of, propagate
 from sim_backend.propagate.exact_step import phi_functions
 from tests.sim_backend.motions import (
     DAMPING,
@@ -241,3 +241,25 @@ def test_a_motion_is_computed_without_a_word_of_the_compiler() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         rubbing(1.0, 1)
+
+
+def test_arrays_of_any_layout_give_the_same_motion() -> None:
+    runs, law = 3, catalogue()["tube_spring_cubic"][0].law
+    parameters = [[np.array([0.0, 0.0, 0.0, 1e-4, 1e9 * (i + 1)])] for i in range(runs)]
+    laws = laws_of([(law, 0)], parameters)
+    rigs = Rigs(*(np.repeat([p], runs, axis=0) for p in ([0.9], [[1.5]], [[5200.0]], [[1.0]], [[1.0]])))
+    start, clock = np.tile([1e-3, 0.4], (runs, 1)), Clock(np.zeros(runs), 1e-4, 400, 1)
+    impact = Impact(np.array([100, 150, 200]), np.array([[0.0, 0.1], [0.0, 0.2], [0.0, 0.3]]))
+    straight = propagate(rigs, laws, start, clock, None, impact)
+    strided = np.zeros((2, *laws.parameters.shape[::-1]))
+    strided[0] = laws.parameters.T
+    turned = propagate(
+        Rigs(*(np.asfortranarray(a) for a in rigs)),
+        laws._replace(parameters=strided[0].T),
+        np.asfortranarray(start),
+        clock,
+        None,
+        Impact(np.repeat(impact.step, 2)[::2], np.asfortranarray(impact.jump)),
+    )
+    np.testing.assert_array_equal(turned.states, straight.states)
+    assert len(np.unique(straight.states[:, -1, 0])) == runs

@@ -32,6 +32,7 @@ Values = Mapping[str, float]
 PER_PERIOD: Final = 56  # substeps in a period of the rig's highest mode, at least
 FEWEST_SUBSTEPS, WITH_JUMPS = 3, 6  # the latter where dry friction turns at once, however slow the rig
 MOST_SUBSTEPS: Final = 8
+TOGETHER: Final = 200_000  # steps of motions that are computed together: some 10 MB
 SHORTEST_FILTERED: Final = 60  # samples that a band's filter can be run over
 
 
@@ -160,8 +161,11 @@ class Simulation:
     ) -> tuple[Real, slice]:
         """Return (places, c, n) what `run` does, for several places at once."""
         at = self.span(number, whole, samples)
-        moved = self.motions(places, number, at, whole)
-        shown = [self._shown(place, number, at, motion) for place, motion in zip(places, moved, strict=True)]
+        many = max(TOGETHER // max((at.stop - at.start) * self.substeps[number], 1), 1)
+        shown: list[Real] = []
+        for some in (places[first : first + many] for first in range(0, len(places), many)):
+            moved = self.motions(some, number, at, whole)
+            shown += [self._shown(place, number, at, motion) for place, motion in zip(some, moved, strict=True)]
         return np.array(shown), at
 
     def _shown(self, place: Place, number: int, at: slice, moved: Motion | None) -> Real:

@@ -10,6 +10,7 @@ import pytest
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings import motion
+from analysis.mismatch.recordings import simulation as simulation_of
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.recordings.simulation import Simulation
 from mesotap.configuration.rig_files import parse_rig
@@ -184,8 +185,10 @@ def test_another_hold_takes_its_own_inputs_between_samples() -> None:
     assert not np.allclose(shown["zero", "alone"], shown["first", "alone"])
 
 
-@pytest.mark.parametrize("threads", [False, True])
-def test_several_places_at_once_show_what_each_shows_alone(threads: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("threads", "together"), [(False, 10**9), (True, 10**9), (False, 1), (False, 5000)])
+def test_several_places_at_once_show_what_each_shows_alone(
+    threads: bool, together: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rig = parse_rig(
         "bodies: {a: 2, b: 0.5}\n"
         "springs:\n"
@@ -205,10 +208,11 @@ def test_several_places_at_once_show_what_each_shows_alone(threads: bool, monkey
     places = [(begin + 0.1 * i * random.normal(size=begin.size), own) for i in range(5)]
     places.append((np.full(begin.size, np.nan), own))
     monkeypatch.setattr(motion, "SIDE_BY_SIDE", 0 if threads else 10**9)
-    together, at = simulation.runs(places, 0)
+    monkeypatch.setattr(simulation_of, "TOGETHER", together)
+    shown, at = simulation.runs(places, 0)
     alone = [simulation.run(*place, 0) for place in places]
     assert all(at == own_at for _, own_at in alone)
-    np.testing.assert_array_equal(together, [shown for shown, _ in alone])
-    assert np.all(np.isfinite(together[:5]))
-    assert np.all(np.isnan(together[5]))
-    assert np.ptp(together[:5], axis=0).max() > 0
+    np.testing.assert_array_equal(shown, [one for one, _ in alone])
+    assert np.all(np.isfinite(shown[:5]))
+    assert np.all(np.isnan(shown[5]))
+    assert np.ptp(shown[:5], axis=0).max() > 0

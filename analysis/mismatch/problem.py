@@ -127,10 +127,10 @@ class Rung:
     gram: Real
 
     @classmethod
-    def of(cls, number: int, waves: Real, rest: Real, columns: Real) -> Rung:
-        """Return it for one candidate whose waves (w, N) and effect on the rest (N,) are at hand."""
-        x = np.concatenate([waves, rest[None]])
-        return cls(np.array([number], np.intp), (x @ columns)[None], (x @ x.T)[None])
+    def of_each(cls, numbers: NDArray[np.intp], waves: Real, rest: Real, columns: Real) -> Rung:
+        """Return it for candidates whose waves (t, w, N) and effects on the rest (t, N) are at hand."""
+        x = np.concatenate([waves, rest[:, None]], axis=1)
+        return cls(numbers, x @ columns, x @ x.swapaxes(1, 2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +158,7 @@ class Columns:
     made: Real
     residual: Real
     own: Real
-    ringing: Callable[[Real], Sequence[Rung]]
+    ringing: Callable[[Real], Iterable[Rung]]
     noise: Real | None = None
 
 

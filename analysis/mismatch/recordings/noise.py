@@ -86,12 +86,12 @@ class Whitening:
         return np.asarray(np.tensordot(lags, self.taps, axes=(1, 2)) / self.noise[:, None], np.complex128)
 
     def __call__(self, rows: Real) -> Real:
-        """Return (c, n) rows whitened, of variance one where they are like those it was fitted to."""
+        """Return rows (..., c, n) whitened, of variance one where they are like those it was fitted to."""
         found = np.zeros(rows.shape)
         for c, (weights, noise) in enumerate(zip(self.taps, self.noise, strict=True)):
-            for weight, row in zip(weights, rows, strict=True):
+            for other, weight in enumerate(weights):
                 if np.any(weight):
-                    found[c] += signal.lfilter(weight / noise, [1.0], row)
+                    found[..., c, :] += signal.lfilter(weight / noise, [1.0], rows[..., other, :])
         return found
 
 
@@ -158,10 +158,10 @@ class InputNoise:
         return cls(samples, share, white, roots)
 
     def __call__(self, rows: Real) -> Real:
-        """Return rows (c, n) without it, in units of the channels' own white noise."""
-        spectrum = np.fft.rfft(rows, _padded(self.samples), axis=1)
-        whitened = np.fft.irfft(np.einsum("lcd,dl->cl", self.roots, spectrum))
-        return np.asarray(whitened[:, : rows.shape[1]], np.float64)
+        """Return rows (..., c, n) without it, in units of the channels' own white noise."""
+        spectrum = np.fft.rfft(rows, _padded(self.samples), axis=-1)
+        whitened = np.fft.irfft(np.einsum("lcd,...dl->...cl", self.roots, spectrum))
+        return np.asarray(whitened[..., : rows.shape[-1]], np.float64)
 
 
 def _beside(whole: Real, made: Real) -> Real:
@@ -235,7 +235,7 @@ class NoiseModel:
         return cls(driven, Whitening.of(rows, left[1], floor_of(recorded)))
 
     def white(self, rows: Real) -> Real:
-        """Return rows (c, n) whitened, of variance one where they are noise."""
+        """Return rows (..., c, n) whitened, of variance one where they are noise."""
         return self.own(rows if self.driven is None else self.driven(rows))
 
     def information(self, columns: Real, used: NDArray[np.bool_], made: InputNoiseMade | None) -> Real:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.mismatch.parameters import Term, lines_of
 from analysis.mismatch.problem import Columns, Rung
@@ -17,23 +19,19 @@ from analysis.mismatch.recordings.model import (
     made_by_input_noise,
     residual,
     residuals,
-    side_by_side,
     slopes,
     steps_of,
     ways,
 )
-from analysis.mismatch.recordings.motion import SIDE_BY_SIDE, Own, Place
+from analysis.mismatch.recordings.motion import Own, Place
 from analysis.mismatch.recordings.nearby import beside_jumps, nearby
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
-from analysis.mismatch.recordings.simulation import Simulation
+from analysis.mismatch.recordings.simulation import TOGETHER, Simulation
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import ForceLaw, Tones
 
 if TYPE_CHECKING:
     from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings
-
-
-Made = TypeVar("Made")
 
 LITTLE = 0.01  # of a trial, that a mechanism is tried with beside others
 SMALLEST, LARGEST = 0.3, 3.0  # what that may make, in deviations of the noise
@@ -56,73 +54,102 @@ class _Compared:
         self.own = fitted.own[number]
         self.off, self.at = residual(fitted.simulation, fitted.x, self.own, number, samples=self.count)
         same = self.simulation is fitted.simulation
-        self.shown = self.off if same else self.off_by(self.simulation, fitted.x, self.own)
+        self.shown = self.off if same else self.off_by(self.simulation, [(fitted.x, self.own)])[0]
         self.near = nearby(self.simulation, fitted.x, self.own, number, self.count)
         self.beside = beside_jumps(self.near)
         self.used = np.isin(recorded.part[self.at], (FIT, CHOOSE))
+        self.size = int(self.used.sum()) * len(self.off)
         self.noise = None if self.plain else fitted.noise(number)
 
-    def off_by(self, other: Simulation, x: Real, moved: Own) -> Real:
-        """Return the residual (c, n) that a simulation leaves."""
-        return residual(other, x, moved, self.number, samples=self.count)[0]
+    def off_by(self, other: Simulation, places: Sequence[Place]) -> Real:
+        """Return the residuals (places, c, n) that a simulation leaves."""
+        return residuals(other, places, self.number, samples=self.count)[0]
 
     def white(self, y: Real) -> Real:
-        """Return one row of all channels' samples that count, next to jumps nothing."""
+        """Return all channels' samples (..., n) that count of (..., c, n) as one row, next to jumps nothing."""
         y = np.where(self.beside, 0.0, y) if self.beside.size else y
-        return (y if self.noise is None else self.noise.white(y))[:, self.used].ravel()
+        white = (y if self.noise is None else self.noise.white(y))[..., self.used]
+        return np.asarray(white.reshape(*white.shape[:-2], -1), np.float64)
 
     def changed(self, places: Sequence[Place]) -> Real:
         """Return (places, n) what other constants and other states make."""
-        made, _ = residuals(self.near, places, self.number, samples=self.count)
-        return np.array([self.white(y - self.shown) for y in made])
+        return self.white(self.off_by(self.near, places) - self.shown)
 
-    def with_term(self, term: Term) -> tuple[Simulation, Own]:
+    def with_each(self, terms: Sequence[Term]) -> Iterator[_Joined]:
+        """Return simulations with one mechanism more, of which each is many: what is not too much at once."""
+        many = max(TOGETHER // max(self.count * self.simulation.substeps[self.number], 1), 1)
+        alike: dict[object, list[int]] = {}
+        for i, t in enumerate(terms):
+            alike.setdefault((t.mechanism, t.place, t.freed, tuple(sorted(t.fixed.items()))), []).append(i)
+        for numbers in alike.values():
+            other, state = self._with_term(terms[numbers[0]])
+            free = {p.name for p in other.parameters if p.scope == "mechanism" and p.owner == len(self.fitted.terms)}
+            if free.issuperset(q.name for q in terms[numbers[0]].mechanism.parameters):
+                for some in (numbers[first : first + many] for first in range(0, len(numbers), many)):
+                    yield _Joined(np.array(some), other, [(other.begin(terms[i]), state) for i in some])
+                continue
+            for i in numbers:
+                other, state = self._with_term(terms[i])
+                yield _Joined(np.array([i]), other, [(other.begin(), state)])
+
+    def _with_term(self, term: Term) -> tuple[Simulation, Own]:
         """Return the simulation with one mechanism more, and the recording's own numbers in it."""
         other = self.simulation.with_terms((*self.fitted.terms, term), self.fitted.values)
         state = other.own(self.fitted.state(self.number))
         memory = np.append(self.own.memory, state.memory[self.own.memory.size :])
         return other, replace(state, tones=self.own.tones, impact=self.own.impact, memory=memory)
 
-    def made(self, term: Term) -> Real:
-        """Return what a mechanism makes."""
-        other, state = self.with_term(term)
-        return self.white(self.off_by(other, other.begin(), state) - self.shown)
+    def made(self, terms: Sequence[Term]) -> Real:
+        """Return (terms, n) what mechanisms make."""
+        found = np.zeros((len(terms), self.size))
+        for one in self.with_each(terms):
+            found[one.numbers] = self.white(self.off_by(one.simulation, one.places) - self.shown)
+        return found
 
-    def little(self, term: Term) -> Real:
-        """Return what it makes per trial, of so little of it that this is in proportion beside what is at work."""
-        weak = weakened(term, LITTLE) if self.fitted.terms and not self.plain else None
-        if weak is None:
-            return self.made(term)
-        column, share = self.made(weak), LITTLE
-        size = float(np.sqrt(np.mean(column**2)))
-        if not SMALLEST < size < LARGEST:
-            share = min(LITTLE / max(size, 1e-300), 1.0)
-            column = self.made(weakened(term, share) or term)
-        return column / share
+    def little(self, terms: Sequence[Term]) -> Real:
+        """Return (terms, n) what each makes per trial, of so little of it that this is in proportion beside others."""
+        beside = self.fitted.terms and not self.plain
+        weak = [(weakened(t, LITTLE) if beside else None) or t for t in terms]
+        share = np.array([1.0 if w is t else LITTLE for w, t in zip(weak, terms, strict=True)])
+        columns = self.made(weak)
+        size = np.sqrt(np.mean(columns**2, axis=1))
+        (again,) = np.nonzero((share < 1.0) & ~((size > SMALLEST) & (size < LARGEST)))
+        share[again] = np.minimum(LITTLE / np.maximum(size[again], 1e-300), 1.0)
+        columns[again] = self.made([weakened(terms[i], float(share[i])) or terms[i] for i in again.tolist()])
+        return np.asarray(columns / share[:, None], np.float64)
 
-    def of_each(self, made: Callable[[Term], Made], terms: Sequence[Term]) -> list[Made]:
-        """Return what each mechanism makes, side by side where the simulation is most of the work."""
-        if self.count * self.simulation.substeps[self.number] < SIDE_BY_SIDE:
-            return [made(term) for term in terms]
-        return side_by_side(made, [(term,) for term in terms])
+    def rungs(self, terms: Sequence[Term], against: Real) -> Iterator[Rung]:
+        """Return the products of what each start of what rings makes, and of what it makes if nothing set it going."""
+        tones = [isinstance(t.mechanism, Tones) for t in terms]
+        bodies = np.flatnonzero(~np.array(tones, np.bool_))
+        for one in self.with_each([terms[i] for i in bodies.tolist()]):
+            yield Rung.of_each(bodies[one.numbers], *self._started(one), against)
+        for i in np.flatnonzero(tones).tolist():
+            waves = self.simulation.waves(self.number, self.at, lines_of([terms[i]]))
+            channel = np.arange(len(self.off))[:, None]
+            rows = np.array([np.where(channel == c, w, 0.0) for c in range(len(self.off)) for w in waves])
+            yield Rung.of_each(np.array([i]), self.white(rows)[None], np.zeros((1, self.size)), against)
 
-    def rings(self, term: Term) -> tuple[Real, Real]:
-        """Return (k, n) what each start of what rings makes, and what it makes if nothing set it going."""
-        if not isinstance(term.mechanism, Tones):
-            other, state = self.with_term(term)
-            begun = self.off_by(other, other.begin(), state)
-            scale = np.diag(other.own_scale(self.number, state))
-            # what nothing drives began somehow; what is driven was at rest, or has forgotten it
-            added = range(self.simulation.n, other.n) if self.recorded.free else ()
-            starts = [i + j for i in (0, other.n) for j in added]
-            places = [(other.begin(), state.moved(scale[i])) for i in starts]
-            moved = residuals(other, places, self.number, samples=self.count)[0] if places else ()
-            made_by = self.white(begun - self.shown)
-            return np.array([self.white(y - begun) for y in moved]).reshape(len(starts), made_by.size), made_by
-        waves = self.simulation.waves(self.number, self.at, lines_of([term]))
-        channel = np.arange(len(self.off))[:, None]
-        rows = [self.white(np.where(channel == c, w, 0.0)) for c in range(len(self.off)) for w in waves]
-        return np.array(rows), np.zeros(int(self.used.sum()) * len(self.off))
+    def _started(self, one: _Joined) -> tuple[Real, Real]:
+        """Return (t, k, n) what each start of a body makes, and (t, n) what the body makes if nothing set it going."""
+        other, state = one.simulation, one.places[0][1]
+        scale = np.diag(other.own_scale(self.number, state))
+        # what nothing drives began somehow; what is driven was at rest, or has forgotten it
+        added = range(self.simulation.n, other.n) if self.recorded.free else ()
+        starts = [i + j for i in (0, other.n) for j in added]
+        places = [(x, state.moved(scale[i])) for i in starts for x, _ in one.places]
+        begun, *moved = np.split(self.off_by(other, [*one.places, *places]), 1 + len(starts))
+        waves = np.array([self.white(y - begun) for y in moved]).reshape(len(starts), len(begun), self.size)
+        return waves.swapaxes(0, 1), self.white(begun - self.shown)
+
+
+@dataclass(frozen=True, slots=True)
+class _Joined:
+    """A simulation with one mechanism more, and a place for each of the trials with these ``numbers``."""
+
+    numbers: NDArray[np.intp]
+    simulation: Simulation
+    places: list[Place]
 
 
 def columns_of(
@@ -135,11 +162,8 @@ def columns_of(
     forward = ways(compared.simulation)
     common, own_slopes = slopes(compared.changed, fitted.x, compared.own, steps, forward, scale)
     q, _ = np.linalg.qr(own_slopes)
-    columns = np.array(compared.of_each(compared.little, terms)).reshape(len(terms), len(own_slopes)).T
-
-    def rung(against: Real) -> list[Rung]:
-        return [Rung.of(i, *made, against) for i, made in enumerate(compared.of_each(compared.rings, ringing))]
-
+    columns = compared.little(terms).T
+    rung = partial(compared.rungs, ringing)
     counted = problem.draws(fitted) > 0
     drawn = np.array([y[:, compared.used].ravel() for y in noise_drawn(fitted, number)]).T if counted else None
     return Columns(np.arange(fitted.x.size), common, columns, -compared.white(compared.off), q, rung, drawn)

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from scipy import signal
 
-from analysis.mismatch.parameters import Term, lines_of, with_values
+from analysis.mismatch.parameters import FreeParameter, Term, lines_of, with_values
 from analysis.mismatch.recordings.channels import distort, memories, remembered, rows_of, shown_by, told_by
 from analysis.mismatch.recordings.free_parameters import free_parameters
 from analysis.mismatch.recordings.inputs import at_half_substeps, peaks_of
@@ -126,13 +126,18 @@ class Simulation:
         memory = 0 if any(r.free for r in self.recordings) else len(memories(self.terms))
         return Own(full, np.zeros((len(self.rig.seen), 2 * len(self.lines))), memory=np.zeros(memory))
 
-    def begin(self) -> Real:
-        """Return the starting point of a fit."""
+    def begin(self, last: Term | None = None) -> Real:
+        """Return the starting point of a fit; ``last``: with other values of the last term's parameters."""
         values = {(i, name): v for i, t in enumerate(self.terms) for name, v in t.values.items()}
-        found = (
-            self.constants[p.name] if p.name in self.constants else values[p.owner, p.name] for p in self.parameters
-        )
-        return np.array([p.inward(value) for p, value in zip(self.parameters, found, strict=True)])
+        moved = {} if last is None else {(len(self.terms) - 1, name): v for name, v in last.values.items()}
+
+        def value(p: FreeParameter) -> float:
+            key = (p.owner, p.name)
+            if p.scope == "mechanism" and key in moved:
+                return moved[key]
+            return self.constants[p.name] if p.name in self.constants else values[key]
+
+        return np.array([p.inward(value(p)) for p in self.parameters])
 
     def read(self, x: Real) -> tuple[dict[str, float], tuple[Term, ...]]:
         """Return constants and terms that the fit's numbers mean."""

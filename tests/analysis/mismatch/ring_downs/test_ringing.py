@@ -77,7 +77,8 @@ def test_products_are_those_of_the_waves(fitted: RingDownFit) -> None:
         assert sorted(i for rung in found for i in rung.numbers) == list(range(len(terms)))
         for rung in found:
             for i, seen, gram in zip(rung.numbers, rung.seen, rung.gram, strict=True):
-                expected = Rung.of(int(i), *written_out(fitted, terms[i], number), columns)
+                waves, rest = written_out(fitted, terms[i], number)
+                expected = Rung.of_each(np.array([i]), waves[None], rest[None], columns)
                 size = np.sqrt(np.diag(expected.gram[0]))
                 np.testing.assert_allclose(gram, expected.gram[0], rtol=1e-7, atol=1e-9 * float(size.max()) ** 2)
                 np.testing.assert_allclose(

@@ -15,24 +15,30 @@ from sim_backend.arrangement import Arrangement
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import ChannelDistortion
 
+Values = Mapping[str, float] | Mapping[str, Real]
 
-def rows_of(arrangement: Arrangement, constants: Mapping[str, float]) -> Real:
-    """Return (elements, n) the deformation of each element by a unit of each body's displacement."""
+
+def rows_of(arrangement: Arrangement, constants: Values) -> Real:
+    """Return (..., elements, n) the deformation of each element by a unit of each body's displacement."""
     rows = [arrangement.vector(e.row, constants) for e in arrangement.elements]
-    return np.array(rows).reshape(-1, len(arrangement.bodies))
+    return np.stack(rows, axis=-2)
 
 
-def shown_by(seen: Sequence[Seen], arrangement: Arrangement, constants: Mapping[str, float], moved: Motion) -> Real:
-    """Return (channels, samples) what is recorded; a body that a mechanism adds may be seen, too."""
-    shown = np.empty((len(seen), len(moved.states)))
-    displacement, velocity = np.split(moved.states, 2, axis=1)
+def shown_by(seen: Sequence[Seen], arrangement: Arrangement, constants: Values, moved: Motion) -> Real:
+    """Return (..., channels, samples) what is recorded; a body that a mechanism adds may be seen, too.
+
+    Of several motions each has its constants (runs,).
+    """
+    shown = np.empty((*moved.states.shape[:-2], len(seen), moved.states.shape[-2]))
+    displacement, velocity = np.split(moved.states, 2, axis=-1)
     of = {"displacement": displacement, "velocity": velocity}
     with np.errstate(over="ignore", invalid="ignore"):  # of a mechanism that runs away: it counts as lost
         if any(sensor.quantity == "acceleration" for sensor in arrangement.sensors):
             of["acceleration"] = _accelerations(arrangement, constants, moved)
         for c, (channel, sensor) in enumerate(zip(seen, arrangement.sensors, strict=True)):
-            own = of[sensor.quantity] @ arrangement.vector(sensor.row, constants)
-            shown[c] = constants[channel.gain] * own + constants[channel.offset]
+            own = (of[sensor.quantity] @ arrangement.vector(sensor.row, constants)[..., None])[..., 0]
+            gain, offset = (np.asarray(constants[name])[..., None] for name in (channel.gain, channel.offset))
+            shown[..., c, :] = gain * own + offset
     return shown
 
 
@@ -42,8 +48,8 @@ def told_by(term: Term, recorded: Recorded, recordings: Sequence[Recorded]) -> S
 
 
 def distort(shown: Real, terms: Sequence[Term], recorded: Recorded, recordings: Sequence[Recorded]) -> None:
-    """Make of the channels (c, n) of a recording what the terms make of them."""
-    for term in terms:
+    """Make of the channels (c, n) of a recording what the terms make of them; of a motion that ran away nothing."""
+    for term in terms if np.all(np.isfinite(shown)) else ():
         m, rows = term.mechanism, list(term.place)
         if isinstance(m, ChannelDistortion) and m.of == "sensor":
             peaks = peaks_of([r.outputs[rows] for r in told_by(term, recorded, recordings)])
@@ -64,9 +70,10 @@ def remembered(terms: Sequence[Term], memory: Real, channels: int, seconds: Real
     return out
 
 
-def _accelerations(arrangement: Arrangement, constants: Mapping[str, float], moved: Motion) -> Real:
-    """Return (samples, n) the bodies' accelerations, from their equations."""
+def _accelerations(arrangement: Arrangement, constants: Values, moved: Motion) -> Real:
+    """Return (..., samples, n) the bodies' accelerations, from their equations."""
     mass, damping, stiffness = arrangement.matrices(constants)
-    x, v = np.split(moved.states, 2, axis=1)
+    x, v = np.split(moved.states, 2, axis=-1)
     bent = moved.extra @ rows_of(arrangement, constants)
-    return np.asarray((moved.force - x @ stiffness.T - v @ damping.T - bent) / mass, np.float64)
+    pulled = x @ stiffness.swapaxes(-1, -2), v @ damping.swapaxes(-1, -2)
+    return np.asarray((moved.force - pulled[0] - pulled[1] - bent) / mass[..., None, :], np.float64)

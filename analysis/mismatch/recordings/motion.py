@@ -11,6 +11,7 @@ from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from sim_backend.arrays import Real
@@ -77,13 +78,18 @@ Place = tuple[Real, Own]
 class Motion:
     """At the samples: states (n, 2 bodies), extra forces (n, elements), inputs' forces on the bodies (n, bodies).
 
-    ``division`` is that of its steps, where it was asked for; see `sim_backend.propagate.Motion`.
+    Of several runs, these come first. ``division`` (runs, any) is that of their steps, where it was asked for; see
+    `sim_backend.propagate.Motion`.
     """
 
     states: Real
     extra: Real
     force: Real
     division: Division = field(default_factory=lambda: np.zeros((1, 0), np.int8))
+
+    def __getitem__(self, run: int) -> Motion:
+        """Return one of several."""
+        return Motion(self.states[run], self.extra[run], self.force[run], self.division[run : run + 1])
 
     def begun_earlier(self, mass: Real, damping: Real, stiffness: Real, rate_hz: float) -> Motion:
         """Return a free decay with samples before its first, as the linear rig (n,), (n, n), (n, n) came there."""
@@ -141,55 +147,55 @@ def with_impulse(given: Given, substep: float, size: float) -> Given:
     return Given(start, stop, bend, 1)
 
 
-def sensible(mass: Real, damping: Real, stiffness: Real, rate: float) -> bool:
-    """Whether the rig can be stepped at all: the extra forces aside, no mode faster than the sampling allows."""
-    if not (np.all(np.isfinite(mass)) and np.all(mass > 0) and np.all(np.isfinite(stiffness))):
-        return False
-    fastest = math.sqrt(float(np.abs(stiffness / mass[:, None]).sum(axis=1).max()))
-    return fastest < 40 * rate and float(np.abs(damping / mass[:, None]).sum(axis=1).max()) < 100 * rate
+def sensible(mass: Real, damping: Real, stiffness: Real, rate: float) -> NDArray[np.bool_]:
+    """Return (...,) which rigs can be stepped at all: extra forces aside, no mode faster than the sampling allows."""
+    told = np.all(np.isfinite(mass) & (mass > 0), axis=-1) & np.all(np.isfinite(stiffness), axis=(-1, -2))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        squared, decay = (np.abs(k / mass[..., None]).sum(axis=-1).max(axis=-1) for k in (stiffness, damping))
+    return np.asarray(told & (np.sqrt(squared) < 40 * rate) & (decay < 100 * rate), np.bool_)
 
 
 @dataclass(frozen=True, slots=True)
 class Begun:
-    """What one motion is computed from: a rig, parameters of its laws (each any), inputs, the first state (2n,).
+    """What motions are computed from: rigs, parameters of each one's laws (each any), inputs, first states (runs, 2n).
 
-    ``force`` (n, bodies) is that of the inputs at the samples.
+    Inputs may be the same for all.
     """
 
-    rig: Rigs
-    laws: Sequence[Real]
-    given: Given
+    rigs: Rigs
+    laws: Sequence[Sequence[Real]]
+    given: Sequence[Given]
     start: Real
-    force: Real
 
 
 def computed(
-    begun: Sequence[Begun],
+    begun: Begun,
     slots: Sequence[tuple[Any, int]],
     jumps: Sequence[bool],
     clock: Clock,
     division: Division | None = None,
     keeps_division: bool = False,
-) -> list[Propagated]:
+) -> Propagated:
     """Return the motions of rigs whose force laws and time axis are the same; see `laws_of` and `propagate`."""
-    workers = min(len(os.sched_getaffinity(0)), len(begun)) if len(begun) * clock.steps > SIDE_BY_SIDE else 1
-    edges = np.linspace(0, len(begun), workers + 1).astype(int).tolist()
-    shares = [begun[first:last] for first, last in pairwise(edges)]
+    runs = len(begun.start)
+    workers = min(len(os.sched_getaffinity(0)), runs) if runs * clock.steps > SIDE_BY_SIDE else 1
+    edges = np.linspace(0, runs, workers + 1).astype(int).tolist()
 
-    def of_share(share: Sequence[Begun]) -> Propagated:
-        rigs = Rigs(*(np.concatenate(arrays) for arrays in zip(*(one.rig for one in share), strict=True)))
-        laws, given = laws_of(slots, [one.laws for one in share], jumps), share[0].given
-        if any(one.given is not given for one in share):
-            begin, end, bend = (np.concatenate([one.given[i] for one in share]) for i in range(3))
+    def of_share(share: slice) -> Propagated:
+        rigs, start, givens = Rigs(*(a[share] for a in begun.rigs)), begun.start[share], begun.given[share]
+        laws, given = laws_of(slots, begun.laws[share], jumps), givens[0]
+        if any(one is not given for one in givens):
+            begin, end, bend = (np.concatenate([one[i] for one in givens]) for i in range(3))
             given = Given(begin, end, bend, given.held)
-        start = np.array([one.start for one in share])
-        every = clock._replace(start=np.repeat(clock.start, len(share)))
+        every = clock._replace(start=np.repeat(clock.start, len(start)))
         return propagate(rigs, laws, start, every, given, None, TOLERANCE, division, keeps_division)
 
+    shares = [slice(first, last) for first, last in pairwise(edges)]
     if workers < 2:
-        found = [of_share(share) for share in shares if share]
-    else:  # compiled code lets go of the interpreter
-        with ThreadPoolExecutor(workers) as pool:
-            found = list(pool.map(of_share, shares))
-    at = [(motion, slice(i, i + 1)) for motion in found for i in range(len(motion.states))]
-    return [Propagated(m.forces[i], m.bends[i], m.states[i], m.division[i]) for m, i in at]
+        return of_share(shares[0])
+    with ThreadPoolExecutor(workers) as pool:  # compiled code lets go of the interpreter
+        found = list(pool.map(of_share, shares))
+    forces, bends, states, divided = (
+        np.concatenate([getattr(one, name) for one in found]) for name in ("forces", "bends", "states", "division")
+    )
+    return Propagated(forces, bends, states, divided)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import signal
 
 from analysis.mismatch.parameters import FreeParameter, Term, lines_of, with_values
@@ -25,7 +26,6 @@ from sim_backend.arrangement import DERIVATIVES, Row
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AtRest, ChannelDistortion, ForceLaw, SecondImpact
 from sim_backend.propagate import Clock, Division, Given, Rigs
-from sim_backend.propagate import Motion as Propagated
 
 Values = Mapping[str, float]
 
@@ -167,34 +167,45 @@ class Simulation:
         """Return (places, c, n) what `run` does, for several places at once."""
         at = self.span(number, whole, samples)
         many = max(TOGETHER // max((at.stop - at.start) * self.substeps[number], 1), 1)
-        shown: list[Real] = []
-        for some in (places[first : first + many] for first in range(0, len(places), many)):
-            moved = self.motions(some, number, at, whole)
-            shown += [self._shown(place, number, at, motion) for place, motion in zip(some, moved, strict=True)]
-        return np.array(shown), at
+        some = [places[first : first + many] for first in range(0, len(places), many)]
+        none = np.zeros((0, len(self.rig.seen), at.stop - at.start))
+        return np.concatenate([none, *(self._shown(few, number, at, whole) for few in some)]), at
 
-    def _shown(self, place: Place, number: int, at: slice, moved: Motion | None) -> Real:
-        """Return what the channels (c, n) show of a motion."""
-        recorded, (x, own), first, last = self.recordings[number], place, at.start, at.stop
-        if moved is None:
-            return np.full((len(self.rig.seen), last - first), np.nan)
-        constants, terms = self.read(x)
-        if recorded.free and any(isinstance(t.mechanism, ChannelDistortion) for t in terms):  # some remember
-            moved = moved.begun_earlier(*self.arrangement.matrices(constants), recorded.rate_hz)
-        shown = shown_by(self.rig.seen, self.arrangement, constants, moved)
-        if np.all(np.isfinite(shown)):
-            distort(shown, terms, recorded, self.recordings)
-        shown = shown[:, shown.shape[1] - (last - first) :]
-        if first == recorded.fitted.start:
-            shown += remembered(terms, own.memory, len(shown), np.arange(last - first) / recorded.rate_hz)
-        if self.lines:
-            shown += own.tones @ self.waves(number, at)
-        if self.struck is not None and own.impact.size and recorded.every > 1:
-            begun = own.impact[1] * np.eye(2 * self.n)[self.n + self.struck]
-            shown += spread_of_impact(self.rig.seen, self.arrangement, constants, (own.impact[0], begun), recorded, at)
-        if recorded.band is not None and np.all(np.isfinite(shown)) and shown.shape[1] > SHORTEST_FILTERED:
-            shown = signal.sosfiltfilt(recorded.band, shown, axis=1)
-        return np.asarray(shown, np.float64)
+    def _shown(self, places: Sequence[Place], number: int, at: slice, whole: bool) -> Real:
+        """Return (places, c, n) what the channels show of motions."""
+        recorded, first, last = self.recordings[number], at.start, at.stop
+        out = np.full((len(places), len(self.rig.seen), last - first), np.nan)
+        read = _Read.of(self, places, recorded.rate_hz)
+        if not read.runs.size:
+            return out
+        moved, distorted = (
+            self.motions(read, number, at, whole),
+            any(isinstance(t.mechanism, ChannelDistortion) for t in self.terms),
+        )
+        if recorded.free and distorted:  # some remember
+            shown = np.empty((read.runs.size, *out.shape[1:]))
+            for i, one in enumerate(read.one_by_one):
+                earlier = moved[i].begun_earlier(*self.arrangement.matrices(one), recorded.rate_hz)
+                rows = shown_by(self.rig.seen, self.arrangement, one, earlier)
+                distort(rows, read.terms[i], recorded, self.recordings)
+                shown[i] = rows[:, rows.shape[1] - (last - first) :]
+        else:
+            shown = shown_by(self.rig.seen, self.arrangement, read.constants, moved)
+            for rows, terms in zip(shown, read.terms if distorted else (), strict=False):
+                distort(rows, terms, recorded, self.recordings)
+        for i, rows in enumerate(shown):
+            own = read.own[i]
+            if first == recorded.fitted.start and own.memory.size:
+                rows += remembered(read.terms[i], own.memory, len(rows), np.arange(last - first) / recorded.rate_hz)
+            if self.lines:
+                rows += own.tones @ self.waves(number, at)
+            if self.struck is not None and own.impact.size and recorded.every > 1:
+                begun = own.impact[0], own.impact[1] * np.eye(2 * self.n)[self.n + self.struck]
+                rows += spread_of_impact(self.rig.seen, self.arrangement, read.one_by_one[i], begun, recorded, at)
+            if recorded.band is not None and np.all(np.isfinite(rows)) and last - first > SHORTEST_FILTERED:
+                rows[:] = signal.sosfiltfilt(recorded.band, rows, axis=1)
+        out[read.runs] = shown
+        return out
 
     def span(self, number: int, whole: bool, samples: int | None) -> slice:
         """Return the samples of a recording that are simulated."""
@@ -221,62 +232,53 @@ class Simulation:
         self, x: Real, own: Own, number: int, at: slice, whole: bool, keeps_division: bool = False
     ) -> Motion | None:
         """Return the motion between two samples; None where there is no such rig."""
-        return self.motions([(x, own)], number, at, whole, keeps_division)[0]
+        read = _Read.of(self, [(x, own)], self.recordings[number].rate_hz)
+        return self.motions(read, number, at, whole, keeps_division)[0] if read.runs.size else None
 
-    def motions(
-        self, places: Sequence[Place], number: int, at: slice, whole: bool, keeps_division: bool = False
-    ) -> list[Motion | None]:
-        """Return what `motion` does, for several places at once."""
+    def motions(self, read: _Read, number: int, at: slice, whole: bool, keeps_division: bool = False) -> Motion:
+        """Return what `motion` does, of several runs at once."""
         recorded, sub = self.recordings[number], self.substeps[number]
-        acting = laws_in(self.terms)
+        acting, h = laws_in(self.terms), 1 / recorded.rate_hz / sub
         bent = sorted({element for _, _, element in acting})  # the elements with more than spring and damper
-        known: dict[tuple[float, ...], tuple[Given, Real]] = {}
-        begun = [self._begun(place, number, at, whole, bent, known) for place in places]
-        clock = Clock(
-            np.array([at.start / recorded.rate_hz]), 1 / recorded.rate_hz / sub, (at.stop - 1 - at.start) * sub, sub
-        )
+        mass, damping, stiffness = read.matrices
+        vectors = self._vectors(read.constants, mass)
+        given, pushed = zip(*self._givens(read, number, at), strict=True)
+        force = np.stack([u.T @ v.T for u, v in zip(pushed, vectors, strict=True)])
+        if self.struck is not None and read.own[0].impact.size:
+            impacts = np.array([o.impact for o in read.own])
+            impulses = (impacts[:, 0] * recorded.rate_hz - at.start) * sub, mass[:, self.struck] * impacts[:, 1] / h
+            given = tuple(with_impulse(*one) for one in zip(given, *impulses, strict=True))
+            struck = np.broadcast_to(np.eye(self.n)[self.struck, :, None], (*vectors.shape[:2], 1))
+            vectors = np.concatenate([vectors, struck], axis=2)
+        start = np.array([o.state for o in read.own])
+        if whole and recorded.fitted.start > 0:
+            each = zip(read.one_by_one, mass, stiffness, strict=True)
+            start = np.array([self._at_rest(*one, number) for one in each])
+        laws = []
+        for constants, terms in zip(read.one_by_one, read.terms, strict=True):
+            rest = {e: AtRest.of(self.arrangement.elements[e], constants, self.rig.preload_n) for e in bent}
+            laws.append([m.packed(terms[i].values, rest[e], h) for i, m, e in acting])
+        rigs = Rigs(mass, damping, stiffness, rows_of(self.arrangement, read.constants)[:, bent], vectors)
+        clock = Clock(np.array([at.start / recorded.rate_hz]), h, (at.stop - 1 - at.start) * sub, sub)
         near, division = self.divided.get(number, (at, None))
         slots = [(m.law, bent.index(element)) for _, m, element in acting]
-        there = [one for one in begun if one is not None]
-        followed = division if near == at else None
-        found = iter(computed(there, slots, [m.jumps for _, m, _ in acting], clock, followed, keeps_division))
-        return [None if one is None else self._moved(one, next(found), bent, sub) for one in begun]
+        begun, followed = Begun(rigs, laws, given, start), division if near == at else None
+        found = computed(begun, slots, [m.jumps for _, m, _ in acting], clock, followed, keeps_division)
+        extra = np.zeros((*found.states.shape[:2], len(self.arrangement.elements)))
+        extra[:, :, bent] = found.forces[:, :, ::sub].swapaxes(1, 2)
+        return Motion(found.states, extra, force, found.division)
 
-    def _moved(self, begun: Begun, found: Propagated, bent: Sequence[int], sub: int) -> Motion:
-        extra = np.zeros((len(found.states[0]), len(self.arrangement.elements)))
-        extra[:, bent] = found.forces[0, :, ::sub].T
-        return Motion(found.states[0], extra, begun.force, found.division)
-
-    def _begun(
-        self, place: Place, number: int, at: slice, whole: bool, bent: Sequence[int],
-        known: dict[tuple[float, ...], tuple[Given, Real]],
-    ) -> Begun | None:  # fmt: skip
-        """Return what a motion is computed from, None where there is no such rig; ``known`` are inputs of others."""
-        (x, own), recorded, sub = place, self.recordings[number], self.substeps[number]
-        constants, terms = self.read(x)
-        mass, damping, stiffness = self.arrangement.matrices(constants)
-        if not sensible(mass, damping, stiffness, recorded.rate_hz):
-            return None
-        vectors, h = self._vectors(constants, mass), 1 / recorded.rate_hz / sub
-        told = [t.values for t in terms if isinstance(t.mechanism, ChannelDistortion) and t.mechanism.of == "input"]
-        key = (*(constants[d.offset] for d in self.rig.drives), *(v for values in told for v in values.values()))
-        if key not in known:
-            known[key] = self._given(constants, terms, number, at)
-        given, pushed = known[key]
-        force = pushed.T @ vectors.T
-        if self.struck is not None and own.impact.size:
-            substep, change = (own.impact[0] * recorded.rate_hz - at.start) * sub, own.impact[1] / h
-            given = with_impulse(given, substep, mass[self.struck] * change)
-            vectors = np.column_stack([vectors, np.eye(self.n)[self.struck]])
-        start = own.state
-        if whole and recorded.fitted.start > 0:
-            start = self._at_rest(constants, mass, stiffness, number)
-        rigs = Rigs(
-            mass[None], damping[None], stiffness[None], rows_of(self.arrangement, constants)[None, bent], vectors[None]
-        )
-        rest = [AtRest.of(element, constants, self.rig.preload_n) for element in self.arrangement.elements]
-        laws = [m.packed(terms[i].values, rest[e], h) for i, m, e in laws_in(terms)]
-        return Begun(rigs, laws, given, start, force)
+    def _givens(self, read: _Read, number: int, at: slice) -> list[tuple[Given, Real]]:
+        """Return the inputs of each run; see `_given`."""
+        known: dict[tuple[float, ...], tuple[Given, Real]] = {}
+        out = []
+        for constants, terms in zip(read.one_by_one, read.terms, strict=True):
+            told = [t.values for t in terms if isinstance(t.mechanism, ChannelDistortion) and t.mechanism.of == "input"]
+            key = (*(constants[d.offset] for d in self.rig.drives), *(v for values in told for v in values.values()))
+            if key not in known:
+                known[key] = self._given(constants, terms, number, at)
+            out.append(known[key])
+        return out
 
     def _given(self, constants: Values, terms: Sequence[Term], number: int, at: slice) -> tuple[Given, Real]:
         """Return the inputs over each step, and (inputs, n) at the samples."""
@@ -302,14 +304,16 @@ class Simulation:
             state[: self.n] = np.linalg.solve(stiffness, force)
         return state
 
-    def _pushed(self, row: Row, base: bool, constants: Values, mass: Real) -> Real:
+    def _pushed(self, row: Row, base: bool, constants: Values | Mapping[str, Real], mass: Real) -> Real:
         vector = self.arrangement.vector(row, constants)
         return np.asarray(-mass * (vector + self._shaken) if base else vector, np.float64)
 
-    def _vectors(self, constants: Values, mass: Real) -> Real:
-        """Return (n, inputs) the forces on the bodies by a unit of each input."""
-        pushed = [constants[d.gain] * self._pushed(d.row, d.base, constants, mass) for d in self.rig.drives]
-        return np.array(pushed).reshape(-1, self.n).T
+    def _vectors(self, constants: Values | Mapping[str, Real], mass: Real) -> Real:
+        """Return (..., n, inputs) the forces on the bodies by a unit of each input."""
+        pushed = [self._pushed(d.row, d.base, constants, mass) for d in self.rig.drives]
+        gains = [np.asarray(constants[d.gain])[..., None] for d in self.rig.drives]
+        found = [gain * vector for gain, vector in zip(gains, pushed, strict=True)]
+        return np.stack(found, axis=-1) if found else np.zeros((*mass.shape, 0))
 
     def _driven(
         self, constants: Values, terms: Sequence[Term], number: int, at: slice, at_samples: bool = False
@@ -330,3 +334,33 @@ class Simulation:
                     u = m.distort(u[None], {**term.values, **peaks}, recorded.rate_hz * (1 if held else 2 * sub))[0]
             rows[i] = u
         return rows, held
+
+
+@dataclass(frozen=True, slots=True)
+class _Read:
+    """What several places mean, of those whose rig can be stepped: these ``runs`` of them, m in all.
+
+    ``constants`` are (m,) each, ``one_by_one`` those of each run; ``matrices`` are masses (m, n), damping and stiffness
+    (m, n, n).
+    """
+
+    runs: NDArray[np.intp]
+    own: list[Own]
+    one_by_one: list[dict[str, float]]
+    terms: list[tuple[Term, ...]]
+    constants: dict[str, Real]
+    matrices: tuple[Real, Real, Real]
+
+    @classmethod
+    def of(cls, simulation: Simulation, places: Sequence[Place], rate_hz: float) -> _Read:
+        read = [simulation.read(x) for x, _ in places]
+        constants = {name: np.array([one[name] for one, _ in read]) for name in simulation.constants}
+        matrices = simulation.arrangement.matrices(constants)
+        runs = np.flatnonzero(sensible(*matrices, rate_hz))
+        if runs.size < len(places):
+            constants = {name: values[runs] for name, values in constants.items()}
+            mass, damping, stiffness = matrices
+            matrices = mass[runs], damping[runs], stiffness[runs]
+        kept = [(places[i][1], *read[i]) for i in runs.tolist()]
+        own, one_by_one, terms = ([one[k] for one in kept] for k in range(3))
+        return cls(runs, own, one_by_one, terms, constants, matrices)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,10 @@ from scipy.linalg import expm
 from sim_backend.arrays import Real
 from sim_backend.propagate import Clock, Division, Given, Rigs, laws_of, propagate
 from sim_backend.propagate import Motion as Propagated
+
+if TYPE_CHECKING:
+    from analysis.mismatch.parameters import Term
+    from analysis.mismatch.recordings.simulation import Simulation
 
 BEFORE = 32  # samples before the first that what remembers is shown
 GROWTH = 10.0  # of a motion followed backwards, up to which it is: what has died out cannot be told
@@ -153,6 +157,36 @@ def sensible(mass: Real, damping: Real, stiffness: Real, rate: float) -> NDArray
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         squared, decay = (np.abs(k / mass[..., None]).sum(axis=-1).max(axis=-1) for k in (stiffness, damping))
     return np.asarray(told & (np.sqrt(squared) < 40 * rate) & (decay < 100 * rate), np.bool_)
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """What several places mean, of those whose rig can be stepped: these ``runs`` of them, m in all.
+
+    ``constants`` are (m,) each, ``one_by_one`` those of each run; ``matrices`` are masses (m, n), damping and stiffness
+    (m, n, n).
+    """
+
+    runs: NDArray[np.intp]
+    own: list[Own]
+    one_by_one: list[dict[str, float]]
+    terms: list[tuple[Term, ...]]
+    constants: dict[str, Real]
+    matrices: tuple[Real, Real, Real]
+
+    @classmethod
+    def of(cls, simulation: Simulation, places: Sequence[Place], rate_hz: float) -> Read:
+        """Return what parameters and own numbers mean for a recording of this sampling rate."""
+        read = [simulation.read(x) for x, _ in places]
+        constants = {name: np.array([one[name] for one, _ in read]) for name in simulation.constants}
+        matrices = simulation.arrangement.matrices(constants)
+        runs = np.flatnonzero(sensible(*matrices, rate_hz))
+        if runs.size < len(places):
+            constants = {name: values[runs] for name, values in constants.items()}
+            mass, damping, stiffness = matrices
+            matrices = mass[runs], damping[runs], stiffness[runs]
+        own, kept = [places[i][1] for i in runs.tolist()], [read[i] for i in runs.tolist()]
+        return cls(runs, own, [one for one, _ in kept], [terms for _, terms in kept], constants, matrices)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,18 +5,17 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
 from analysis.mismatch.parameters import FreeParameter, Term, lines_of, with_values
 from analysis.mismatch.recordings.channels import distort, memories, remembered, rows_of, shown_by, told_by
 from analysis.mismatch.recordings.free_parameters import free_parameters
 from analysis.mismatch.recordings.inputs import at_half_substeps, peaks_of
-from analysis.mismatch.recordings.motion import Begun, Motion, Own, Place, computed, sensible, with_impulse
+from analysis.mismatch.recordings.motion import Begun, Motion, Own, Place, Read, computed, with_impulse
 from analysis.mismatch.recordings.recorded import Recorded, level
 from analysis.mismatch.recordings.spread_impact import spread_of_impact
 from analysis.mismatch.recordings.untold import SINGULAR, untold_offsets
@@ -175,7 +174,7 @@ class Simulation:
         """Return (places, c, n) what the channels show of motions."""
         recorded, first, last = self.recordings[number], at.start, at.stop
         out = np.full((len(places), len(self.rig.seen), last - first), np.nan)
-        read = _Read.of(self, places, recorded.rate_hz)
+        read = Read.of(self, places, recorded.rate_hz)
         if not read.runs.size:
             return out
         moved, distorted = (
@@ -232,10 +231,10 @@ class Simulation:
         self, x: Real, own: Own, number: int, at: slice, whole: bool, keeps_division: bool = False
     ) -> Motion | None:
         """Return the motion between two samples; None where there is no such rig."""
-        read = _Read.of(self, [(x, own)], self.recordings[number].rate_hz)
+        read = Read.of(self, [(x, own)], self.recordings[number].rate_hz)
         return self.motions(read, number, at, whole, keeps_division)[0] if read.runs.size else None
 
-    def motions(self, read: _Read, number: int, at: slice, whole: bool, keeps_division: bool = False) -> Motion:
+    def motions(self, read: Read, number: int, at: slice, whole: bool, keeps_division: bool = False) -> Motion:
         """Return what `motion` does, of several runs at once."""
         recorded, sub = self.recordings[number], self.substeps[number]
         acting, h = laws_in(self.terms), 1 / recorded.rate_hz / sub
@@ -245,9 +244,6 @@ class Simulation:
         given, pushed = zip(*self._givens(read, number, at), strict=True)
         force = np.stack([u.T @ v.T for u, v in zip(pushed, vectors, strict=True)])
         if self.struck is not None and read.own[0].impact.size:
-            impacts = np.array([o.impact for o in read.own])
-            impulses = (impacts[:, 0] * recorded.rate_hz - at.start) * sub, mass[:, self.struck] * impacts[:, 1] / h
-            given = tuple(with_impulse(*one) for one in zip(given, *impulses, strict=True))
             struck = np.broadcast_to(np.eye(self.n)[self.struck, :, None], (*vectors.shape[:2], 1))
             vectors = np.concatenate([vectors, struck], axis=2)
         start = np.array([o.state for o in read.own])
@@ -268,16 +264,26 @@ class Simulation:
         extra[:, :, bent] = found.forces[:, :, ::sub].swapaxes(1, 2)
         return Motion(found.states, extra, force, found.division)
 
-    def _givens(self, read: _Read, number: int, at: slice) -> list[tuple[Given, Real]]:
-        """Return the inputs of each run; see `_given`."""
+    def _givens(self, read: Read, number: int, at: slice) -> list[tuple[Given, Real]]:
+        """Return the inputs of each run, a second impact's force with them; see `_given`."""
         known: dict[tuple[float, ...], tuple[Given, Real]] = {}
+        impacts: dict[tuple[float, ...], Given] = {}
         out = []
-        for constants, terms in zip(read.one_by_one, read.terms, strict=True):
+        rate_hz, sub = self.recordings[number].rate_hz, self.substeps[number]
+        for i, (constants, terms) in enumerate(zip(read.one_by_one, read.terms, strict=True)):
             told = [t.values for t in terms if isinstance(t.mechanism, ChannelDistortion) and t.mechanism.of == "input"]
             key = (*(constants[d.offset] for d in self.rig.drives), *(v for values in told for v in values.values()))
             if key not in known:
                 known[key] = self._given(constants, terms, number, at)
-            out.append(known[key])
+            given, pushed = known[key]
+            if self.struck is not None and read.own[i].impact.size:
+                seconds, change = read.own[i].impact.tolist()
+                size = float(read.matrices[0][i, self.struck]) * change * rate_hz * sub
+                struck = (*key, seconds, size)
+                if struck not in impacts:
+                    impacts[struck] = with_impulse(given, (seconds * rate_hz - at.start) * sub, size)
+                given = impacts[struck]
+            out.append((given, pushed))
         return out
 
     def _given(self, constants: Values, terms: Sequence[Term], number: int, at: slice) -> tuple[Given, Real]:
@@ -334,33 +340,3 @@ class Simulation:
                     u = m.distort(u[None], {**term.values, **peaks}, recorded.rate_hz * (1 if held else 2 * sub))[0]
             rows[i] = u
         return rows, held
-
-
-@dataclass(frozen=True, slots=True)
-class _Read:
-    """What several places mean, of those whose rig can be stepped: these ``runs`` of them, m in all.
-
-    ``constants`` are (m,) each, ``one_by_one`` those of each run; ``matrices`` are masses (m, n), damping and stiffness
-    (m, n, n).
-    """
-
-    runs: NDArray[np.intp]
-    own: list[Own]
-    one_by_one: list[dict[str, float]]
-    terms: list[tuple[Term, ...]]
-    constants: dict[str, Real]
-    matrices: tuple[Real, Real, Real]
-
-    @classmethod
-    def of(cls, simulation: Simulation, places: Sequence[Place], rate_hz: float) -> _Read:
-        read = [simulation.read(x) for x, _ in places]
-        constants = {name: np.array([one[name] for one, _ in read]) for name in simulation.constants}
-        matrices = simulation.arrangement.matrices(constants)
-        runs = np.flatnonzero(sensible(*matrices, rate_hz))
-        if runs.size < len(places):
-            constants = {name: values[runs] for name, values in constants.items()}
-            mass, damping, stiffness = matrices
-            matrices = mass[runs], damping[runs], stiffness[runs]
-        kept = [(places[i][1], *read[i]) for i in runs.tolist()]
-        own, one_by_one, terms = ([one[k] for one in kept] for k in range(3))
-        return cls(runs, own, one_by_one, terms, constants, matrices)

@@ -10,6 +10,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported a
 
 from hypothesis import HealthCheck, settings
 
+from tests.turns import read_turn, turn_of
+
 # what a shell starts in the background ignores Ctrl-C, and so would every process that a test ends with it
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -19,6 +21,17 @@ untimed = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("same", untimed, derandomize=True)
 settings.register_profile("searching", untimed, derandomize=False)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Of slow tests keep those whose turn it is, where ``MESOTAP_TURN`` (k/n) asks for one."""
+    asked = os.environ.get("MESOTAP_TURN")
+    if not asked:
+        return
+    turn, turns = read_turn(asked)
+    mine = [not i.get_closest_marker("slow") or turn_of(i.nodeid, turns) == turn for i in items]
+    config.hook.pytest_deselected(items=[i for i, kept in zip(items, mine, strict=True) if not kept])
+    items[:] = [i for i, kept in zip(items, mine, strict=True) if kept]
 
 
 @pytest.fixture(scope="session", autouse=True)

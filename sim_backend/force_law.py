@@ -10,6 +10,8 @@ import numpy as np
 from numba import float64, njit, types
 from numba.core.errors import NumbaExperimentalFeatureWarning
 
+from sim_backend.arrays import Real
+
 warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)
 
 _ROW = types.Array(types.float64, 1, "C")
@@ -52,13 +54,11 @@ def no_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
     return force
 
 
-@njit(
-    [_TABLE(types.FunctionType(LAW), _TABLE, _ROW, _ROW, float64, float64, _ROW)],
-    cache=True,
-    nogil=True,
-)
-def along(law, p, d, v, t0, h, memory):  # type: ignore[no-untyped-def]
-    """Return the extra forces (k, n) of a law with k sets of parameters along a deformation and its rate, each (n,)."""
+_ALONG = _TABLE(types.FunctionType(LAW), _TABLE, _ROW, _ROW, float64, float64, _ROW)
+
+
+@njit([_ALONG], cache=True, nogil=True)
+def _along(law, p, d, v, t0, h, memory):  # type: ignore[no-untyped-def]
     extra = np.empty((len(p), len(d)))
     for k in range(len(p)):
         own, before, after = p[k], memory.copy(), memory.copy()
@@ -67,3 +67,12 @@ def along(law, p, d, v, t0, h, memory):  # type: ignore[no-untyped-def]
             extra[k, n] = law(linear, d[n], v[n], t0 + n * h, own, before, after) - linear
             before, after = after, before
     return extra
+
+
+_along_at_once: Any = _along.get_overload(_ALONG)  # without the look at the types, which takes as long as 10,000 steps
+
+
+def along(law: Any, p: Real, d: Real, v: Real, t0: float, h: float, memory: Real) -> Real:
+    """Return the extra forces (k, n) of a law with k sets of parameters along a deformation and its rate, each (n,)."""
+    rows = (np.ascontiguousarray(a, np.float64) for a in (p, d, v))
+    return np.asarray(_along_at_once(compiled_law(law), *rows, float(t0), float(h), np.ascontiguousarray(memory)))

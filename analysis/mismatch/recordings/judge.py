@@ -270,7 +270,7 @@ class BlockJudge(Judge[SimulatedFit]):
         chosen = independent_samples(candidate.fit, CHOOSE) * math.log(mean_of(before) / mean_of(after))
         by_more = policy.certain_by_blocks
         if chosen > -policy.parameter_cost * len(candidate.mechanism.parameters) and candidate.evidence > by_more:
-            left = self.screen(candidate.fit)
+            left = self.screen(candidate.fit, self._further(candidate.fit))
             if left.p_value >= policy.level or left.unexplained < policy.left_over_blocks * candidate.evidence:
                 return True
         if gained <= 0 or gained < policy.least_share * missed:

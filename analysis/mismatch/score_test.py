@@ -96,20 +96,22 @@ class Screening:
     unexplained: float
 
 
-def screen(problem: Problem[FitOf], fitted: FitOf, known: Iterable[Mechanism]) -> Screening:
+def screen(problem: Problem[FitOf], fitted: FitOf, known: Iterable[Mechanism], ranks: bool = False) -> Screening:
     """Score every mechanism against the residual of a fit.
 
     Parameters
     ----------
     fitted
         Of the linear rig (or of a rig with mechanisms already in it: then scores are to first order about it).
+    ranks
+        Only the order of the scores is asked for: nothing is made of forces of any shape.
     """
     known = list(known)
     terms = problem.trials(fitted, [m for m in known if not isinstance(m, SecondImpact)])
     rings = [isinstance(t.mechanism, AddedBody | Tones) for t in terms]
     ringing = [t for t, r in zip(terms, rings, strict=True) if r]
     named = [t for t, r in zip(terms, rings, strict=True) if not r]
-    free = free_terms(problem, fitted)
+    free = [] if ranks else free_terms(problem, fitted)
     problem.budget.spent += (SCREENED + EACH * len(known)) * problem.samples
     by_power, left = problem.unmodelled(fitted)
     wide = problem.draws(fitted)

@@ -144,7 +144,7 @@ class BlockJudge(Judge[SimulatedFit]):
         if unlike_noise:
             # a whitening that is made from the residual whitens away what it holds of a mechanism
             known = self._further(state.current) if state.current.terms else self.known
-            plain = screen(replace(self.problem, plain=True), state.current, known)
+            plain = screen(replace(self.problem, plain=True), state.current, known, ranks=True)
             ranking = Ranking.of(plain.scores, policy, promising).and_then(ranking, policy.finalists_by_blocks)
         # far from the truth a score test says little of size and sign: what is small in it may be large in full
         fits: list[tuple[Score, SimulatedFit]] = []

@@ -28,20 +28,18 @@ from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, Simulate
 from analysis.mismatch.recordings.fitted_once import FittedOnce
 from analysis.mismatch.recordings.free_force import free_loss
 from analysis.mismatch.recordings.held_out import FinalFits
+from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.otherwise import constant_explains, hold_that_explains
 from analysis.mismatch.recordings.ranking import Ranking, share_that_tells, simplest, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
-from analysis.mismatch.recordings.regression import regressed
 from analysis.mismatch.recordings.reweighing import exchanged, without_idle_ones
-from analysis.mismatch.recordings.second_impact import fitted_where_struck, where_it_fell
+from analysis.mismatch.recordings.second_impact import fitted_where_struck
 from analysis.mismatch.recordings.sharper import sharper
 from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
 from analysis.mismatch.score_test import Score, Screening, screen
 from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of, started
 from sim_backend.mechanisms.kinds import ForceLaw, Mechanism, SecondImpact
 
-STRONGEST_START, WEAKEST_START = 30.0, 0.1  # trial strengths that a fit begins with at most and at least
-LIGHTEST_START = 1e4  # the same, of a frame, whose trial is so many times as heavy as the rig
 HOPELESS = 4.0  # times the best objective so far, from which a competing fit is given up
 
 Candidates = tuple[Candidate[SimulatedFit], ...]
@@ -187,37 +185,16 @@ class BlockJudge(Judge[SimulatedFit]):
 
     def _joined_once(self, current: SimulatedFit, score: Score, to_beat: float) -> SimulatedFit:
         def joined() -> SimulatedFit:
-            return sharper(self._joined(current, score, to_beat), to_beat)
+            return sharper(joined_to(self.problem, current, score, to_beat), to_beat)
 
         return self.fitted.once(current, (started(score),), to_beat, joined)
 
     def _polished(self, begun: SimulatedFit) -> SimulatedFit:
         return self.fitted.once(begun, begun.terms, math.inf, lambda: fit(self.problem, begun.terms, begun, fine=True))
 
-    def _joined(self, current: SimulatedFit, score: Score, to_beat: float) -> SimulatedFit:
-        """Fit a mechanism together with what stands already, from several starts.
-
-        A fit that comes too slowly nearer to an objective ``to_beat`` is given up.
-        """
-        strongest = STRONGEST_START if score.term.mechanism.strength else LIGHTEST_START
-        term = started(score, WEAKEST_START, strongest)
-        terms = (*current.terms, term)
-        if isinstance(term.mechanism, SecondImpact):
-            return where_it_fell(current, term, lambda begun: fit(self.problem, terms, begun, to_beat=to_beat))
-        tried = [fit(self.problem, terms, current, to_beat=to_beat)]
-        if current.missed < NEAR_LINEAR:
-            return tried[0]
-        # what stands has lost the phase somewhere along the recording
-        tried.append(fit(self.problem, terms, current, staged=True, to_beat=to_beat))
-        start = regressed(current.simulation, current.values, terms)
-        if start is not None:
-            states = tuple(current.state(i) for i in range(len(current.own)))
-            tried.append(fit(replace(self.problem, constants=start[0], states=states), start[1], to_beat=to_beat))
-        return min(tried, key=lambda f: f.scatter)
-
     def fitted_alone(self, baseline: SimulatedFit, scores: Sequence[Score]) -> SimulatedFit | None:
         """Return the full fit of a mechanism beside the linear rig."""
-        return self._joined(baseline, scores[0], math.inf)
+        return joined_to(self.problem, baseline, scores[0])
 
     def to_the_end(self, fitted: SimulatedFit) -> SimulatedFit:
         """Return the fit to all that is not held out."""

@@ -1,0 +1,73 @@
+"""A mechanism fitted to recordings together with what stands already: where such fits begin."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit
+from analysis.mismatch.recordings.model import Point, SimulationModel
+from analysis.mismatch.recordings.recorded import FIT
+from analysis.mismatch.recordings.regression import regressed
+from analysis.mismatch.recordings.second_impact import where_it_fell
+from analysis.mismatch.recordings.signatures import weakened
+from analysis.mismatch.score_test import Score
+from analysis.mismatch.selection import started
+from sim_backend.mechanisms.kinds import SecondImpact
+
+STRONGEST_START, WEAKEST_START = 30.0, 0.1  # trial strengths that a fit begins with at most and at least
+LIGHTEST_START = 1e4  # the same, of a frame, whose trial is so many times as heavy as the rig
+SHARES: Final = (1.0, 0.5, 0.25, 0.125, 0.0625)  # of the strength that a score test finds, that a fit may begin with
+ASTRAY: Final = 4.0  # times what is left without a mechanism, beyond which a start with it is too strong
+
+
+def joined_to(
+    problem: SimulatedRecordings, current: SimulatedFit, score: Score, to_beat: float = math.inf
+) -> SimulatedFit:
+    """Fit a mechanism together with what stands already, from several starts.
+
+    A fit that comes too slowly nearer to an objective ``to_beat`` is given up.
+    """
+    strongest = STRONGEST_START if score.term.mechanism.strength else LIGHTEST_START
+    term = started(score, WEAKEST_START, strongest)
+    if isinstance(term.mechanism, SecondImpact):
+        terms = (*current.terms, term)
+        return where_it_fell(current, term, lambda begun: fit(problem, terms, begun, to_beat=to_beat))
+    terms = (*current.terms, not_astray(problem, current, term))
+    tried = [fit(problem, terms, current, to_beat=to_beat)]
+    if current.missed < NEAR_LINEAR:
+        return tried[0]
+    # what stands has lost the phase somewhere along the recording
+    tried.append(fit(problem, terms, current, staged=True, to_beat=to_beat))
+    start = regressed(current.simulation, current.values, terms)
+    if start is not None:
+        states = tuple(current.state(i) for i in range(len(current.own)))
+        tried.append(fit(replace(problem, constants=start[0], states=states), start[1], to_beat=to_beat))
+    return min(tried, key=lambda f: f.scatter)
+
+
+def not_astray(problem: SimulatedRecordings, current: SimulatedFit, term: Term) -> Term:
+    """Return a force law with so much of its strength that the motion with it is still near the recordings.
+
+    A score test is to first order. A spring that softens as much as it says may have no place of rest any more, and
+    from where a motion has run away no slope leads back.
+    """
+    weaker = [weakened(term, share) for share in SHARES]
+    tried = [t for t in weaker if t is not None]
+    if not tried:
+        return term
+    simulation = current.simulation.with_terms((*current.terms, term), current.values)
+    own = [
+        simulation.own(current.state(i)).beginning(o, simulation.struck is not None) for i, o in enumerate(current.own)
+    ]
+    model = SimulationModel(simulation, own, (FIT,), problem.looked_at)
+    points = [np.clip(simulation.begin(t), model.low, model.high) for t in tried]
+    squares = [np.sum(model.used([(x, o) for x in points], i) ** 2, axis=(1, 2)) for i, o in enumerate(own)]
+    without = SimulationModel(current.simulation, current.own, (FIT,), problem.looked_at)
+    before = without.evaluate(Point(current.x, current.own)).objective
+    near = np.flatnonzero(np.sum(squares, axis=0) <= ASTRAY * before)
+    return tried[near[0] if near.size else -1]

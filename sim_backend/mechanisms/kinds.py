@@ -195,6 +195,9 @@ class ForceLaw(Mechanism):
         Whether its force jumps, so that slopes along a recording are taken over a distance and not at a point.
     rounding
         The fixed value that rounds the jump off: the smaller it is, the more abrupt. It is numerics, not physics.
+    carried
+        Name of the value, N, that is the force left of the motion before the first moment, zero where it is not given:
+        each recording has its own. Empty where no one number says what was before.
     stiffness_exponent
         What ``d ln k_c / d ln P`` has to be where this is the contact's law, and its tolerance.
     """
@@ -207,6 +210,7 @@ class ForceLaw(Mechanism):
     with_time: bool = False
     jumps: bool = False
     rounding: str = ""
+    carried: str = ""
     stiffness_exponent: tuple[float, float] | None = None
 
     def packed(self, values: Values, rest: AtRest, h: float) -> Real:

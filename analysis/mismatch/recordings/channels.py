@@ -13,7 +13,7 @@ from analysis.mismatch.recordings.recorded import Recorded
 from analysis.mismatch.rig_description import Seen
 from sim_backend.arrangement import Arrangement
 from sim_backend.arrays import Real
-from sim_backend.mechanisms.kinds import ChannelDistortion
+from sim_backend.mechanisms.kinds import ChannelDistortion, ForceLaw
 
 Values = Mapping[str, float] | Mapping[str, Real]
 
@@ -56,17 +56,27 @@ def distort(shown: Real, terms: Sequence[Term], recorded: Recorded, recordings: 
             shown[rows] = m.distort(shown[rows], {**term.values, **peaks, "thinned": recorded.every}, recorded.rate_hz)
 
 
-def memories(terms: Sequence[Term]) -> list[tuple[int, float]]:
-    """Return each channel that remembers what was before the first sample, and the rate (1/s) at which it forgets."""
-    found = ((t.place, t.mechanism.forgets, t.values) for t in terms if isinstance(t.mechanism, ChannelDistortion))
-    return [(channel, forgets(values)) for place, forgets, values in found if forgets for channel in place]
+def memories(terms: Sequence[Term], free: bool) -> list[tuple[int, int]]:
+    """Return what was before the first sample and is remembered: numbers of a term, and of its channel or element.
+
+    Of ``free`` decays what channels remember follows from the motion before.
+    """
+    found = []
+    for i, term in enumerate(terms):
+        m = term.mechanism
+        if (isinstance(m, ChannelDistortion) and m.forgets and not free) or (isinstance(m, ForceLaw) and m.carried):
+            found += [(i, where) for where in term.place]
+    return found
 
 
-def remembered(terms: Sequence[Term], memory: Real, channels: int, seconds: Real) -> Real:
-    """Return (channels, n) what channels show of what was before the first sample, at the times since it."""
-    out = np.zeros((channels, seconds.size))
-    for value, (channel, rate) in zip(memory.tolist(), memories(terms), strict=False):
-        out[channel] += value * np.exp(-rate * seconds)
+def remembered(terms: Sequence[Term], of: Sequence[tuple[int, int]], memory: Real, seconds: Real) -> dict[int, Real]:
+    """Return (n,) what channels show of what was before the first sample, at the times since it; see `memories`."""
+    out: dict[int, Real] = {}
+    for value, (i, channel) in zip(memory.tolist(), of, strict=True):
+        m = terms[i].mechanism
+        if isinstance(m, ChannelDistortion) and m.forgets is not None:
+            shown = value * np.exp(-m.forgets(terms[i].values) * seconds)
+            out[channel] = out.get(channel, 0.0) + shown
     return out
 
 

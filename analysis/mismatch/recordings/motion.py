@@ -44,7 +44,7 @@ class Own:
         Time (s, from the first sample) of a second impact and how much faster (m/s) the body is that it strikes; empty
         without one.
     memory
-        (channels,) what each channel remembers at the first sample of what was before, where something makes it.
+        (any,) what is remembered at the first sample of what was before; see `memories`.
     """
 
     state: Real
@@ -65,12 +65,12 @@ class Own:
         return Own(self.state + step[:n], tones, self.impact + step[m:k], self.memory + step[k:])
 
     def beginning(self, other: Own, struck: bool) -> Own:
-        """Return it with another one's tones and memory where it has as many, and its impact where ``struck``."""
+        """Return it with another one's tones where it has as many, its memory, and its impact where ``struck``."""
         return Own(
             self.state,
             other.tones if other.tones.shape == self.tones.shape else self.tones,
             other.impact if struck else self.impact,
-            other.memory if other.memory.size == self.memory.size else self.memory,
+            np.append(other.memory, self.memory[other.memory.size :])[: self.memory.size],
         )
 
 

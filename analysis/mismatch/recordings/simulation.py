@@ -6,6 +6,7 @@ import copy
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import repeat
 from typing import Final
 
 import numpy as np
@@ -63,7 +64,7 @@ class Simulation:
         self.n = len(self.arrangement.bodies)
         self._shaken = shaken(rig.arrangement, terms)
         self.constants = {**self.arrangement.declared(), **constants}
-        self.lines = lines_of(terms)
+        self.lines, self.memories = lines_of(terms), memories(terms, any(r.free for r in recordings))
         self.struck = next((t.place[0] for t in terms if isinstance(t.mechanism, SecondImpact)), None)
         self.substeps = [self._substeps(r) for r in self.recordings]
         mass = self.arrangement.matrices(self.constants)[0]
@@ -115,15 +116,17 @@ class Simulation:
         size = max(float(np.abs(own.state[: self.n]).max()), reach, 1e-300)
         speed = max(float(np.abs(own.state[self.n :]).max()), size * 2 * math.pi * self.highest_hz)
         impact = [1 / (2 * math.pi * self.highest_hz), speed][: own.impact.size]
-        memory = level(recorded)[[channel for channel, _ in memories(self.terms)]][: own.memory.size]
+        force = float(np.mean(self.arrangement.matrices(self.constants)[0])) * speed * 2 * math.pi * self.highest_hz
+        laws = [isinstance(self.terms[i].mechanism, ForceLaw) for i, _ in self.memories]
+        memory = [force if law else level(recorded)[at] for law, (_, at) in zip(laws, self.memories, strict=True)]
         return np.concatenate([np.repeat([size, speed], self.n), np.ones(own.tones.size), impact, memory])
 
     def own(self, state: Real) -> Own:
         """Return what is a recording's own, for a state of the rig without the terms' bodies."""
         n, full = len(self.rig.arrangement.bodies) if state.size < 2 * self.n else self.n, np.zeros(2 * self.n)
         full[:n], full[self.n : self.n + n] = state[:n], state[n:]
-        memory = 0 if any(r.free for r in self.recordings) else len(memories(self.terms))
-        return Own(full, np.zeros((len(self.rig.seen), 2 * len(self.lines))), memory=np.zeros(memory))
+        tones = np.zeros((len(self.rig.seen), 2 * len(self.lines)))
+        return Own(full, tones, memory=np.zeros(len(self.memories)))
 
     def begin(self, last: Term | None = None) -> Real:
         """Return the starting point of a fit; ``last``: with other values of the last term's parameters."""
@@ -195,7 +198,9 @@ class Simulation:
         for i, rows in enumerate(shown):
             own = read.own[i]
             if first == recorded.fitted.start and own.memory.size:
-                rows += remembered(read.terms[i], own.memory, len(rows), np.arange(last - first) / recorded.rate_hz)
+                seconds = np.arange(last - first) / recorded.rate_hz
+                for channel, row in remembered(read.terms[i], self.memories, own.memory, seconds).items():
+                    rows[channel] += row
             if self.lines:
                 rows += own.tones @ self.waves(number, at)
             if self.struck is not None and own.impact.size and recorded.every > 1:
@@ -250,10 +255,12 @@ class Simulation:
         if whole and recorded.fitted.start > 0:
             each = zip(read.one_by_one, mass, stiffness, strict=True)
             start = np.array([self._at_rest(*one, number) for one in each])
-        laws = []
-        for constants, terms in zip(read.one_by_one, read.terms, strict=True):
+        laws, told = [], not whole or recorded.fitted.start == 0  # what is left of the motion before
+        for own, constants, terms in zip(read.own, read.one_by_one, read.terms, strict=True):
             rest = {e: AtRest.of(self.arrangement.elements[e], constants, self.rig.preload_n) for e in bent}
-            laws.append([m.packed(terms[i].values, rest[e], h) for i, m, e in acting])
+            left = dict(zip(self.memories, own.memory.tolist() if told else repeat(0.0), strict=False))
+            values = [{**terms[i].values, **({m.carried: left[i, e]} if m.carried else {})} for i, m, e in acting]
+            laws.append([m.packed(v, rest[e], h) for v, (_, m, e) in zip(values, acting, strict=True)])
         rigs = Rigs(mass, damping, stiffness, rows_of(self.arrangement, read.constants)[:, bent], vectors)
         clock = Clock(np.array([at.start / recorded.rate_hz]), h, (at.stop - 1 - at.start) * sub, sub)
         near, division = self.divided.get(number, (at, None))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sim_backend.mechanisms.kinds import ForceLaw, Quantity
-from sim_backend.mechanisms.relaxation import force_law
+from sim_backend.mechanisms.relaxation import CARRIED, force_law
 
 SHARE, TIME = "relaxing_share", "relaxation_time_s"
 
@@ -21,7 +21,8 @@ MECHANISM = ForceLaw(
     law=force_law,
     fits=("contact",),
     preloaded=True,
-    constants=lambda values, rest: (values[SHARE] * rest.stiffness, values[TIME]),
+    constants=lambda values, rest: (values[SHARE] * rest.stiffness, values[TIME], values.get(CARRIED, 0.0)),
+    carried=CARRIED,
     hidden=(
         "A decay shows the contact at one frequency for each load, and what relaxes adds to k_c and c_c there: where "
         "30 % of k_c relax within a period, no more than about one standard deviation of a session's noise is left. A "

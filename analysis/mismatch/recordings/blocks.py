@@ -17,27 +17,34 @@ from sim_backend.mechanisms.kinds import SecondImpact
 NO_WORSE: Final = 1.02  # held-out errors of an impact over those without it, by chance (recordings of decision 159)
 
 
-def independent_samples(fitted: SimulatedFit, part: int = CHOOSE) -> float:
+def independent_samples(fitted: SimulatedFit, part: int = CHOOSE, whitened: bool = False) -> float:
     """Return how many independent samples of a fit's residual the blocks of a part hold; a block is one at least."""
     total = 0.0
     for number, recorded in enumerate(fitted.problem.recordings):
         off, at = fitted.off(number)
+        rows = fitted.noise(number).white(off) if whitened else off
         kept = int(np.sum(recorded.part[at] == part))
-        total += sum(kept / correlation(row[np.isin(recorded.part[at], (FIT, CHOOSE))]) for row in off)
+        total += sum(kept / correlation(row[np.isin(recorded.part[at], (FIT, CHOOSE))]) for row in rows)
     return max(total, float(len(fitted.by_block(part))))
 
 
 def likelihood_ratio(before: SimulatedFit, after: SimulatedFit, best: SimulatedFit, factor: float = 1.0) -> float:
     """Return the logarithm of how much smaller the mean square becomes, times the independent samples.
 
-    It takes all blocks that are not held out, with samples as independent as in what the ``best`` fit leaves. A
-    ``factor`` is put on the mean squares after.
+    It takes all blocks that are not held out; see `ratio_in`. A ``factor`` is put on the mean squares after.
     """
-    return sum(
-        independent_samples(best, part)
-        * math.log(mean_of(before.by_block(part)) / max(factor * mean_of(after.by_block(part)), 1e-300))
-        for part in (FIT, CHOOSE)
-    )
+    return sum(ratio_in(part, before, after, best, factor) for part in (FIT, CHOOSE))
+
+
+def ratio_in(part: int, before: SimulatedFit, after: SimulatedFit, best: SimulatedFit, factor: float = 1.0) -> float:
+    """Return the same of the blocks of one part, with samples as independent as in what the ``best`` fit leaves.
+
+    Where that is as good as noise, residuals are whitened as this noise asks: of slow noise a few samples count as
+    independent, and what is fast beside it would be lost in them.
+    """
+    whitened = best.scatter < best.problem.policy.unlike_noise
+    left = [mean_of(f.by_block(part, best if whitened else None)) for f in (before, after)]
+    return independent_samples(best, part, whitened) * math.log(left[0] / max(factor * left[1], 1e-300))
 
 
 def mean_of(losses: Sequence[float]) -> float:

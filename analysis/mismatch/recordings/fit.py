@@ -139,11 +139,10 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
         stiffness = values[element.stiffness] if element.stiffness else 0.0
         static = self.rig.preload_n / stiffness if element.preload and stiffness else 0.0
         modes = self._modes_hz(values)
-        longest = max(duration(r) for r in self.recordings)
         seen = self.arrangement.bodies.index(self.arrangement.sensors[0].row[0][0])
         return Scale(
             reach, speed, static, max(stiffness * reach, moved), (modes.min(), max(self.highest_hz, modes.max())),
-            longest, float(mass[seen]), SHOWN * min(r.rate_hz for r in self.recordings),
+            max(map(duration, self.recordings)), float(mass[seen]), SHOWN * min(r.rate_hz for r in self.recordings),
         )  # fmt: skip
 
     def reach_of(self, fitted: SimulatedFit, place: int) -> tuple[float, float]:
@@ -193,13 +192,15 @@ class SimulatedFit(Fit):
     scatter: float
     parts: tuple[int, ...] = (FIT,)
     noises: tuple[NoiseModel, ...] = ()
+    kept: dict[tuple[int, bool], tuple[Real, slice]] = field(default_factory=dict, init=False, compare=False)
+    shown: dict[int, NoiseModel] = field(default_factory=dict, init=False, compare=False)
 
     def noise(self, number: int) -> NoiseModel:
         """Return the noise of a recording, as what is left of it shows it."""
-        if self.noises:
-            return self.noises[number]
-        recorded, (off, at) = self.problem.recordings[number], self.off(number)
-        return NoiseModel.of(recorded, (off, np.isin(recorded.part[at], (FIT, CHOOSE))))
+        if not self.noises and number not in self.shown:
+            recorded, (off, at) = self.problem.recordings[number], self.off(number)
+            self.shown[number] = NoiseModel.of(recorded, (off, np.isin(recorded.part[at], (FIT, CHOOSE))))
+        return self.noises[number] if self.noises else self.shown[number]
 
     @property
     def values(self) -> dict[str, float]:
@@ -220,36 +221,36 @@ class SimulatedFit(Fit):
 
     def off(self, number: int, whole: bool = False) -> tuple[Real, slice]:
         """Return simulation minus recording in the recording's units, (c, n), and of which samples."""
-        return residual(self.simulation, self.x, self.own[number], number, whole)
+        if (number, whole) not in self.kept:
+            self.kept[number, whole] = residual(self.simulation, self.x, self.own[number], number, whole)
+        return self.kept[number, whole]
 
     def error(self, number: int, whole: bool = False) -> tuple[Real, slice]:
         """Return simulation minus recording in the channels' own units, (c, n), and of which samples."""
         off, at = self.off(number, whole)
         return off * self.problem.recordings[number].unit[:, None], at
 
-    def by_block(self, part: int) -> tuple[float, ...]:
-        """Return the mean square of the residual on each block of a part, in the recordings' units."""
-        found = []
+    def by_block(self, part: int, noise: SimulatedFit | None = None) -> tuple[float, ...]:
+        """Return the mean square of what is left of each block of a part, in its units or whitened as a fit's noise."""
+        found: list[float] = []
         for number, recorded in enumerate(self.problem.recordings):
             off, at = self.off(number)
+            off = off if noise is None else noise.noise(number).white(off)
             kept, block = recorded.part[at] == part, recorded.block[at]
             found += [float(np.mean(off[:, kept & (block == b)] ** 2)) for b in np.unique(block[kept])]
         return tuple(found)
 
     def far_off(self) -> bool:
         """Whether a channel's error is most of what it shows, and could have been predicted from the error itself."""
-        policy = self.problem.policy
-        errors = ((r, *self.error(i, whole=True)) for i, r in enumerate(self.problem.recordings))
-        return any(mostly_missed(r, off, at, policy.missed, policy.predictable) for r, off, at in errors)
+        shares = self.problem.policy.missed, self.problem.policy.predictable
+        each = enumerate(self.problem.recordings)
+        return any(mostly_missed(r, *self.error(i, whole=True), *shares) for i, r in each)
 
     def pinned(self) -> bool:
         """Whether a parameter of a mechanism ends at a bound of its range."""
-        for p, x in zip(self.simulation.parameters, self.x, strict=True):
-            if p.scope == "mechanism":
-                near = (math.isfinite(b) and abs(x - b) < 1e-6 * max(abs(b), 1.0) for b in p.bounds)
-                if any(near):
-                    return True
-        return False
+        each = zip(self.simulation.parameters, self.x, strict=True)
+        ends = ((x, b) for p, x in each if p.scope == "mechanism" for b in p.bounds if math.isfinite(b))
+        return any(abs(x - b) < 1e-6 * max(abs(b), 1.0) for x, b in ends)
 
 
 def fit(

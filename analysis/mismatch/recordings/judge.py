@@ -17,12 +17,12 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.blocks import (
-    independent_samples,
     likelihood_ratio,
     mean_of,
     missed_still,
     over_noise,
     predicts_no_better,
+    ratio_in,
 )
 from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit, linear_fit
 from analysis.mismatch.recordings.fitted_once import FittedOnce
@@ -244,7 +244,7 @@ class BlockJudge(Judge[SimulatedFit]):
         gained, missed = mean_of(before) - mean_of(after), mean_of(base) - mean_of(after)
         if candidate.fit is None:
             return False
-        chosen = independent_samples(candidate.fit, CHOOSE) * math.log(mean_of(before) / mean_of(after))
+        chosen = ratio_in(CHOOSE, state.current, candidate.fit, candidate.fit)
         by_more = policy.certain_by_blocks
         if chosen > -policy.parameter_cost * len(candidate.mechanism.parameters) and candidate.evidence > by_more:
             left = self.screen(candidate.fit, self._further(candidate.fit))

@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.recordings.blocks import independent_samples, likelihood_ratio, mean_of, ratio_in
+from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, prepare
+from daq.exchange import Recording
+from mesotap.configuration.rig_files import parse_rig
+from sim_backend.mechanisms.catalogue import family
+from tests.analysis.mismatch.recordings.described_rigs import SPRING, motion, sensor
+
+K, C, REACH, NOISE = 5700.0, 1.2, 0.01, 2e-4
+SLOW = 0.8  # of the noise before, in the noise: 2.8 times what cannot be predicted of it
+
+
+def with_and_without(cubic: float, seed: int) -> tuple[SimulatedFit, SimulatedFit]:
+    """Return the linear rig and one with a cubic spring, fitted to a decay in slow noise."""
+    decay = motion(lambda u, x, v: -K * x - C * v - cubic * x**3, [REACH, 0.0], 1500, 200.0)[0]
+    noise = lfilter([1.0], [1.0, -SLOW], np.random.default_rng(seed).standard_normal(decay.size))
+    rig = parse_rig(SPRING + sensor("displacement", 0))
+    recording = Recording((decay + NOISE * noise / noise.std())[None], 200.0, ("c1",), "", "simulated")
+    (law,) = family("tube_spring_cubic")
+    with np.errstate(all="ignore"):
+        first = problem_of(rig, [prepare(recording, rig)])
+        problem = first.weighed(linear_fit(first))
+        linear = linear_fit(problem)
+        term = Term(law, {"cubic_stiffness_n_per_m3": cubic or 1e4}, (0,))
+        return linear, fit(problem, (term,), linear, fine=True)
+
+
+@pytest.mark.slow
+def test_evidence_of_a_law_that_is_not_there_is_chi_squared() -> None:
+    found = [ratio_in(FIT, before, after, after) for before, after in (with_and_without(0.0, s) for s in range(20))]
+    # of one degree of freedom: 1 on average, with a standard deviation of 1.4
+    assert abs(np.mean(found) - 1.0) < 3 * math.sqrt(2 / len(found))
+    assert max(found) < 13.0  # its probability is 3e-4
+    assert min(found) > -1e-3
+
+
+def test_what_is_fast_counts_beside_slow_noise() -> None:
+    linear, bent = with_and_without(3e5, 1)
+    assert bent.scatter < bent.problem.policy.unlike_noise
+    alike = sum(
+        independent_samples(bent, part) * math.log(mean_of(linear.by_block(part)) / mean_of(bent.by_block(part)))
+        for part in (FIT, CHOOSE)
+    )
+    found = likelihood_ratio(linear, bent, bent)
+    # for each sample, power over what cannot be predicted: at 12 Hz of 200 much less noise than on average
+    assert found > 1.5 * alike > 0
+    term = bent.terms[0].values["cubic_stiffness_n_per_m3"]
+    error = math.sqrt(float(bent.term_covariances[0][0, 0]))
+    # the square of the law's size in standard errors, which are those of a fit that weighs all samples alike
+    assert 0.9 < found / (term / error) ** 2 < 2.0

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from analysis.mismatch.account import Account, beyond_noise
 from analysis.mismatch.answer import Answer, Named, RecordingFile, Remainder, UpperLimit, Verdict
 from analysis.mismatch.law_reading import law_of
-from analysis.mismatch.learning import LearnedEarly, is_learned, with_last_learned, with_learned
+from analysis.mismatch.learning import LearnedEarly, is_learned, with_last_learned, with_learned, with_one_law
 from analysis.mismatch.limits import complete_probability, upper_limits
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.account import BlockAccount
@@ -100,7 +100,7 @@ def _with_learned_of_any(
 
     What is named beside a law that nobody listed may explain less, without it, than something that resembles both.
     """
-    best = with_learned(found)
+    best = with_one_law(with_learned(found))
     for other in others:
         if best.left.p_value >= best.problem.policy.level:
             break

@@ -24,6 +24,7 @@ from analysis.mismatch.selection import (
 )
 from sim_backend.learned.families import learned_mechanisms
 from sim_backend.learned.forms import FORM
+from sim_backend.mechanisms.kinds import ForceLaw
 
 SCATTER = 3.0  # standard deviations of chi-squared by which noise may hide that more is left
 
@@ -54,6 +55,18 @@ class LearnedEarly:
         found = select(single, self.begun, self.first)
         selection.judge.training.budget.spent = 0.0
         return _beside(found, selection) if _explains(found) and not _behind(found, selection) else None
+
+
+def with_one_law(selection: Selection[Any]) -> Selection[Any]:
+    """Return one law that nobody listed in place of several listed ones in one element, if it explains no less.
+
+    Two laws with free sizes imitate many a third one, of which one number more says what it is.
+    """
+    named = selection.chosen
+    at = [e for t in (named.terms if named else ()) if isinstance(t.mechanism, ForceLaw) for e in t.place]
+    if len(set(at)) == len(at) or _learned(selection):
+        return selection
+    return LearnedEarly()(selection) or selection
 
 
 def with_learned(selection: Selection[Any], early: LearnedEarly | None = None) -> Selection[Any]:

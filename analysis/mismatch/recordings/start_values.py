@@ -111,11 +111,16 @@ def pieces_of(recordings: Sequence[Recorded], alpha: float, hold: Hold) -> list[
 
 
 def _centre(recordings: Sequence[Recorded]) -> float:
-    """Return the mean angular frequency of the channels' power, rad/s."""
+    """Return the mean angular frequency of the channels' power, rad/s, without what follows inputs at once.
+
+    Under steps a rig's displacement is mostly its rest under the input, which says nothing of how fast it moves.
+    """
     total, moment = 0.0, 0.0
     for recorded in recordings:
         y = recorded.outputs[:, recorded.fitted] / level(recorded)[:, None]
-        power = np.sum(np.abs(np.fft.rfft(y - y.mean(axis=1, keepdims=True), axis=1)) ** 2, axis=0)
+        y, u = (rows - rows.mean(axis=1, keepdims=True) for rows in (y, recorded.inputs[:, recorded.fitted]))
+        y = y if recorded.free else y - np.linalg.lstsq(u.T, y.T, rcond=None)[0].T @ u
+        power = np.sum(np.abs(np.fft.rfft(y, axis=1)) ** 2, axis=0)
         omega = 2 * math.pi * np.fft.rfftfreq(y.shape[1], 1 / recorded.rate_hz)
         total, moment = total + float(power.sum()), moment + float(omega @ power)
     return moment / max(total, 1e-300) or 1.0

@@ -42,9 +42,14 @@ def ratio_in(part: int, before: SimulatedFit, after: SimulatedFit, best: Simulat
     Where that is as good as noise, residuals are whitened as this noise asks: of slow noise a few samples count as
     independent, and what is fast beside it would be lost in them.
     """
-    whitened = best.scatter < best.problem.policy.unlike_noise
+    whitened = as_noise(best)
     left = [mean_of(f.by_block(part, best if whitened else None)) for f in (before, after)]
     return independent_samples(best, part, whitened) * math.log(left[0] / max(factor * left[1], 1e-300))
+
+
+def as_noise(fitted: SimulatedFit) -> bool:
+    """Whether what a fit leaves is as good as noise: not much more than what cannot be predicted of it."""
+    return fitted.scatter < fitted.problem.policy.unlike_noise
 
 
 def mean_of(losses: Sequence[float]) -> float:
@@ -88,10 +93,16 @@ def over_noise(fitted: SimulatedFit) -> float:
 def predicts_no_better(before: SimulatedFit, after: SimulatedFit) -> bool:
     """Whether one fit's errors on what was held out are no smaller than another one's; False where nothing was.
 
-    An impact happened once, elsewhere, and may have died out there: it must only not be much worse.
+    Where what it leaves is as good as noise, errors are weighed as that noise asks. An impact happened once, elsewhere,
+    and may have died out there: it must only not be much worse.
     """
     once = bool(after.terms) and all(isinstance(t.mechanism, SecondImpact) for t in after.terms)
-    return bool(np.mean(held_out_rms(after)[0] / held_out_rms(before)[0]) > (NO_WORSE if once else 1))
+    held = before.by_block(HELD, after) if as_noise(after) else ()
+    if held:
+        ratio = math.sqrt(mean_of(after.by_block(HELD, after)) / mean_of(held))
+    else:
+        ratio = float(np.mean(held_out_rms(after)[0] / held_out_rms(before)[0]))
+    return ratio > (NO_WORSE if once else 1)
 
 
 def missed_still(before: SimulatedFit, after: SimulatedFit) -> float:

@@ -26,7 +26,7 @@ from analysis.mismatch.recordings.blocks import (
 )
 from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit, linear_fit
 from analysis.mismatch.recordings.fitted_once import FittedOnce
-from analysis.mismatch.recordings.free_force import free_loss
+from analysis.mismatch.recordings.free_force import free_share
 from analysis.mismatch.recordings.held_out import FinalFits
 from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.otherwise import constant_explains, hold_that_explains
@@ -290,8 +290,7 @@ class BlockJudge(Judge[SimulatedFit]):
         base, best = mean_of(baseline.current.by_block(CHOOSE)), mean_of(current.by_block(CHOOSE))
         if steps and best > policy.left_over_blocks * base and self.screen(current).p_value < policy.level:
             self.on_progress("trying forces of any shape")
-            free = free_loss(self.problem, current)
-            share = max(best - free, 0.0) / max(base - free, 1e-300)
+            share = free_share(baseline.current, current, self.problem)
         self.on_progress("fitting once more with all that is not held out")
         final, fitted = map(self.finals.of, (baseline.current, current))
         lost = bool(self.finals.worse_than_zero(final, fitted))  # what is named leaves most of it besides
@@ -301,8 +300,8 @@ class BlockJudge(Judge[SimulatedFit]):
         named = fitted.terms and share <= policy.left_over_blocks and not predicts_no_better(final, fitted)
         chosen = fitted if named else None
         if not share and steps:  # so little that forces of any shape were not fitted: their score test tells
-            taken = -math.expm1(-last.unexplained / max(self.problem.samples * len(self.problem.rig.seen), 1))
-            share = best * taken / max(base - best * (1 - taken), 1e-300)
+            gained = likelihood_ratio(baseline.current, current, current)
+            share = last.unexplained / max(gained + last.unexplained, 1e-300)
         share = max(share, missed_still(final, fitted) if steps else 0.0)
         over = LeftOver(last.unexplained, last.p_value, share)
         return Selection(self, final, baseline.screening, steps, chosen, fitted, last, over)

@@ -19,11 +19,12 @@ from analysis.mismatch.recordings.model import (
     made_by_input_noise,
     residual,
     residuals,
+    side_by_side,
     slopes,
     steps_of,
     ways,
 )
-from analysis.mismatch.recordings.motion import Own, Place
+from analysis.mismatch.recordings.motion import SIDE_BY_SIDE, Own, Place
 from analysis.mismatch.recordings.nearby import beside_jumps, nearby
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.recordings.simulation import TOGETHER, Simulation
@@ -102,8 +103,16 @@ class _Compared:
     def made(self, terms: Sequence[Term]) -> Real:
         """Return (terms, n) what mechanisms make."""
         found = np.zeros((len(terms), self.size))
-        for one in self.with_each(terms):
+
+        def put(one: _Joined) -> None:
             found[one.numbers] = self.white(self.off_by(one.simulation, one.places) - self.shown)
+
+        # what is computed together is divided among processors, but most mechanisms have one trial
+        if self.count * self.simulation.substeps[self.number] < SIDE_BY_SIDE:
+            for one in self.with_each(terms):
+                put(one)
+        else:
+            side_by_side(put, [(one,) for one in self.with_each(terms)])
         return found
 
     def little(self, terms: Sequence[Term]) -> Real:

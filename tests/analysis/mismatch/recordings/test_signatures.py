@@ -89,6 +89,16 @@ def test_what_rings_together_is_what_rings_alone(driven: bool, monkeypatch: pyte
     assert len(terms) > 20
 
 
+def test_trials_side_by_side_make_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun = fitted(driven=False)
+    known = [m for m in variants(catalogue()) if begun.problem.allows(m) and not isinstance(m, SecondImpact | Tones)]
+    terms = begun.problem.trials(begun, known)
+    compared = signatures._Compared(begun.problem, begun, 0)
+    alone = compared.made(terms)
+    monkeypatch.setattr(signatures, "SIDE_BY_SIDE", 0)
+    np.testing.assert_array_equal(compared.made(terms), alone)
+
+
 def _one_by_one(rungs: object) -> list[tuple[int, Real, Real]]:
     return [each for rung in rungs for each in zip(rung.numbers, rung.seen, rung.gram, strict=True)]  # type: ignore[attr-defined]
 

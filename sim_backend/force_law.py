@@ -75,4 +75,4 @@ _along_at_once: Any = _along.get_overload(_ALONG)  # without the look at the typ
 def along(law: Any, p: Real, d: Real, v: Real, t0: float, h: float, memory: Real) -> Real:
     """Return the extra forces (k, n) of a law with k sets of parameters along a deformation and its rate, each (n,)."""
     rows = (np.ascontiguousarray(a, np.float64) for a in (p, d, v))
-    return np.asarray(_along_at_once(compiled_law(law), *rows, float(t0), float(h), np.ascontiguousarray(memory)))
+    return np.asarray(_along_at_once(compiled_law(law), *rows, float(t0), float(h), np.array(memory, np.float64)))

@@ -37,7 +37,7 @@ def likelihood_ratio(before: SimulatedFit, after: SimulatedFit, best: SimulatedF
 
 
 def ratio_in(part: int, before: SimulatedFit, after: SimulatedFit, best: SimulatedFit, factor: float = 1.0) -> float:
-    """Return the same of the blocks of one part, with samples as independent as in what the ``best`` fit leaves.
+    """Return the `likelihood_ratio` of one part's blocks, with samples as independent as in what ``best`` leaves.
 
     Where that is as good as noise, residuals are whitened as this noise asks: of slow noise a few samples count as
     independent, and what is fast beside it would be lost in them.

@@ -19,7 +19,7 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import POLICY, SelectionPolicy
 from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Problem
 from analysis.mismatch.recordings.model import DRAWS, Point, SimulationModel, residual
-from analysis.mismatch.recordings.motion import Own
+from analysis.mismatch.recordings.motion import Own, continued
 from analysis.mismatch.recordings.noise import NoiseModel, mostly_missed, noise_of
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, duration, level
 from analysis.mismatch.recordings.second_impact import second_impact_score
@@ -134,7 +134,7 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
             reach, speed = max(reach, float(np.abs(d[place]).max())), max(speed, float(np.abs(v[place]).max()))
         values = fitted.values
         element = self.arrangement.elements[place]
-        mass, _, _ = self.arrangement.matrices(values)
+        mass = self.arrangement.matrices(values)[0]
         moved = float(np.mean(mass)) * speed**2 / reach
         stiffness = values[element.stiffness] if element.stiffness else 0.0
         static = self.rig.preload_n / stiffness if element.preload and stiffness else 0.0
@@ -183,6 +183,8 @@ class SimulatedFit(Fit):
         Mean square of the residuals fitted, in the recordings' units.
     parts
         What was fitted.
+    kept, shown
+        Residuals that were asked for; noise likewise, where it is not in ``noises``.
     """
 
     problem: SimulatedRecordings
@@ -243,8 +245,7 @@ class SimulatedFit(Fit):
     def far_off(self) -> bool:
         """Whether a channel's error is most of what it shows, and could have been predicted from the error itself."""
         shares = self.problem.policy.missed, self.problem.policy.predictable
-        each = enumerate(self.problem.recordings)
-        return any(mostly_missed(r, *self.error(i, whole=True), *shares) for i, r in each)
+        return any(mostly_missed(r, *self.error(i, True), *shares) for i, r in enumerate(self.problem.recordings))
 
     def pinned(self) -> bool:
         """Whether a parameter of a mechanism ends at a bound of its range."""
@@ -281,9 +282,8 @@ def fit(
     constants, like = (problem.constants, None) if begin is None else (begin.values, begin.simulation)
     simulation = Simulation(problem.rig, problem.recordings, constants, problem.highest_hz, terms, like)
     states = problem.states if begin is None else [begin.state(i) for i in range(len(begin.own))]
-    own = [simulation.own(s) for s in states]
-    if begin is not None:
-        own = [o.beginning(b, simulation.struck is not None) for o, b in zip(own, begin.own, strict=True)]
+    fresh = [simulation.own(s) for s in states]
+    own = fresh if begin is None else continued(simulation, states, begin.simulation, begin.own)
     model = SimulationModel(simulation, own, parts, 1.0)
     point = Point(np.clip(simulation.begin(), model.low, model.high), tuple(own))
     most, share, looked_at = (FINE_STEPS, FINE, 1.0) if fine else (ROUGH_STEPS, ROUGH, problem.looked_at)

@@ -11,6 +11,7 @@ import numpy as np
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit
 from analysis.mismatch.recordings.model import Point, SimulationModel
+from analysis.mismatch.recordings.motion import continued
 from analysis.mismatch.recordings.recorded import FIT
 from analysis.mismatch.recordings.regression import regressed
 from analysis.mismatch.recordings.second_impact import where_it_fell
@@ -22,7 +23,9 @@ from sim_backend.mechanisms.kinds import SecondImpact
 STRONGEST_START, WEAKEST_START = 30.0, 0.1  # trial strengths that a fit begins with at most and at least
 LIGHTEST_START = 1e4  # the same, of a frame, whose trial is so many times as heavy as the rig
 SHARES: Final = (1.0, 0.5, 0.25, 0.125, 0.0625)  # of the strength that a score test finds, that a fit may begin with
-ASTRAY: Final = 4.0  # times what is left without a mechanism, beyond which a start with it is too strong
+ASTRAY: Final = (
+    4.0  # times what is left without a mechanism, beyond which a start with it is too strong (rig of decision 161)
+)
 
 
 def joined_to(
@@ -61,9 +64,8 @@ def not_astray(problem: SimulatedRecordings, current: SimulatedFit, term: Term) 
     if not tried:
         return term
     simulation = current.simulation.with_terms((*current.terms, term), current.values)
-    own = [
-        simulation.own(current.state(i)).beginning(o, simulation.struck is not None) for i, o in enumerate(current.own)
-    ]
+    states = [current.state(i) for i in range(len(current.own))]
+    own = continued(simulation, states, current.simulation, current.own)
     model = SimulationModel(simulation, own, (FIT,), problem.looked_at)
     points = [np.clip(simulation.begin(t), model.low, model.high) for t in tried]
     squares = [np.sum(model.used([(x, o) for x in points], i) ** 2, axis=(1, 2)) for i, o in enumerate(own)]

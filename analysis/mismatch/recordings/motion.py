@@ -64,15 +64,6 @@ class Own:
         tones = self.tones + step[n:m].reshape(self.tones.shape)
         return Own(self.state + step[:n], tones, self.impact + step[m:k], self.memory + step[k:])
 
-    def beginning(self, other: Own, struck: bool) -> Own:
-        """Return it with another one's tones where it has as many, its memory, and its impact where ``struck``."""
-        return Own(
-            self.state,
-            other.tones if other.tones.shape == self.tones.shape else self.tones,
-            other.impact if struck else self.impact,
-            np.append(other.memory, self.memory[other.memory.size :])[: self.memory.size],
-        )
-
 
 Place = tuple[Real, Own]
 """Parameters as they are fitted, and what is a recording's own."""
@@ -187,6 +178,22 @@ class Read:
             matrices = mass[runs], damping[runs], stiffness[runs]
         own, kept = [places[i][1] for i in runs.tolist()], [read[i] for i in runs.tolist()]
         return cls(runs, own, [one for one, _ in kept], [terms for _, terms in kept], constants, matrices)
+
+
+def continued(simulation: Simulation, states: Sequence[Real], begun: Simulation, own: Sequence[Own]) -> list[Own]:
+    """Return what is each recording's own, for states (2n,) of the rig, from where another simulation was.
+
+    Tones where there are as many, an impact where one is looked for, and what is remembered by the same mechanisms.
+    """
+    before = {(begun.terms[i].key, where): k for k, (i, where) in enumerate(begun.memories)}
+    kept = [before.get((simulation.terms[i].key, where)) for i, where in simulation.memories]
+    found = []
+    for state, other in zip(states, own, strict=True):
+        one = simulation.own(state)
+        tones = other.tones if other.tones.shape == one.tones.shape else one.tones
+        memory = np.array([0.0 if k is None else other.memory[k] for k in kept])
+        found.append(Own(one.state, tones, other.impact if simulation.struck is not None else one.impact, memory))
+    return found
 
 
 @dataclass(frozen=True, slots=True)

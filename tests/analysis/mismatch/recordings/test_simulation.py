@@ -216,3 +216,35 @@ def test_several_places_at_once_show_what_each_shows_alone(
     assert np.all(np.isfinite(shown[:5]))
     assert np.all(np.isnan(shown[5]))
     assert np.ptp(shown[:5], axis=0).max() > 0
+
+
+def test_what_is_remembered_goes_on_with_the_mechanism_that_remembers_it() -> None:
+    """Terms come and go in a selection: a force carried into a recording is no other spring's, and no channel's."""
+    rig = parse_rig(
+        "bodies: {a: 2, b: 0.5}\nsprings:\n"
+        "  - {name: lower, between: [a, ground], stiffness: 900}\n  - {name: upper, between: [b, a], stiffness: 700}\n"
+        "inputs: [{channel: 0, force_on: a}]\n" + sensor("displacement").replace("mass", "b")
+    )
+    rows = np.random.default_rng(8).normal(size=(2, 400))
+    prepared = prepare(recorded(list(rows), RATE, 0.0), rig)
+    (relaxation,), (low_pass, *_) = family("relaxation"), family("undeclared_filter")
+    lower, upper = (
+        Term(relaxation, {"relaxing_stiffness_n_per_m": 90.0, "relaxation_time_s": 0.1}, (e,)) for e in (0, 1)
+    )
+    channel = Term(low_pass, {"corner_hz": 20.0}, (0,))
+    first = Simulation(rig, [prepared], {}, 8.0, (channel, lower, upper))
+    state = np.array([0.1, -0.2, 1.0, 3.0])
+    own = replace(first.own(state), memory=np.array([0.5, 7.0, 11.0]))
+    for terms, expected in (
+        ((upper,), [11.0]),
+        ((upper, channel), [11.0, 0.5]),
+        ((lower, upper, channel), [7.0, 11.0, 0.5]),
+        ((), []),
+    ):
+        other = Simulation(rig, [prepared], {}, 8.0, terms)
+        (found,) = motion.continued(other, [state], first, [own])
+        assert found.memory.tolist() == expected
+        np.testing.assert_array_equal(found.state, state)
+    again = Simulation(rig, [prepared], {}, 8.0, (lower,))
+    (fresh,) = motion.continued(again, [state], Simulation(rig, [prepared], {}, 8.0), [own])
+    assert fresh.memory.tolist() == [0.0]

@@ -44,7 +44,7 @@ MECHANISM = ForceLaw(
     carried=CARRIED,
     fits=("spring", "joint", "contact", "damper"),
     statement=lambda values, name: (
-        f"The {name} relaxes: {values[STIFFNESS]:.4g} of its stiffness does so with a time constant of "
+        f"The {name} relaxes: {values[STIFFNESS]:.4g} N/m of its stiffness do so with a time constant of "
         f"{values[TIME]:.3g} s."
     ),
 )

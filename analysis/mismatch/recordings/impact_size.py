@@ -13,6 +13,7 @@ from scipy.linalg import expm
 from analysis.mismatch.recordings.model import residuals, slopes, steps_of, ways
 from analysis.mismatch.recordings.motion import GROWTH, Own, Place, backwards
 from analysis.mismatch.recordings.nearby import nearby
+from analysis.mismatch.recordings.noise import AUTOREGRESSION
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import SecondImpact
@@ -65,14 +66,14 @@ class Free:
         shape = (-1, *off.shape)
         return cls(
             common.T.reshape(shape), begun.T.reshape(shape), -white(off) * used, used.astype(np.float64), scale,
-            np.array([white(pulse) for pulse in _pulses(len(off))]),
+            np.array([white(pulse)[:, AUTOREGRESSION:] for pulse in _pulses(len(off))]),
         )  # fmt: skip
 
 
 def _pulses(channels: int) -> Real:
-    """Return (c, c, k) one in the first sample of each channel in turn."""
-    out = np.zeros((channels, channels, PULSE))
-    out[range(channels), range(channels), 0] = 1.0
+    """Return (c, c, k) one in a sample of each channel in turn, after those that a whitening begins with."""
+    out = np.zeros((channels, channels, AUTOREGRESSION + PULSE))
+    out[range(channels), range(channels), AUTOREGRESSION] = 1.0
     return out
 
 

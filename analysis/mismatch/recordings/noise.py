@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -20,6 +21,7 @@ Left = tuple[Real, NDArray[np.bool_]]  # (c, n) residual, and (n,) which samples
 
 MOST_CORRELATED: Final = 0.05  # correlation that still counts when independent samples are counted
 AUTOREGRESSION: Final = 16  # order of the noise model
+MEMORY: Final = 4096  # samples, in which noise is taken to have forgotten what was before
 PIECES: Final = 8  # of an input
 BANDS: Final = 16  # of its spectrum
 QUIET: Final = 4  # one of so many of them is quiet enough to show the input's noise
@@ -37,11 +39,13 @@ LEAST_NOISE: Final = 1e-5  # of a channel's rms, that a recording is believed to
 SAMPLES_OF_A_TAP: Final = 20  # that a recording has at least, of each of its channels
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Whitening:
     """An autoregression of several channels, each given the past of all and the present of those before it.
 
-    What drives a rig beside its measured inputs (their noise above all) rings in all channels together.
+    What drives a rig beside its measured inputs (their noise above all) rings in all channels together. The first
+    samples are given what little past they have: with zeros for what came before, slow noise would stand out there
+    (of a first-order one of 0.9 the first sample by a variance of 5), where a decay and what rings by itself begin.
 
     Attributes
     ----------
@@ -92,7 +96,25 @@ class Whitening:
             for other, weight in enumerate(weights):
                 if np.any(weight):
                     found[..., c, :] += signal.lfilter(weight / noise, [1.0], rows[..., other, :])
+        begun = rows[..., : self.taps.shape[2] - 1].swapaxes(-2, -1)  # (..., t, c)
+        count = begun.shape[-2] * begun.shape[-1]
+        white = begun.reshape(*begun.shape[:-2], count) @ self.beginning[:count, :count].T
+        found[..., : begun.shape[-2]] = white.reshape(begun.shape).swapaxes(-2, -1)
         return found
+
+    @cached_property
+    def beginning(self) -> Real:
+        """The (order c, order c) weights that whiten the first samples of all channels, sample after sample."""
+        channels, order = self.taps.shape[0], self.taps.shape[2] - 1
+        coloured = np.linalg.inv(self.response(MEMORY))  # (lines, c, c)
+        covariance = np.fft.irfft(coloured @ coloured.conj().swapaxes(1, 2), axis=0)[:order]  # of y[t + lag] and y[t]
+        lags = np.subtract.outer(np.arange(order), np.arange(order))
+        blocks = covariance[np.abs(lags)]  # (t, s, c, d)
+        whole = np.where((lags >= 0)[..., None, None], blocks, blocks.swapaxes(2, 3))
+        whole = whole.swapaxes(1, 2).reshape(order * channels, order * channels)
+        size = np.sqrt(np.diag(whole))
+        correlated = whole / np.outer(size, size) + ROUNDED * np.eye(size.size)
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(correlated)) / size, np.float64)
 
 
 @dataclass(frozen=True, slots=True)

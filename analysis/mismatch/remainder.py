@@ -87,7 +87,7 @@ def remainder_statement(
     'Nothing beyond noise is left (p = 0.4).'
     """
     if where is None:
-        return f"Nothing beyond noise is left ({p_words(p_value)})."
+        return f"Nothing beyond noise is left ({p_words(p_value)}).{held_out}"
     beyond = f"Something is left beyond noise ({p_words(p_value)})"
     if chi_squared < SEEN:
         return (

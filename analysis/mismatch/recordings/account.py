@@ -12,7 +12,7 @@ import numpy as np
 from analysis.mismatch.account import UNLISTED, Account, Otherwise, Weights, far_off, odds_of_unlisted, relative
 from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Interval, Location, Named, NextExperiment
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.blocks import held_out_rms, mean_of, together
+from analysis.mismatch.recordings.blocks import held_out_rms, mean_of, together, untold_words
 from analysis.mismatch.recordings.constants import constant_intervals
 from analysis.mismatch.recordings.decay import along_words, decay_of
 from analysis.mismatch.recordings.determined import left_open
@@ -211,8 +211,9 @@ class BlockAccount(Account[SimulatedFit]):
         return together(fitted, held_out_rms(fitted)[0])
 
     def beyond_held_out(self, fitted: SimulatedFit) -> str:
-        """Say in which held-out block a final fit's errors are furthest beyond noise."""
-        return beyond_noise(self.judge.finals.errors(fitted), self.judge.problem)
+        """Say in which held-out block a final fit's errors are furthest beyond noise, or that they do not tell."""
+        beyond = beyond_noise(self.judge.finals.errors(fitted), self.judge.problem)
+        return beyond or ("" if fitted is not self.selection.chosen else untold_words(self.selection.baseline, fitted))
 
     def summary(self, chosen: SimulatedFit | None) -> FitSummary:
         """Return how well held-out blocks are predicted."""

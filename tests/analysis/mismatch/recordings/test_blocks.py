@@ -7,7 +7,15 @@ import pytest
 from scipy.signal import lfilter
 
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.blocks import independent_samples, likelihood_ratio, mean_of, ratio_in
+from analysis.mismatch.recordings.blocks import (
+    held_out_fall,
+    independent_samples,
+    likelihood_ratio,
+    mean_of,
+    predicts_no_better,
+    ratio_in,
+    untold_words,
+)
 from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, prepare
 from daq.exchange import Recording
@@ -57,3 +65,34 @@ def test_what_is_fast_counts_beside_slow_noise() -> None:
     error = math.sqrt(float(bent.term_covariances[0][0, 0]))
     # the square of the law's size in standard errors, which are those of a fit that weighs all samples alike
     assert 0.9 < found / (term / error) ** 2 < 2.0
+
+
+@pytest.mark.slow
+def test_larger_held_out_errors_count_where_noise_alone_does_not_make_them() -> None:
+    refused, larger, falls, expected = 0, 0, [], []
+    for seed in range(10):
+        before, after = (
+            fit(f.problem, f.terms, f, parts=(FIT, CHOOSE), fine=True) for f in with_and_without(2e5, seed)
+        )
+        fall, made, by_chance = held_out_fall(before, after)
+        assert untold_words(before, after) == "" or 0 < made < by_chance
+        falls.append(fall)
+        expected.append(made)
+        refused += predicts_no_better(before, after)
+        larger += fall < 0
+    # what the law does there is about as much as noise: errors are larger in some of the recordings, by chance
+    assert larger >= 3
+    assert refused <= 1
+    assert np.mean(falls) == pytest.approx(np.mean(expected), abs=3 * 2 * math.sqrt(np.mean(expected) / 10))
+
+
+def test_larger_held_out_errors_count_where_they_are_beyond_noise() -> None:
+    linear, bent = with_and_without(1e6, 1)
+    assert predicts_no_better(bent, linear)
+    assert not predicts_no_better(linear, bent)
+    assert not untold_words(linear, bent)
+
+
+def test_what_noise_hides_where_it_was_held_out_is_said() -> None:
+    linear, bent = with_and_without(1e5, 1)
+    assert "noise hides" in untold_words(linear, bent)

@@ -114,7 +114,7 @@ def test_what_was_held_out_says_nothing_of_what_happened_once_elsewhere() -> Non
     linear = linear_fit(problem)
     worse, far_worse = (replace(linear, x=linear.x + by) for by in (3e-5, 3e-4))
     term = Term(KNOWN[0], {"knock_impulse_n_s": 0.0}, (1,))
-    assert predicts_no_better(linear, worse)
+    assert predicts_no_better(linear, far_worse)
     assert not predicts_no_better(linear, replace(worse, terms=(term,)))
     assert predicts_no_better(linear, replace(far_worse, terms=(term,)))
 

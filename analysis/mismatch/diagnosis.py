@@ -258,13 +258,12 @@ def _named(account: Account[Any], chosen: Any, number: int) -> Named:
 def _remainder(account: Account[Any], verdict: Verdict) -> Remainder:
     """Return what the recordings hold beyond the model that the answer claims made them."""
     selection, policy = account.selection, account.selection.problem.policy
-    model, screening, share = selection.baseline, selection.screening, 0.0
-    if verdict != "consistent":
+    model, screening, share = selection.baseline, selection.screening, 0.0 if verdict == "consistent" else 1.0
+    if verdict != "consistent" and selection.accepted:
         model, screening, share = selection.best, selection.last_screening, selection.left.share
     left, p_value = screening.unexplained, 0.0 if account.far_off else screening.p_value
     beyond = p_value < policy.level and verdict != "consistent"
     where = account.left_at(model, screening) if beyond else None
-    share = 1.0 if verdict == "unexplained" and not selection.steps else share
     linear = selection.problem.linear
     said = remainder_statement(linear, share, left, p_value, where, account.beyond_held_out(model))
     return Remainder(share, left, p_value, where, said)

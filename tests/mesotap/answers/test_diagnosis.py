@@ -135,7 +135,7 @@ def test_the_runner_up_is_fitted_in_full_even_where_its_score_promises_little(tm
     rival = answer["rivals"][0]
     assert [m["id"] for m in answer["mechanisms"]] == ["hertz_stiffness"]
     assert rival["heldout_rms"] > answer["fit"]["heldout_rms_after"]
-    assert rival["why"].startswith("Fitted, it has an evidence of at least ")  # true of a fit that was given up, too
+    assert rival["why"].startswith(("Fitted, it has an evidence of at least ", "Fitted, it has no evidence "))
     text = write_page(tmp_path, found.answer, evidence_of(found, KNOWN), answer, pdf_figures=False).read_text()
     page = Page()
     page.feed(text)

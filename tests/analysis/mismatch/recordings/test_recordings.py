@@ -86,6 +86,7 @@ def test_without_the_true_mechanism_nothing_is_named(u: Real) -> None:
     rest = [m for m in KNOWN if m.id != "tube_spring_cubic"]
     found = answer_of(parse_rig(SPRING + INPUT + sensor("velocity")), [duffing(u)], rest, learn=False)
     assert found.verdict == "unexplained"
+    assert (found.remainder.share, found.remainder.p_value) == (1.0, found.p_value)
     assert found.mechanisms == ()
     assert found.location is not None
     assert found.next_experiment is not None

@@ -36,10 +36,12 @@ uncounted: Any = partial(njit, cache=True, nogil=True, error_model="numpy", _nrt
 
 
 @njit(inline="always")
-def weight(run, level, row, e, shape):  # type: ignore[no-untyped-def]
+def weight(run, level, row, e, shape, jumping):  # type: ignore[no-untyped-def]
     """Return what a unit of an element's force ``NEW`` makes of a row of what is found at the step's end."""
     _, parabola, constant, _ = shape
     late, lean = run.late, run.force[LEAN, e]
+    if not jumping:
+        return late[level, 0, row, e] + parabola * late[level, 1, row, e]
     if run.force[TURNS, e] > 0.0:
         return late[level, 0, row, e] + late[level, 2, row, e]
     begun = (constant - lean) * late[level, 2, row, e]
@@ -47,7 +49,7 @@ def weight(run, level, row, e, shape):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def evaluate(run, level, shape, t, turn):  # type: ignore[no-untyped-def]
+def evaluate(run, level, shape, t, turn, jumping):  # type: ignore[no-untyped-def]
     """Put the extra forces for the motion at the step's end into ``NEW``, as it is with those that are there."""
     law, element, own, found, force = run.law, run.element, run.own, run.found, run.force
     elements = force.shape[1]
@@ -61,13 +63,13 @@ def evaluate(run, level, shape, t, turn):  # type: ignore[no-untyped-def]
             x, y = size + i, size + elements + i
             d, v = found[x], found[y]
             for e in range(elements):
-                d += weight(run, level, x, e, shape) * force[NEW, e]
-                v += weight(run, level, y, e, shape) * force[NEW, e]
+                d += weight(run, level, x, e, shape, jumping) * force[NEW, e]
+                v += weight(run, level, y, e, shape, jumping) * force[NEW, e]
             linear = own[k, STIFFNESS] * d + own[k, DAMPING] * v
             total = linear
         total = law[k](total, d, v, t, own[k], run.memory[turn, k], run.memory[1 - turn, k])
         force[LINEAR, i] = linear
-        force[AFTER if force[TURNS, i] > 0.0 else NEW, i] = total - linear
+        force[AFTER if jumping and force[TURNS, i] > 0.0 else NEW, i] = total - linear
 
 
 @uncounted()
@@ -99,8 +101,8 @@ def turn_about(run, e, level, shape, t, turn):  # type: ignore[no-untyped-def]
     d, rate = found[x], found[y]
     for other in range(elements):
         if other != e:
-            d += weight(run, level, x, other, shape) * force[NEW, other]
-            rate += weight(run, level, y, other, shape) * force[NEW, other]
+            d += weight(run, level, x, other, shape, True) * force[NEW, other]
+            rate += weight(run, level, y, other, shape, True) * force[NEW, other]
     own, bend = begin[size + e], begin[size + elements + e]
     rate -= matrix[level, y, size + e] * own + matrix[level, y, size + elements + e] * bend
     d -= matrix[level, x, size + e] * own + matrix[level, x, size + elements + e] * bend
@@ -142,18 +144,18 @@ def settle(run, e, level, shape, t, turn):  # type: ignore[no-untyped-def]
     if found and force[STEEP, e] > 0.0 and largest > 0.0:  # does it still answer to little with much?
         answer, more = force[NEW, e], SETTLED * largest
         force[NEW, e] = b + more
-        evaluate(run, level, shape, t, turn)
+        evaluate(run, level, shape, t, turn, True)
         steep = answer - force[NEW, e] > GAIN * more
         force[NEW, e] = b
         if not steep:
-            evaluate(run, level, shape, t, turn)
+            evaluate(run, level, shape, t, turn, True)
     force[STEEP, e] = 1.0 if steep else 0.0
     if not apart:
         return
     for _ in range(MOST_TRIES):
         x = b - over_b * (b - a) / (over_b - over_a)
         force[NEW, e] = x
-        evaluate(run, level, shape, t, turn)
+        evaluate(run, level, shape, t, turn, True)
         over = force[NEW, e] - x
         if over * over_b < 0.0:
             a, over_a = b, over_b

@@ -136,7 +136,7 @@ def _parabola(known, spans):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def _attempt(run, level, known, shape, t, turn):  # type: ignore[no-untyped-def]
+def _attempt(run, level, known, shape, t, turn, jumping):  # type: ignore[no-untyped-def]
     """Step to time t; return the error of the mean extra force over its largest so far.
 
     ``known`` is how many values of the extra force count (3: enough for an error; 0: it is constant and holds a body),
@@ -151,27 +151,29 @@ def _attempt(run, level, known, shape, t, turn):  # type: ignore[no-untyped-def]
         slope = (now - force[LAST, e]) / ratio if known > 1 else 0.0
         curve = force[OLD_CURVE, e] * square if known > 2 else 0.0
         begin[size + e], begin[size + elements + e] = (1.0 - constant) * now, -parabola * (now + slope)
-        force[NEW, e], force[TURNS, e] = now + slope + (1.0 + ratio) * curve, 0.0
-        force[LEAN, e] = force[HELD, e] / (1.0 + run.spans[1] / run.spans[0]) if constant > 0.0 else 0.0
+        force[NEW, e] = now + slope + (1.0 + ratio) * curve
+        if jumping:
+            force[TURNS, e] = 0.0
+            force[LEAN, e] = force[HELD, e] / (1.0 + run.spans[1] / run.spans[0]) if constant > 0.0 else 0.0
     for i in range(len(found)):
         total = 0.0
         for j in range(len(begin)):
             total += matrix[level, i, j] * begin[j]
-        if constant > 0.0:
+        if jumping and constant > 0.0:
             for e in range(elements):
                 total -= force[LEAN, e] * force[NOW, e] * (run.late[level, 0, i, e] - run.late[level, 2, i, e])
         found[i] = total
     for k in range(SLOTS):
-        if run.jumps[k] > 0:
+        if jumping and run.jumps[k] > 0:
             turn_about(run, run.element[k], level, shape, t, turn)
     for e in range(elements):
         force[FIRST, e] = force[NEW, e]
-    evaluate(run, level, shape, t, turn)
+    evaluate(run, level, shape, t, turn, jumping)
     for e in range(elements):
         force[SECOND, e] = force[NEW, e]
-    evaluate(run, level, shape, t, turn)
+    evaluate(run, level, shape, t, turn, jumping)
     for k in range(SLOTS):
-        if run.jumps[k] > 0 and not force[TURNS, run.element[k]] > 0.0:
+        if jumping and run.jumps[k] > 0 and not force[TURNS, run.element[k]] > 0.0:
             settle(run, run.element[k], level, shape, t, turn)
     worst = 0.0
     for e in range(elements):
@@ -179,9 +181,9 @@ def _attempt(run, level, known, shape, t, turn):  # type: ignore[no-untyped-def]
         force[CURVE, e] = bend
         largest = max(force[PEAK, e], FAINT * abs(force[LINEAR, e]))
         off = weight * abs(bend - force[OLD_CURVE, e] * square) if known > 2 else 0.0
-        if force[TURNS, e] > 0.0:
+        if jumping and force[TURNS, e] > 0.0:
             force[CURVE, e], force[STEEP, e], off = 0.0, 0.0, 0.0 if level >= TURNING else largest
-        if force[STEEP, e] > 0.0:  # a parabola would overshoot from step to step
+        if jumping and force[STEEP, e] > 0.0:  # a parabola would overshoot from step to step
             off = HOLDING * abs(force[NEW, e] - force[NOW, e])
         if off > worst * largest:
             worst = off / largest
@@ -189,10 +191,10 @@ def _attempt(run, level, known, shape, t, turn):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def _inputs(run, n, low, high):  # type: ignore[no-untyped-def]
-    """Put start, end and bend of the inputs between two fractions of a step into ``known``."""
+def _inputs(run, k, low, high):  # type: ignore[no-untyped-def]
+    """Put start, end and bend of the k-th inputs between two fractions of a step into ``known``."""
     start, end, bend, known = run.start, run.end, run.bend, run.known
-    k, first = n // run.held, len(known) - 3 * len(start)
+    first = len(known) - 3 * len(start)
     for u in range(len(start)):
         a, b, c = start[u, k], end[u, k], bend[u, k]
         known[first + 3 * u] = a + (b - a) * low + c * low * (low - 1.0)
@@ -201,7 +203,7 @@ def _inputs(run, n, low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def _accept(run, level, shape):  # type: ignore[no-untyped-def]
+def _accept(run, level, shape, jumping):  # type: ignore[no-untyped-def]
     """Make the attempted step's end the present."""
     _, _, constant, _ = shape
     known, found, force, spans = run.known, run.found, run.force, run.spans
@@ -210,20 +212,23 @@ def _accept(run, level, shape):  # type: ignore[no-untyped-def]
     for i in range(len(found)):
         total = found[i]
         for e in range(elements):
-            total += weight(run, level, i, e, shape) * force[NEW, e]
+            total += weight(run, level, i, e, shape, jumping) * force[NEW, e]
         found[i] = total
     for i in range(size):
         known[i] = found[i]
     for e in range(elements):
         now, new = force[NOW, e], force[NEW, e]
-        begun = new if force[TURNS, e] > 0.0 else constant * new + (1.0 - constant) * now
+        begun = now
+        if jumping:
+            begun = new if force[TURNS, e] > 0.0 else constant * new + (1.0 - constant) * now
         force[IMPULSE, e] += span * (0.5 * (begun + new) - force[CURVE, e] / 6.0)
         force[OLD_CURVE, e] = force[CURVE, e] / (span * span)
-        held, rate = force[STEEP, e] > 0.0 or force[TURNS, e] == STOPPED, found[size + elements + e]
+        rate = found[size + elements + e]
+        held = jumping and (force[STEEP, e] > 0.0 or force[TURNS, e] == STOPPED)
         if held and not force[HELD, e] > 0.0:  # it stopped: from now on the force is the one that changes no rate
             row = size + elements + e
             new -= (rate - force[RATE, e]) / (run.late[level, 0, row, e] + run.late[level, 2, row, e])
-        elif force[TURNS, e] > 0.0:
+        elif jumping and force[TURNS, e] > 0.0:
             new = force[AFTER, e]
         force[LAST, e], force[NOW, e], force[RATE, e], force[HELD, e] = now, new, rate, 1.0 if held else 0.0
         force[PEAK, e] = max(force[PEAK, e], abs(new))
@@ -246,7 +251,7 @@ def _start(run, sees, t, turn):  # type: ignore[no-untyped-def]
     for e in range(elements):
         force[NEW, e], force[TURNS, e], force[RATE, e] = 0.0, 0.0, found[size + elements + e]
         force[LEAN, e] = force[HELD, e] = 0.0
-    evaluate(run, 0, (1.0, 0.0, 0.0, 0.0), t, 0)
+    evaluate(run, 0, (1.0, 0.0, 0.0, 0.0), t, 0, True)
     for e in range(elements):
         force[NOW, e] = force[NEW, e]
         force[PEAK, e] = max(force[PEAK, e], abs(force[NEW, e]))
@@ -262,7 +267,7 @@ def _set_step(own, h):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def _whole_step(run, at, state, tolerance, division, follows):  # type: ignore[no-untyped-def]
+def _whole_step(run, at, state, tolerance, division, follows, jumping):  # type: ignore[no-untyped-def]
     """Go on by one step, divided as needed or as another motion was.
 
     Returns
@@ -272,6 +277,7 @@ def _whole_step(run, at, state, tolerance, division, follows):  # type: ignore[n
     """
     level, known, left, turn, short = state
     tick, over, force, most = 0, 0, run.force, LOOSER * tolerance if follows else tolerance
+    given = at // run.held
     for e in range(force.shape[1]):
         force[IMPULSE, e] = 0.0
     while tick < TICKS:
@@ -286,24 +292,24 @@ def _whole_step(run, at, state, tolerance, division, follows):  # type: ignore[n
         run.spans[0] = width * TICK
         shape = _parabola(known, run.spans)
         if len(run.start) > 0:
-            _inputs(run, at, tick * TICK, (tick + width) * TICK)
-        error = _attempt(run, level, known, shape, run.begun + (at + (tick + width) * TICK) * run.h, turn)
+            _inputs(run, given, tick * TICK, (tick + width) * TICK)
+        error = _attempt(run, level, known, shape, run.begun + (at + (tick + width) * TICK) * run.h, turn, jumping)
         left -= 1
-        if known > 0 and anywhere(force, STEEP, HOLDS) and (error > most or not follows):
+        if jumping and known > 0 and anywhere(force, STEEP, HOLDS) and (error > most or not follows):
             known = 0
             continue
         if error > most and level < DEEPEST and left > 0:
             level += 1
             _set_step(run.own, run.h / 4.0**level)
             continue
-        _accept(run, level, shape)
+        _accept(run, level, shape, jumping)
         turn = 1 - turn
         tick += width
         if not follows and len(division) > 0:
             division[short] = level + SHAPES * known
         short += 1 if not follows or tick == over else 0
-        holds = (known < 1 and anywhere(force, STEEP, HOLDS)) or anywhere(force, TURNS, STOPPED)
-        anew = (error > tolerance and left > 0 and not follows) or anywhere(force, TURNS, TURNED)
+        holds = jumping and ((known < 1 and anywhere(force, STEEP, HOLDS)) or anywhere(force, TURNS, STOPPED))
+        anew = (error > tolerance and left > 0 and not follows) or (jumping and anywhere(force, TURNS, TURNED))
         known = 0 if holds else 1 if anew else min(known + 1, 3)
         calm = ((known == 3 or holds) and COARSER * error < tolerance) or left <= 0
         if not follows and level > 0 and calm and tick % (4 * width) == 0:
@@ -312,11 +318,12 @@ def _whole_step(run, at, state, tolerance, division, follows):  # type: ignore[n
     return level, known, left, turn, short
 
 
-@uncounted()
-def _carry(run, sees, jump, hit_at, tolerance, sampled, divided, out):  # type: ignore[no-untyped-def]
+@njit(inline="always")
+def _carry(run, sees, hit, divided, out, jumping):  # type: ignore[no-untyped-def]
     """Carry one motion along and write its forces, bends and states into ``out``."""
-    forces, bends, states = out
-    division, follows = divided
+    forces, bends, states, sampled = out
+    division, follows, tolerance = divided
+    jump, hit_at = hit
     finest = DEEPEST if tolerance < np.inf else 0
     _set_step(run.own, run.h / 4.0**finest)
     _start(run, sees, run.begun, 0)
@@ -328,7 +335,7 @@ def _carry(run, sees, jump, hit_at, tolerance, sampled, divided, out):  # type: 
     steps = bends.shape[1]
     now = (finest, 1, MOST_DIVIDED * steps + TICKS, 0, 0)
     for at in range(1, steps + 1):
-        now = _whole_step(run, at - 1, now, tolerance, division, follows)
+        now = _whole_step(run, at - 1, now, tolerance, division, follows, jumping)
         if at == hit_at:
             for j in range(len(jump)):
                 run.known[j] += jump[j]
@@ -349,6 +356,18 @@ def _carry(run, sees, jump, hit_at, tolerance, sampled, divided, out):  # type: 
             break
 
 
+@uncounted()
+def _carry_smoothly(run, sees, hit, divided, out):  # type: ignore[no-untyped-def]
+    """Carry a motion along in which no force jumps: compiled without all that looks for it."""
+    _carry(run, sees, hit, divided, out, False)
+
+
+@uncounted()
+def _carry_jumping(run, sees, hit, divided, out):  # type: ignore[no-untyped-def]
+    """Carry a motion along in which forces may jump."""
+    _carry(run, sees, hit, divided, out, True)
+
+
 @njit([_SIGNATURE], cache=True, nogil=True)
 def carried(rigs, laws, start, clock, given, impact, tolerance, division, follows):  # type: ignore[no-untyped-def]
     """Return forces, bends and states of `Motion`; ``division`` (runs, any) is filled in, or followed (one by all)."""
@@ -356,7 +375,7 @@ def carried(rigs, laws, start, clock, given, impact, tolerance, division, follow
     elements, inputs, h = rigs.rows.shape[1], rigs.inputs.shape[2], clock.step
     forces, bends = np.zeros((runs, elements, clock.steps + 1)), np.zeros((runs, elements, clock.steps))
     samples = clock.steps // clock.sampled + 1 if clock.sampled > 0 else 0
-    states = np.zeros((runs, samples, 2 * n))
+    states, jumping = np.zeros((runs, samples, 2 * n)), np.any(laws.jumps > 0)
     for i in range(runs):
         unit = 0.0
         for j in range(n):
@@ -373,9 +392,12 @@ def carried(rigs, laws, start, clock, given, impact, tolerance, division, follow
             given.bend[g], given.held, clock.start[i], h, known, np.zeros(len(sees)), np.zeros((ROWS, elements)),
             np.zeros((2, SLOTS, MEMORY)), np.ones(3),
         )  # fmt: skip
-        jump, out = impact.jump[i] * scale, (forces[i], bends[i], states[i])
-        divided = division[i if len(division) > 1 else 0], follows
-        _carry(run, sees, jump, impact.step[i], tolerance, clock.sampled, divided, out)
+        hit, out = (impact.jump[i] * scale, impact.step[i]), (forces[i], bends[i], states[i], clock.sampled)
+        divided = division[i if len(division) > 1 else 0], follows, tolerance
+        if jumping:
+            _carry_jumping(run, sees, hit, divided, out)
+        else:
+            _carry_smoothly(run, sees, hit, divided, out)
         for k in range(samples):
             states[i, k] /= scale
     return forces, bends, states

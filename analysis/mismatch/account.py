@@ -23,6 +23,8 @@ from sim_backend.arrangement import Arrangement, Parameter
 from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, Mechanism, SecondImpact, Tones
 
 UNLISTED = "something else"
+OF_AN_ELEMENT = ("tube springs", "contact")  # components of the tester, of which another rig's element takes the place
+OF_OTHER_RIGS = {"frame": "frame", "sensor chain": "sensor"}  # classes of what else is no body
 FAR_OFF = 3.0  # declared standard errors beyond which a fitted constant is told: one sound constant in 400
 MOST_DECIMALS = 6  # of a load in its label, mN
 
@@ -189,7 +191,9 @@ class Account(ABC, Generic[FitOf]):
             return m.of
         if isinstance(m, SecondImpact):
             return "body" if m.driven else "input"
-        return {AddedBody: "body", Tones: "sensor"}[type(m)]
+        if isinstance(m, AddedBody) and m.component in OF_AN_ELEMENT:
+            return self.selection.problem.arrangement.elements[term.place[0]].component
+        return "sensor" if isinstance(m, Tones) else OF_OTHER_RIGS.get(m.component, "body")
 
 
 def beyond_noise(selection: Selection[FitOf], screening: Screening) -> float:

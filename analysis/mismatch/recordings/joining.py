@@ -18,11 +18,12 @@ from analysis.mismatch.recordings.second_impact import where_it_fell
 from analysis.mismatch.recordings.signatures import weakened
 from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import started
-from sim_backend.mechanisms.kinds import SecondImpact
+from sim_backend.mechanisms.kinds import AddedBody, SecondImpact
 
 STRONGEST_START, WEAKEST_START = 30.0, 0.1  # trial strengths that a fit begins with at most and at least
 LIGHTEST_START = 1e4  # the same, of a frame, whose trial is so many times as heavy as the rig
 SHARES: Final = (1.0, 0.5, 0.25, 0.125, 0.0625)  # of the strength that a score test finds, that a fit may begin with
+BODY_SHARES: Final = tuple(0.25**i for i in range(6))  # the same, of a body that is added
 ASTRAY: Final = (
     4.0  # times what is left without a mechanism, beyond which a start with it is too strong (rig of decision 161)
 )
@@ -54,12 +55,14 @@ def joined_to(
 
 
 def not_astray(problem: SimulatedRecordings, current: SimulatedFit, term: Term) -> Term:
-    """Return a force law with so much of its strength that the motion with it is still near the recordings.
+    """Return a force law or an added body with so much of its strength that the motion is still near the recordings.
 
     A score test is to first order. A spring that softens as much as it says may have no place of rest any more, and
-    from where a motion has run away no slope leads back.
+    from where a motion has run away no slope leads back; on a frame that gives way, the rig is out of phase before long
+    in a recording with little noise.
     """
-    weaker = [weakened(term, share) for share in SHARES]
+    shares = BODY_SHARES if isinstance(term.mechanism, AddedBody) else SHARES
+    weaker = [_lighter(term, share) or weakened(term, share) for share in shares]
     tried = [t for t in weaker if t is not None]
     if not tried:
         return term
@@ -73,3 +76,12 @@ def not_astray(problem: SimulatedRecordings, current: SimulatedFit, term: Term) 
     before = without.evaluate(Point(current.x, current.own)).objective
     near = np.flatnonzero(np.sum(squares, axis=0) <= ASTRAY * before)
     return tried[near[0] if near.size else -1]
+
+
+def _lighter(term: Term, share: float) -> Term | None:
+    """Return an added body with a share of its effect: lighter, or heavier if it is what a rig stands on."""
+    mechanism = term.mechanism
+    if not isinstance(mechanism, AddedBody) or not mechanism.body or not term.phase_locked:
+        return None
+    factor = share if mechanism.strength in mechanism.body else 1 / share
+    return term.within({name: factor * term.values[name] for name in mechanism.body})

@@ -38,7 +38,7 @@ from analysis.mismatch.recordings.sharper import sharper
 from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
 from analysis.mismatch.score_test import Score, Screening, screen
 from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of, started
-from sim_backend.mechanisms.kinds import ForceLaw, Mechanism, SecondImpact
+from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism, SecondImpact
 
 HOPELESS = 4.0  # times the best objective so far, from which a competing fit is given up
 
@@ -149,7 +149,7 @@ class BlockJudge(Judge[SimulatedFit]):
         for scores in ranking.scores[: ranking.finalists]:
             self.on_progress(f"fitting {name_of(scores[0].term.mechanism)}")
             best = min((f.objective for _, f in fits), default=math.inf)
-            to_beat = math.inf if self._told_in_any_case(scores[0].term.mechanism) else HOPELESS * best
+            to_beat = math.inf if self._fitted_to_the_end(scores[0].term.mechanism) else HOPELESS * best
             joined = [(score, self._joined_once(state.current, score, to_beat)) for score in scores]
             fits.append(min(joined, key=lambda pair: pair[1].scatter))
         found = [(c.score, c.fit) for c in self._judged(state, fits) if c.fit is not None]
@@ -159,6 +159,10 @@ class BlockJudge(Judge[SimulatedFit]):
         fits = [(score, self._polished(f) if i in finer else f) for i, (score, f) in enumerate(found)]
         unfitted: Candidates = tuple(Candidate(s[0], None, -math.inf) for s in ranking.scores[ranking.finalists :])
         return (*self._judged(state, fits), *unfitted)
+
+    def _fitted_to_the_end(self, mechanism: Mechanism) -> bool:
+        """Whether a fit is not given up where it comes slowly nearer: an added body may pass through a long valley."""
+        return isinstance(mechanism, AddedBody) or self._told_in_any_case(mechanism)
 
     def _told_in_any_case(self, mechanism: Mechanism) -> bool:
         """Whether a mechanism goes with time where time and amplitude are confounded: its full fit is compared."""

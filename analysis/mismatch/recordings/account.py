@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.blocks import held_out_rms, mean_of, together, untold_words
 from analysis.mismatch.recordings.constants import constant_intervals
 from analysis.mismatch.recordings.decay import along_words, decay_of
-from analysis.mismatch.recordings.determined import left_open
+from analysis.mismatch.recordings.determined import left_open_beside
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.held_out import beyond_noise, channel_errors
 from analysis.mismatch.recordings.impact_size import said_of, struck
@@ -34,7 +34,7 @@ from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.score_test import Screening
 from analysis.mismatch.selection import Candidate, SelectionStep
 from sim_backend.arrays import Real
-from sim_backend.mechanisms.kinds import ForceLaw, SecondImpact
+from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, SecondImpact
 
 SEEN = 0.1  # of the largest gain of a channel, from which on a channel shows what is missing
 
@@ -110,6 +110,18 @@ class BlockAccount(Account[SimulatedFit]):
         if isinstance(term.mechanism, SecondImpact):
             return *size_of(struck(fitted, term.mechanism, term.place[0])), term.mechanism.parameters[0].unit
         return super(BlockAccount, self).read_off(fitted, term)
+
+    def parameters(self, fitted: SimulatedFit, number: int) -> tuple[Term, dict[str, Interval]]:
+        """Return a term of a fit, and its parameters; those of an added body that no channel determines are open."""
+        term, found = super(BlockAccount, self).parameters(fitted, number)
+        if not isinstance(term.mechanism, AddedBody):
+            return term, found
+        left = left_open_beside(self.described, fitted.arrangement)
+        scaled = {q.name: 2 * term.values[q.name] for q in term.mechanism.parameters if q.name in left}
+        for more in term.mechanism.derived:
+            if not math.isclose(more.value(term.values), more.value({**term.values, **scaled}), rel_tol=SEEN):
+                left.add(more.name)
+        return term, {k: replace(v, low=0.0, high=math.inf) if k in left else v for k, v in found.items()}
 
     def weights(self, number: int) -> Weights:
         """Return how likely the candidates of a step are, and what is not listed."""
@@ -312,6 +324,7 @@ class BlockAccount(Account[SimulatedFit]):
         """Return the rig as fitted."""
         units = {p.name: p.unit for p in self.judge.problem.arrangement.parameters}
         best, values = self.selection.best, self.selection.best.values
-        found = constant_intervals(best) | dict.fromkeys(left_open(self.described), (-math.inf, math.inf))
+        left = left_open_beside(self.described, best.arrangement)
+        found = constant_intervals(best) | dict.fromkeys(left, (-math.inf, math.inf))
         known = {k: Interval(v, *found.get(k, (v, v)), self.unit(units[k])) for k, v in values.items() if k in units}
         return FittedRig(known, off=far_off(values, self.described.arrangement.parameters))

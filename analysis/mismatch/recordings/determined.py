@@ -17,7 +17,7 @@ import numpy as np
 from analysis.mismatch.recordings.pieces import Piece
 from analysis.mismatch.recordings.spectral_model import POLYNOMIAL, SpectralModel, Unknowns
 from analysis.mismatch.rig_description import DescribedRig
-from sim_backend.arrangement import LOAD, Parameter
+from sim_backend.arrangement import LOAD, Arrangement, Parameter
 from sim_backend.arrays import Real
 
 DRAWS: Final = 3  # of unknown constants: a direction that is flat by chance in one is not in another
@@ -94,6 +94,13 @@ def undetermined(rig: DescribedRig) -> tuple[Undetermined, ...]:
 def left_open(rig: DescribedRig) -> set[str]:
     """Return all constants that the channels do not determine: what a fit says of one of these is a choice."""
     return {name for one in undetermined(rig) for name in (one.name, *one.with_it)}
+
+
+def left_open_beside(rig: DescribedRig, arrangement: Arrangement) -> set[str]:
+    """Return what `left_open` does, of a rig with added bodies; of these nothing is declared."""
+    own = {p.name for p in rig.arrangement.parameters}
+    parameters = (p if p.name in own else replace(p, value=math.nan) for p in arrangement.parameters)
+    return left_open(replace(rig, arrangement=replace(arrangement, parameters=tuple(parameters))))
 
 
 def _preference(name: str) -> int:

@@ -3,10 +3,11 @@ import math
 import numpy as np
 import pytest
 
-from analysis.mismatch.recordings.determined import reduced, undetermined, unknown
+from analysis.mismatch.recordings.determined import left_open, left_open_beside, reduced, undetermined, unknown
 from analysis.mismatch.recordings.pieces import Piece
 from analysis.mismatch.recordings.spectral_model import SpectralModel, Unknowns
 from mesotap.configuration.rig_files import parse_rig
+from sim_backend.mechanisms.catalogue import family
 
 TWO = """
 bodies: {a: 1.0, b: unknown}
@@ -107,3 +108,21 @@ sensors: [{channel: x, of: body, shows: displacement}]
 def test_rows_are_reduced_to_one_leading_one_each():
     rows = np.array([[1.0, 2.0, 0.0], [1.0, 2.0, 3.0]]) / math.sqrt(2)
     np.testing.assert_allclose(reduced(rows), [[1.0, 2.0, 0.0], [0.0, 0.0, 1.0]], atol=1e-12)
+
+
+def test_an_added_body_takes_away_what_one_decay_of_one_channel_determines() -> None:
+    rig = parse_rig(
+        "bodies: {mass: 1.0}\njoints: [{name: leaf, between: [mass, ground], stiffness: unknown, damping: unknown}]\n"
+        "sensors: [{channel: x, of: mass, shows: displacement}]\n"
+    )
+    (frame,) = family("frame_compliance")
+    values = {q.name: v for q, v in zip(frame.parameters, (10.0, 1e5, 20.0), strict=True)}
+    on_a_frame = frame.extend(rig.arrangement, values, (0,))
+    # two modes have four numbers; five constants make them
+    assert left_open(rig) == set()
+    assert left_open_beside(rig, on_a_frame) == {"stiffness of leaf", "damping of leaf", *values}
+    driven = parse_rig(
+        "bodies: {mass: 1.0}\njoints: [{name: leaf, between: [mass, ground], stiffness: unknown, damping: unknown}]\n"
+        "inputs: [{channel: u, force_on: mass}]\nsensors: [{channel: x, of: mass, shows: displacement}]\n"
+    )
+    assert left_open_beside(driven, frame.extend(driven.arrangement, values, (0,))) == set()

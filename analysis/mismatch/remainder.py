@@ -95,7 +95,7 @@ def remainder_statement(
             f"what was tried, what fits it best acts in the {_acting(where)}.{held_out}"
         )
     percent = 100 * share
-    part = f"{percent:.2g} %" if percent >= LEAST_PERCENT else f"less than {LEAST_PERCENT:g} %"
+    part = f"{float(f'{percent:.2g}'):g} %" if percent >= LEAST_PERCENT else f"less than {LEAST_PERCENT:g} %"
     return (
         f"{beyond}, {part} of what {linear} misses: forces or channels of any shape would take away a chi-squared of "
         f"{count_words(chi_squared)} beyond chance; it lies {place_words(where)}.{held_out}"

@@ -91,4 +91,5 @@ def not_tried(judge: BlockJudge, element: str) -> str:
     others = sorted(m.id.replace("_", " ") for m in laws.values() if role not in m.fits)
     if role is None or not others:
         return ""
-    return f" (not tried, because the {element} is described as a {role}: {', '.join(others)})"
+    which = f"{', '.join(others[:-1])} and {others[-1]} were" if len(others) > 1 else f"{others[0]} was"
+    return f" ({which} not tried, as the {element} is described as a {role})"

@@ -42,3 +42,9 @@ def test_a_band_is_told_by_its_middle_where_it_is_narrow(band: tuple[float, floa
 def test_what_no_free_form_takes_away_is_not_said_to_lie_where_one_does(chi_squared: float, said: str) -> None:
     where = Location("spring", "leaf", ("y",), (0.0, 1.0), (80.0, 81.0), (), "")
     assert remainder_statement("Eq. 9", 0.005, chi_squared, 0.002, where) == said
+
+
+@pytest.mark.parametrize(("share", "said"), [(1.0, "100 %"), (0.976, "98 %"), (0.031, "3.1 %")])
+def test_a_share_is_said_in_plain_numbers(share: float, said: str) -> None:
+    where = Location("spring", "leaf", ("y",), (0.0, 1.0), (80.0, 81.0), (), "")
+    assert f", {said} of what the rig misses" in remainder_statement("the rig", share, 52.0, 3.6e-8, where)

@@ -320,7 +320,11 @@ def _whole_step(run, at, state, tolerance, division, follows, jumping):  # type:
 
 @njit(inline="always")
 def _carry(run, sees, hit, divided, out, jumping):  # type: ignore[no-untyped-def]
-    """Carry one motion along and write its forces, bends and states into ``out``."""
+    """Carry one motion along and write its forces, bends and states into ``out``.
+
+    Whether forces may jump is given as a constant, here and in all that it calls: what looks for jumps is left out of
+    what is compiled without.
+    """
     forces, bends, states, sampled = out
     division, follows, tolerance = divided
     jump, hit_at = hit

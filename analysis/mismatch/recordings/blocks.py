@@ -96,8 +96,8 @@ def predicts_no_better(before: SimulatedFit, after: SimulatedFit) -> bool:
 
     Where what it leaves is as good as noise, errors are weighed as that noise asks, and larger ones count where noise
     would make them so in fewer recordings, were the fit right, than `SelectionPolicy.level`: what an effect does there
-    may be less than noise. An impact happened once, elsewhere, and may have died out there:
-    it must only not be much worse.
+    may be less than noise. An impact happened once, elsewhere, and may have died out there: it must only not be much
+    worse.
     """
     once = bool(after.terms) and all(isinstance(t.mechanism, SecondImpact) for t in after.terms)
     if as_noise(after) and not once:

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from analysis.mismatch.recordings.pieces import Piece
-from analysis.mismatch.recordings.spectral_model import POLYNOMIAL, SpectralModel, Unknowns
+from analysis.mismatch.recordings.spectral_model import LOGARITHMIC, POLYNOMIAL, SpectralModel, Unknowns
 from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.arrangement import LOAD, Arrangement, Parameter
 from sim_backend.arrays import Real
@@ -97,10 +97,19 @@ def left_open(rig: DescribedRig) -> set[str]:
 
 
 def left_open_beside(rig: DescribedRig, arrangement: Arrangement) -> set[str]:
-    """Return what `left_open` does, of a rig with added bodies; of these nothing is declared."""
+    """Return what `left_open` does, of a rig with added bodies: nothing of their constants is declared.
+
+    What else they have, such as what a sensor shows of a strain, is taken as it was found.
+    """
     own = {p.name for p in rig.arrangement.parameters}
-    parameters = (p if p.name in own else replace(p, value=math.nan) for p in arrangement.parameters)
+    parameters = (p if p.name in own else _undeclared(p) for p in arrangement.parameters)
     return left_open(replace(rig, arrangement=replace(arrangement, parameters=tuple(parameters))))
+
+
+def _undeclared(parameter: Parameter) -> Parameter:
+    if parameter.unit in LOGARITHMIC:
+        return replace(parameter, value=math.nan)
+    return replace(parameter, uncertainty=0.0)
 
 
 def _preference(name: str) -> int:

@@ -7,7 +7,8 @@ from analysis.mismatch.recordings.determined import left_open, left_open_beside,
 from analysis.mismatch.recordings.pieces import Piece
 from analysis.mismatch.recordings.spectral_model import SpectralModel, Unknowns
 from mesotap.configuration.rig_files import parse_rig
-from sim_backend.mechanisms.catalogue import family
+from sim_backend.mechanisms.catalogue import catalogue, family, variants
+from sim_backend.mechanisms.kinds import AddedBody, Scale
 
 TWO = """
 bodies: {a: 1.0, b: unknown}
@@ -126,3 +127,24 @@ def test_an_added_body_takes_away_what_one_decay_of_one_channel_determines() -> 
         "inputs: [{channel: u, force_on: mass}]\nsensors: [{channel: x, of: mass, shows: displacement}]\n"
     )
     assert left_open_beside(driven, frame.extend(driven.arrangement, values, (0,))) == set()
+
+
+SEEN_TWICE = """
+bodies: {low: 1.0, high: 0.5}
+springs:
+  - {name: left, between: [low, ground], stiffness: unknown, damping: 0, alike: tubes}
+  - {name: right, between: [low, ground], stiffness: unknown, damping: 0, alike: tubes}
+contacts: [{name: touch, between: [high, low], stiffness: unknown, damping: unknown, preload: 0.5}]
+sensors:
+  - {channel: a, of: low, shows: acceleration}
+  - {channel: b, of: low, shows: acceleration}
+"""
+
+
+@pytest.mark.parametrize("added", [m for m in variants(catalogue()) if isinstance(m, AddedBody)], ids=lambda m: m.id)
+def test_whatever_is_added_can_be_asked_what_it_leaves_open(added: AddedBody) -> None:
+    rig = parse_rig(SEEN_TWICE)
+    scale = Scale(1e-3, 0.1, 0.0, 1.0, (10.0, 30.0), 10.0, 1.0, 100.0)
+    for place in added.at(rig.arrangement):
+        extended = added.extend(rig.arrangement, added.trials(scale)[0], place)
+        assert left_open_beside(rig, extended) <= {p.name for p in extended.parameters}

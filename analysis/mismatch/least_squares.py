@@ -1,7 +1,6 @@
 """Damped Gauss-Newton with variable projection: what belongs to one segment alone is eliminated in every step.
 
-The solver knows nothing of physics. A model gives residuals and their derivatives: with respect to a segment's own
-coefficients ``q @ r``, and with respect to the common parameters ``q @ cross + common``.
+The solver knows nothing of physics; `linearised` says what a model tells it.
 """
 
 from __future__ import annotations
@@ -9,12 +8,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Generic
 
 import numpy as np
-from numpy.typing import NDArray
 
-from analysis.mismatch.elimination import solved
+from analysis.mismatch.linearised import (
+    Evaluation,
+    Fitted,
+    Linearisation,
+    Point,
+    Tangent,
+    bounded_step,
+    gradient_of,
+    own_steps,
+)
 from sim_backend.arrays import Real
 
 TIES = 1e-6  # rise of the objective that still counts as none
@@ -25,73 +32,8 @@ MOST_BENT = 0.75  # second over first derivative along a step, beyond which it i
 SLOW_START = 4  # linearisations after which slopes are computed in full
 QUICK = 0.3  # of what the step before gained, below which a step with slopes used again comes near the minimum
 UNSURE = 1.0  # fall of chi-squared, over the reduced one, below which what costly slopes promise may be their error
+CORRECTIONS, LITTLE_MORE = 6, 0.1
 MOST_REUSED = 6  # steps with slopes used again: as many cost about as much as new slopes
-
-
-@dataclass(frozen=True, slots=True)
-class Tangent:
-    """Derivatives of a segment's residual: of its own coefficients ``q @ r``, of the common ones at ``where``."""
-
-    where: NDArray[np.intp]
-    q: Real
-    r: Real
-    cross: Real
-    common: Real
-
-    @classmethod
-    def of(cls, where: NDArray[np.intp], own: Real, common: Real, basis: tuple[Real, Real] | None = None) -> Tangent:
-        """Split derivatives (n, k) of the common parameters into what a segment's own (n, m) can mimic and the rest."""
-        q, r = np.linalg.qr(own) if basis is None else basis
-        cross = q.T @ common
-        return cls(where, q, r, cross, common - q @ cross)
-
-
-@dataclass(frozen=True, slots=True)
-class Linearisation:
-    """Of all segments; ``normal`` (k, k) holds the prior's part, ``basis`` what steps of the constants mean."""
-
-    basis: Real
-    normal: Real
-    tangents: tuple[Tangent, ...]
-
-
-Point = TypeVar("Point")
-
-
-@dataclass(frozen=True, slots=True)
-class Evaluation(Generic[Point]):
-    """Residuals (c, n) of every segment at a point; ``penalty`` is the part of ``objective`` that priors add."""
-
-    point: Point
-    objective: float
-    penalty: float
-    residuals: tuple[Real, ...]
-
-
-class Fitted(Protocol[Point]):
-    """What the solver asks of a model.
-
-    ``approximates`` says whether it has cheaper derivatives that leave out the model's own nonlinearity; ``reuses``,
-    whether derivatives are so costly that they serve for a second step where the first went as expected; ``bends``,
-    whether a damped step is worth another evaluation to follow a bent valley.
-    """
-
-    fixed: NDArray[np.bool_]
-    approximates: bool
-    reuses: bool
-    bends: bool
-
-    def linearise(self, at: Evaluation[Point], exact: bool) -> Linearisation:
-        """Return the derivatives of every segment."""
-
-    def prior_slope(self, at: Evaluation[Point], basis: Real) -> Real:
-        """Return (k,) half the negative slope of the penalty."""
-
-    def bounds(self, at: Evaluation[Point]) -> tuple[Real, Real]:
-        """Return how far a step may go down and up, (k,) each."""
-
-    def moved(self, at: Evaluation[Point], step: Real, own: Sequence[Real], iteration: int) -> Evaluation[Point] | None:
-        """Return the evaluation after a step; None where the model has none there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,17 +146,19 @@ def _tried(
     the first step rises, it is they that are not good enough.
     Damping does nothing to a segment's own coefficients: where these are all that moves, one step tells.
     """
-    gradient, targets = _gradient(model, slopes, at)
+    gradient, targets = gradient_of(model, slopes, at)
     tries, enough, unsure = limits
     tries = min(tries, 1) if model.fixed.all() else tries
     for i in range(tries):
         step = bounded_step(slopes.normal, gradient, damping, model.fixed, model.bounds(at))
-        own = _own_steps(slopes, targets, step)
+        own = own_steps(slopes, targets, step)
         expected = float(gradient @ step) + sum(float(t @ t) for t in targets)
         if model.reuses and damping == 0 and expected < enough:
             break
         path = _bent(model, at, slopes, damping, step, own, iteration) if model.bends and damping else (step, own)
         found = model.moved(at, *path, iteration)
+        if model.settles and damping and found is not None:
+            found = _brought_down(model, at, slopes, damping, found, iteration)
         if found is not None and found.objective <= at.objective + TIES:
             return _Trial(found, expected, *path), damping
         if model.reuses and tries > 1 and damping == 0 and expected < unsure:
@@ -223,6 +167,32 @@ def _tried(
         if damping > MOST_DAMPING:
             break
     return None, damping
+
+
+def _brought_down(
+    model: Fitted[Point],
+    at: Evaluation[Point],
+    slopes: Linearisation,
+    damping: float,
+    found: Evaluation[Point],
+    iteration: int,
+) -> Evaluation[Point]:
+    """Return what further steps with the same slopes and damping make of a step, as long as each falls enough.
+
+    Along a bent valley whose walls are steep a straight step rises; what it lacks is told by the same slopes.
+    """
+    gain = math.inf
+    for _ in range(CORRECTIONS):
+        gradient, targets = gradient_of(model, slopes, found)
+        step = bounded_step(slopes.normal, gradient, damping, model.fixed, model.bounds(found))
+        further = model.moved(found, step, own_steps(slopes, targets, step), iteration)
+        if further is None or further.objective >= found.objective:
+            break
+        before, gain = gain, found.objective - further.objective
+        found = further
+        if gain < LITTLE_MORE * (at.objective - found.objective) or gain > before:
+            break
+    return found
 
 
 def _corrected(slopes: Linearisation, at: Evaluation[Point], trial: _Trial[Point]) -> Linearisation:
@@ -278,7 +248,7 @@ def _bent(
     size = np.sqrt(np.maximum(np.diag(slopes.normal), 1e-300))
     if np.linalg.norm(size * turn) * 2 > MOST_BENT * np.linalg.norm(size * step):
         return step, own
-    turns = _own_steps(slopes, [t.q.T @ bend for t, bend in zip(slopes.tangents, bends, strict=True)], turn)
+    turns = own_steps(slopes, [t.q.T @ bend for t, bend in zip(slopes.tangents, bends, strict=True)], turn)
     return step + turn / 2, [o + b / 2 for o, b in zip(own, turns, strict=True)]
 
 
@@ -303,48 +273,3 @@ def _enough(objective: float, stopping: Stopping, race: Race) -> float:
 def _scale(objective: float, stopping: Stopping) -> float:
     """Return what chi-squared is measured by: the reduced one where that is above 1; 0 where the noise is not known."""
     return max(1.0, stopping.share * objective / stopping.gain) if stopping.gain > 0 else 0.0
-
-
-def _gradient(model: Fitted[Point], slopes: Linearisation, at: Evaluation[Point]) -> tuple[Real, list[Real]]:
-    """Return the gradient (k,), and what of each segment's residual its own coefficients can take up."""
-    gradient, targets = model.prior_slope(at, slopes.basis), []
-    for tangent, residual in zip(slopes.tangents, at.residuals, strict=True):
-        gradient[tangent.where] += tangent.common.T @ residual.ravel()
-        targets.append(tangent.q.T @ residual.ravel())
-    return gradient, targets
-
-
-def _own_steps(slopes: Linearisation, targets: Sequence[Real], step: Real) -> list[Real]:
-    """Return the step of each segment's own coefficients that belongs to a step of the common parameters."""
-    return [
-        solved(t.r, target - t.cross @ step[t.where], rcond=1e-12)
-        for t, target in zip(slopes.tangents, targets, strict=True)
-    ]
-
-
-def bounded_step(
-    normal: Real, gradient: Real, damping: float, fixed: NDArray[np.bool_], bounds: tuple[Real, Real]
-) -> Real:
-    """Return the damped step (k,); parameters that it would lead too far end at their bound, and the others know it."""
-    lowest, highest = bounds
-    step = np.zeros(gradient.size)
-    free = ~fixed
-    while free.any():
-        at, ended = np.flatnonzero(free), np.flatnonzero(~free)
-        scale = np.sqrt(np.maximum(np.diag(normal)[at], 1e-300))
-        scaled = normal[np.ix_(at, at)] / np.outer(scale, scale) + damping * np.eye(at.size)
-        left = gradient[at] - normal[np.ix_(at, ended)] @ step[ended]
-        step[at] = solved(scaled, left / scale, rcond=1e-13) / scale
-        beyond = at[(step[at] < lowest[at]) | (step[at] > highest[at])]
-        if beyond.size == 0:
-            break
-        step[beyond] = np.clip(step[beyond], lowest[beyond], highest[beyond])
-        free[beyond] = False
-    return step
-
-
-def covariance(normal: Real) -> Real:
-    """Return the inverse (k, k) of a normal matrix, whatever the scales of its parameters."""
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    scales = np.outer(scale, scale)
-    return solved(normal / scales, np.eye(scale.size), rcond=1e-12) / scales

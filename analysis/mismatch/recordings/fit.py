@@ -14,7 +14,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from analysis.mismatch.least_squares import Evaluation, Stopping, minimise
+from analysis.mismatch.least_squares import Stopping, minimise
+from analysis.mismatch.linearised import Evaluation
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import POLICY, SelectionPolicy
 from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Problem
@@ -33,7 +34,8 @@ from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, Mechanism, Scale, SecondImpact, Tones
 
 ROUGH_STEPS, FINE_STEPS = 30, 100
-ROUGH, FINE = 1e-4, 1e-8  # relative fall at which a fit that only ranks rivals ends, and one that is used
+ROUGH = 1e-4  # relative fall at which a fit that only ranks rivals ends
+FINE = 0.005  # fall of chi-squared, over the reduced one, at which a fit ends that is used
 FIRST_DAMPING, MOST_TRIES = 1e-3, 8
 SHOWN = 0.4  # of the sampling rate, up to which a recording shows what there is
 RIGID = 1e-3  # of the highest mode, below which one is a rigid motion
@@ -286,12 +288,14 @@ def fit(
     own = fresh if begin is None else continued(simulation, states, begin.simulation, begin.own)
     model = SimulationModel(simulation, own, parts, 1.0)
     point = Point(np.clip(simulation.begin(), model.low, model.high), tuple(own))
-    most, share, looked_at = (FINE_STEPS, FINE, 1.0) if fine else (ROUGH_STEPS, ROUGH, problem.looked_at)
+    most, looked_at = (FINE_STEPS, 1.0) if fine else (ROUGH_STEPS, problem.looked_at)
     for part in (*(s for s in STAGES if staged and s < looked_at), looked_at):
         beats = to_beat if part == looked_at else math.inf
-        stopping = Stopping(most, 0.0, share, FIRST_DAMPING, MOST_TRIES, to_beat=beats)
         model = SimulationModel(simulation, point.own, parts, part, rough=not fine)
-        model.noise = _mean_square(model.evaluate(point))
+        begun = model.evaluate(point)
+        model.noise, samples = _mean_square(begun), sum(r.size for r in begun.residuals)
+        share = FINE / samples if fine else ROUGH
+        stopping = Stopping(most, 0.0, share, FIRST_DAMPING, MOST_TRIES, to_beat=beats)
         found, _ = minimise(model, model.evaluate(point), stopping, problem.policy.race())
         while fine and model.prior and _mean_square(found) < OUTDATED * model.noise:  # what priors are weighed by
             model.noise = _mean_square(found)

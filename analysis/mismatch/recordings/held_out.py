@@ -17,7 +17,7 @@ from scipy.stats import f as f_distribution
 
 from analysis.mismatch.answer import ChannelErrors
 from analysis.mismatch.chi_squared import p_of
-from analysis.mismatch.least_squares import covariance
+from analysis.mismatch.linearised import covariance
 from analysis.mismatch.recordings.blocks import noise_rms
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit
 from analysis.mismatch.recordings.model import residual, residuals, slopes, steps_of, ways

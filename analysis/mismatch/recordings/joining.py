@@ -43,8 +43,11 @@ def joined_to(
         return where_it_fell(current, term, lambda begun: fit(problem, terms, begun, to_beat=to_beat))
     terms = (*current.terms, not_astray(problem, current, term))
     tried = [fit(problem, terms, current, to_beat=to_beat)]
+    if isinstance(term.mechanism, AddedBody) and term.mechanism.body:
+        # at its full strength it changes frequencies: the phase is followed from the beginning on
+        tried.append(fit(problem, (*current.terms, term), current, staged=True, to_beat=to_beat))
     if current.missed < NEAR_LINEAR:
-        return tried[0]
+        return min(tried, key=lambda f: f.scatter)
     # what stands has lost the phase somewhere along the recording
     tried.append(fit(problem, terms, current, staged=True, to_beat=to_beat))
     start = regressed(current.simulation, current.values, terms)

@@ -26,6 +26,7 @@ from analysis.mismatch.recordings.blocks import (
 )
 from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit, linear_fit
 from analysis.mismatch.recordings.fitted_once import FittedOnce
+from analysis.mismatch.recordings.foot_or_mount import begun_from_another
 from analysis.mismatch.recordings.free_force import free_share
 from analysis.mismatch.recordings.held_out import FinalFits
 from analysis.mismatch.recordings.joining import joined_to
@@ -152,6 +153,7 @@ class BlockJudge(Judge[SimulatedFit]):
             to_beat = math.inf if self._fitted_to_the_end(scores[0].term.mechanism) else HOPELESS * best
             joined = [(score, self._joined_once(state.current, score, to_beat)) for score in scores]
             fits.append(min(joined, key=lambda pair: pair[1].scatter))
+        fits = begun_from_another(self.problem, state.current, fits)
         found = [(c.score, c.fit) for c in self._judged(state, fits) if c.fit is not None]
         in_time = [i for i, (score, _) in enumerate(found) if self._told_in_any_case(score.term.mechanism)]
         hopeless = HOPELESS * min((f.scatter for _, f in found), default=math.inf)

@@ -13,18 +13,20 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from analysis.mismatch.least_squares import Evaluation, Linearisation, Tangent, covariance
+from analysis.mismatch.linearised import Evaluation, Linearisation, Tangent, covariance
 from analysis.mismatch.recordings.motion import Own, Place
 from analysis.mismatch.recordings.nearby import nearby
 from analysis.mismatch.recordings.noise import InputNoiseMade, NoiseModel, rms_of_inputs
-from analysis.mismatch.recordings.recorded import CHOOSE, FIT, level
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, level
 from analysis.mismatch.recordings.simulation import Simulation
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody
 
 Made = TypeVar("Made")
 
-STEP = 1e-6  # of differences
+STEP = 1e-6  # of differences, before anything is known of what a step changes
+FINE_STEP = 3e-7  # change of the channels, in levels, that a step then makes; rounding makes some 1e-12, of either sign
+SHORTEST_STEP, LONGEST_STEP = 1e-10, 1e-4  # and between which steps it stays
 JUMPING_STEP = 1e-5  # the least where a force jumps, and with it the division of the steps
 JUMP_SEEN_STEP = 3e-4  # where accelerations show it: at a point a jump that passes a sample would be all of the slope
 SEEN_STEP, LARGEST_STEP = 5e-4, 0.03  # change of the channels, in their levels, that a step then makes; and the largest
@@ -113,25 +115,45 @@ def steps_of(simulation: Simulation, x: Real, own: Own, number: int, samples: in
     """Return (own.size + k,) the steps of differences: of a recording's own numbers, then of the parameters.
 
     Where a force jumps a step changes the motion by `SEEN_STEP`: where it turns about moves on from step to step of the
-    motion, and what is less than the error that this makes says nothing of a slope.
+    motion, and what is less than the error that this makes says nothing of a slope. Where none does, see `keep_steps`.
     """
+    known = simulation.steps.get(number)
+    if known is not None and known.size == own.size + x.size:
+        return known
     if not simulation.jumps:
         return np.full(own.size + x.size, STEP)
-    known = simulation.steps.get(number)
-    if known is None or known.size != own.size + x.size:
-        recorded = simulation.recordings[number]
-        near, size = nearby(simulation, x, own, number, samples), (level(recorded) / recorded.unit)[:, None]
-        base, _ = residual(near, x, own, number, samples=samples)
+    recorded = simulation.recordings[number]
+    near = nearby(simulation, x, own, number, samples)
+    base, _ = residual(near, x, own, number, samples=samples)
 
-        def changed(places: Sequence[Place]) -> Real:
-            return np.asarray((residuals(near, places, number, samples=samples)[0] - base) / size)
+    def changed(places: Sequence[Place]) -> Real:
+        return np.asarray(residuals(near, places, number, samples=samples)[0] - base)
 
-        shown = (sensor.quantity for sensor in simulation.arrangement.sensors)
-        tried = np.full(own.size + x.size, JUMP_SEEN_STEP if "acceleration" in shown else JUMPING_STEP)
-        common, begun = slopes(changed, x, own, tried, ways(simulation), simulation.own_scale(number, own))
-        each = np.sqrt(np.mean(np.column_stack([begun, common * np.maximum(1.0, np.abs(x))]) ** 2, axis=0))
-        known = simulation.steps[number] = np.clip(SEEN_STEP / np.maximum(each, 1e-300), tried, LARGEST_STEP)
+    shown = (sensor.quantity for sensor in simulation.arrangement.sensors)
+    tried = np.full(own.size + x.size, JUMP_SEEN_STEP if "acceleration" in shown else JUMPING_STEP)
+    found = slopes(changed, x, own, tried, ways(simulation), simulation.own_scale(number, own))
+    known = np.clip(SEEN_STEP / _shown(recorded, x, *found), tried, LARGEST_STEP)
+    simulation.steps[number] = known
     return known
+
+
+def keep_steps(simulation: Simulation, x: Real, number: int, common: Real, begun: Real) -> None:
+    """Choose the steps of the next differences so that each changes the motion by `FINE_STEP`, as slopes tell.
+
+    Of a frequency that many periods tell, a longer step bends the motion by more than what parts it from a force that
+    does nearly the same, and fits creep; of what does little, a shorter one is lost in rounding.
+    """
+    if not simulation.jumps:
+        each = _shown(simulation.recordings[number], x, common, begun)
+        simulation.steps[number] = np.clip(FINE_STEP / each, SHORTEST_STEP, LONGEST_STEP)
+
+
+def _shown(recorded: Recorded, x: Real, common: Real, begun: Real) -> Real:
+    """Return (own.size + k,) rms of the change of the channels, in their levels, that a unit step makes."""
+    every = np.column_stack([begun, common * np.maximum(1.0, np.abs(x))])
+    size = (recorded.unit / level(recorded))[:, None]
+    each = np.sqrt(np.mean((every.reshape(size.size, -1, every.shape[1]) * size[:, :, None]) ** 2, axis=(0, 1)))
+    return np.asarray(np.maximum(each, 1e-300))
 
 
 def ways(simulation: Simulation) -> Real:
@@ -177,7 +199,7 @@ class SimulationModel:
         self.scales = [simulation.own_scale(i, o) for i, o in enumerate(own)]
         low, high = zip(*(p.bounds for p in simulation.parameters), strict=True) if simulation.parameters else ((), ())
         self.low, self.high = np.array(low), np.array(high)
-        self.fixed = np.zeros(self.low.size, bool)
+        self.fixed, self.settles = np.zeros(self.low.size, bool), not simulation.jumps
         self.samples = [
             None if share >= 1.0 else math.ceil(share * (r.fitted.stop - r.fitted.start)) for r in simulation.recordings
         ]
@@ -208,6 +230,7 @@ class SimulationModel:
             near = nearby(self.simulation, x, own, number, self.samples[number])
             changed = partial(self._changed, near, number, base)
             common, own_slopes = slopes(changed, x, own, steps, signs, self.scales[number])
+            keep_steps(self.simulation, x, number, common, own_slopes)
             tangent = Tangent.of(np.arange(k), own_slopes, common @ self.basis)
             normal += tangent.common.T @ tangent.common
             tangents.append(tangent)

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from analysis.mismatch.least_squares import covariance
+from analysis.mismatch.linearised import covariance
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, problem_of
 from analysis.mismatch.recordings.model import Point, SimulationModel, residual
 from analysis.mismatch.recordings.recorded import FIT, UNUSED, Recorded, level, prepare

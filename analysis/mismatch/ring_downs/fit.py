@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.mismatch.least_squares import Evaluation, Stopping, covariance, minimise
+from analysis.mismatch.least_squares import Stopping, minimise
+from analysis.mismatch.linearised import Evaluation, covariance
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.ring_downs.added_response import AddedResponse
 from analysis.mismatch.ring_downs.experiment import Segment

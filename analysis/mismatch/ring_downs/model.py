@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.mismatch.elimination import solved
-from analysis.mismatch.least_squares import Evaluation, Linearisation, Tangent
+from analysis.mismatch.linearised import Evaluation, Linearisation, Tangent
 from analysis.mismatch.problem import Constants
 from analysis.mismatch.ring_downs.added_response import AddedResponse, Run, Variant, smooth
 from analysis.mismatch.ring_downs.common_scale import growth, undetermined_mass, without_scale
@@ -57,7 +57,7 @@ class RingDownModel:
         self.problem, self.added, self.fixed = problem, added, fixed
         self.frozen = bool(fixed.all())
         self.approximates = self.reuses = added.nonlinear
-        self.bends = bool(added.coordinates.bodies) and not added.nonlinear
+        self.bends, self.settles = bool(added.coordinates.bodies) and not added.nonlinear, False
         self.common = len(added.rig_parameters)
         self.groups, self.each = problem.start.shape
         self.at_free = self.common + self.groups * self.each

@@ -12,15 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from analysis.mismatch.least_squares import (
-    Evaluation,
-    Linearisation,
-    Stopping,
-    Tangent,
-    bounded_step,
-    covariance,
-    minimise,
-)
+from analysis.mismatch.least_squares import Stopping, minimise
+from analysis.mismatch.linearised import Evaluation, Linearisation, Tangent, bounded_step, covariance
 from analysis.mismatch.policy import POLICY
 
 Real = NDArray[np.float64]
@@ -46,6 +39,7 @@ class Segments:
     approximates: bool = False
     reuses: bool = False
     bends: bool = False
+    settles: bool = False
     fixed: NDArray[np.bool_] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -140,6 +134,7 @@ class Rosenbrock:
     bends: bool = False
     approximates: bool = False
     reuses: bool = False
+    settles: bool = False
     steepness: float = 10.0
     linearised: int = 0
 
@@ -179,6 +174,18 @@ def test_a_narrow_curved_valley_is_followed_to_its_end(start: tuple[float, float
 @pytest.mark.parametrize("start", [(-1.2, 1.0), (3.0, -2.0), (0.0, 10.0)])
 def test_a_step_that_follows_a_bent_valley_needs_half_as_many_linearisations(start: tuple[float, float]) -> None:
     models = [Rosenbrock(False, bends, steepness=1000.0) for bends in (False, True)]
+    for model in models:
+        stopping = Stopping(2000, 1e-9, damping=1e-3)
+        found, _ = minimise(model, model.evaluate(np.array(start)), stopping, POLICY.race())
+        np.testing.assert_allclose(found.point, [1.0, 1.0], atol=1e-4)
+    assert models[1].linearised < models[0].linearised / 2
+
+
+@pytest.mark.parametrize("start", [(-1.2, 1.0), (3.0, -2.0), (0.0, 10.0)])
+def test_a_step_that_is_brought_down_to_the_floor_needs_half_as_many_linearisations(
+    start: tuple[float, float],
+) -> None:
+    models = [Rosenbrock(False, settles=settles, steepness=1000.0) for settles in (False, True)]
     for model in models:
         stopping = Stopping(2000, 1e-9, damping=1e-3)
         found, _ = minimise(model, model.evaluate(np.array(start)), stopping, POLICY.race())

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from analysis.mismatch.least_squares import covariance
+from analysis.mismatch.linearised import covariance
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.ring_downs import point as point_module
 from analysis.mismatch.ring_downs.added_response import AddedResponse

@@ -56,6 +56,16 @@ class Evaluation(Generic[Point]):
     penalty: float
     residuals: tuple[Real, ...]
 
+    @property
+    def samples(self) -> int:
+        """How many residuals there are, at least one."""
+        return max(sum(r.size for r in self.residuals), 1)
+
+    @property
+    def mean_square(self) -> float:
+        """Mean square of the residuals."""
+        return (self.objective - self.penalty) / self.samples
+
 
 class Fitted(Protocol[Point]):
     """What the solver asks of a model.

@@ -293,12 +293,11 @@ def fit(
         beats = to_beat if part == looked_at else math.inf
         model = SimulationModel(simulation, point.own, parts, part, rough=not fine)
         begun = model.evaluate(point)
-        model.noise, samples = _mean_square(begun), sum(r.size for r in begun.residuals)
-        share = FINE / samples if fine else ROUGH
+        model.noise, share = begun.mean_square, FINE / begun.samples if fine else ROUGH
         stopping = Stopping(most, 0.0, share, FIRST_DAMPING, MOST_TRIES, to_beat=beats)
         found, _ = minimise(model, model.evaluate(point), stopping, problem.policy.race())
-        while fine and model.prior and _mean_square(found) < OUTDATED * model.noise:  # what priors are weighed by
-            model.noise = _mean_square(found)
+        while fine and model.prior and found.mean_square < OUTDATED * model.noise:  # what priors are weighed by
+            model.noise = found.mean_square
             found, _ = minimise(model, model.evaluate(found.point), stopping, problem.policy.race())
         point = found.point
     return _finished(problem, model, found, fine)
@@ -312,10 +311,6 @@ def linear_fit(problem: SimulatedRecordings) -> SimulatedFit:
     if begun.missed < NEAR_LINEAR or not any(r.free for r in problem.recordings):
         return begun
     return min(begun, fit(problem, staged=True, fine=True), key=lambda f: f.objective)
-
-
-def _mean_square(found: Evaluation[Point]) -> float:
-    return (found.objective - found.penalty) / max(sum(r.size for r in found.residuals), 1)
 
 
 def _finished(
@@ -336,7 +331,7 @@ def _finished(
     constants = Constants(simulation.arrangement, np.array([values[n] for n in names]), np.zeros((1, 0)))
     return SimulatedFit(
         terms, simulation.arrangement, constants, found.residuals, found.objective - found.penalty, found.penalty,
-        spread, tuple(covariances), problem, simulation, point.x, point.own, _mean_square(found), model.parts,
+        spread, tuple(covariances), problem, simulation, point.x, point.own, found.mean_square, model.parts,
         noises,
     )  # fmt: skip
 

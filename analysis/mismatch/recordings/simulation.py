@@ -78,7 +78,8 @@ class Simulation:
             for i, (r, sub) in enumerate(zip(self.recordings, self.substeps, strict=True))
         )
         self.divided: dict[int, tuple[slice, Division]] = {}
-        self.steps: dict[int, Real] = {} if like is None else dict(like.steps)  # of differences, where a force jumps
+        kinds = [[(t.mechanism, t.place) for t in some] for some in (terms, () if like is None else like.terms)]
+        self.steps: dict[int, Real] = dict(like.steps) if like and kinds[0] == kinds[1] else {}  # of differences
 
     @property
     def jumps(self) -> bool:

@@ -32,7 +32,8 @@ MOST_BENT = 0.75  # second over first derivative along a step, beyond which it i
 SLOW_START = 4  # linearisations after which slopes are computed in full
 QUICK = 0.3  # of what the step before gained, below which a step with slopes used again comes near the minimum
 UNSURE = 1.0  # fall of chi-squared, over the reduced one, below which what costly slopes promise may be their error
-CORRECTIONS, LITTLE_MORE = 6, 0.1
+CORRECTIONS = 6  # steps with the same slopes that follow a damped one at most: a linearisation costs ten or more
+LITTLE_MORE = 0.1  # of what all of them gained, below which no further one is made
 MOST_REUSED = 6  # steps with slopes used again: as many cost about as much as new slopes
 
 

@@ -43,7 +43,7 @@ def joined_to(
         return where_it_fell(current, term, lambda begun: fit(problem, terms, begun, to_beat=to_beat))
     terms = (*current.terms, not_astray(problem, current, term))
     tried = [fit(problem, terms, current, to_beat=to_beat)]
-    if isinstance(term.mechanism, AddedBody) and term.mechanism.body:
+    if isinstance(term.mechanism, AddedBody) and any(r.free for r in problem.recordings):
         # at its full strength it changes frequencies: the phase is followed from the beginning on
         tried.append(fit(problem, (*current.terms, term), current, staged=True, to_beat=to_beat))
     if current.missed < NEAR_LINEAR:

@@ -15,6 +15,7 @@ from analysis.mismatch.recordings.ranking import with_time
 from analysis.mismatch.recordings.recorded import level
 from analysis.mismatch.rivals import LIKELY
 from analysis.mismatch.selection import Candidate, Selection
+from sim_backend.mechanisms.kinds import AddedBody
 
 STRONGER: Final = 3.0  # tap over the one made, that parts amplitude from time
 WEAKER: Final = 0.5  # of the strength, at which what goes with amplitude has changed much, and nothing is at risk
@@ -40,7 +41,7 @@ def next_experiment(
     found = None
     if named and selection.steps:
         fits = [c for c in selection.steps[0].candidates if c.fit is not None]
-        found = _stronger(judge, named, fits, weights) if rival is None else _amplitude_or_time(named, fits, rival)
+        found = _apart(judge, named, fits, weights) if rival is None else _amplitude_or_time(named, fits, rival)
     left = not named or selection.left.p_value < judge.problem.policy.level
     return found if found is not None or not left else _what_is_left(selection, judge, named)
 
@@ -62,18 +63,29 @@ def _amplitude_or_time(
     )
 
 
-def _stronger(
+def _apart(
     judge: BlockJudge, named: Sequence[str], fits: Sequence[Candidate[SimulatedFit]], weights: Weights
 ) -> NextExperiment | None:
+    """Return what parts what is named from what explains as much: strength, or a sensor where both are linear."""
     settled = judge.steady is not None
     listed = [c.id for c in fits if c.id != named[0] and not (settled and with_time(c.mechanism))]
     others = [i for i in listed if weights.of.get(i, 0.0) > LIKELY * weights.total]
     if not others:
         return None
+    two = named[0], max(others, key=weights.of.__getitem__)
+    if all(isinstance(c.mechanism, AddedBody) for c in fits if c.id in two):
+        return NextExperiment(
+            None,
+            None,
+            two,
+            "Both are linear, so that strength does not part them: a sensor on what moves of its own does, or one on "
+            "another body.",
+            ("other_place",),
+        )
     return NextExperiment(
         None,
         STRONGER / 2,
-        (named[0], max(others, key=weights.of.__getitem__)),
+        two,
         f"The two differ most at the largest amplitude: {STRONGER / 2:g} times as strong they would part further.",
         _moved(judge),
     )

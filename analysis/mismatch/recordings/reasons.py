@@ -69,9 +69,10 @@ def decided(judge: BlockJudge, step: Step, best: SimulatedFit, candidate: Tried)
             f"{math.sqrt(policy.in_time):.2g} times as large"
         )
     if candidate.evidence < accepted.evidence:
+        less = accepted.evidence - candidate.evidence
         return (
-            "all blocks that are not held out choose, and free parameters cost: its evidence is "
-            f"{candidate.evidence:.4g}, that of {what} {accepted.evidence:.4g}"
+            f"all blocks that are not held out choose, and free parameters cost: its evidence is {less:.2g} less than "
+            f"that of {what}, {accepted.evidence:.4g}"
         )
     return f"what was accepted beside {what} made both together better than it"
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,11 +11,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import signal
 
+from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import fit, linear_fit, problem_of
 from analysis.mismatch.recordings.foot_or_mount import begun_from_another, mapped
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.score_test import Score
+from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.mechanisms.catalogue import family
 from sim_backend.mechanisms.kinds import AddedBody
@@ -28,12 +32,14 @@ springs:
 - {name: neck, between: [head, block], stiffness: 900.0, damping: 0.4}
 sensors: [{channel: v, of: head, shows: velocity, gain: 1.0, offset: 0.0, unit: m/s}]
 """
+TRUE, RATE = (4.9, 37400.0, 17.2), 400.0  # frame's mass, stiffness and damping; Hz
 DRIVEN = """
 name: shaker
 bodies: {block: 0.58}
 springs: [{name: leaf, between: [block, ground], stiffness: unknown, damping: unknown}]
 inputs: [{channel: 0, force_on: block, gain: 1.0, offset: 0.0}]
 sensors: [{channel: 1, of: block, shows: velocity, gain: 1.0, offset: 0.0, unit: m/s}]
+recording: {hold: first}
 """
 
 
@@ -85,21 +91,25 @@ def test_what_is_declared_exactly_stays_and_other_places_do_not_map() -> None:
     assert mapped(rig, part, part, constants_of(1200.0, 0.5)) is None
 
 
+@cache
+def on_a_frame() -> Recording:
+    """Return force and velocity of a driven body on a frame, by scipy's lsim."""
+    k, c, (frame, stiffness, damping) = 1220.0, 0.64, TRUE
+    springs = np.array([[k, -k], [-k, k + stiffness]])
+    dampers = np.array([[c, -c], [-c, c + damping]])
+    inverse = np.diag([1 / 0.58, 1 / frame])
+    state = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ springs, -inverse @ dampers]])
+    band = signal.butter(4, 40.0, fs=RATE, output="sos")
+    force = np.asarray(signal.sosfilt(band, np.random.default_rng(31).standard_normal(3000)))
+    system = signal.StateSpace(state, np.array([[0], [0], [1 / 0.58], [0]]), [[0, 0, 1, 0]], [[0]])
+    return recorded([force, signal.lsim(system, force, np.arange(3000) / RATE)[1]], RATE, 3e-3)
+
+
 @pytest.mark.slow
 def test_a_frame_that_is_stuck_is_begun_from_the_part_that_does_the_same() -> None:
-    k, c, frame = 1220.0, 0.64, (4.9, 37400.0, 17.2)
-    mass, damping = np.diag([0.58, frame[0]]), np.array([[c, -c], [-c, c + frame[2]]])
-    inverse, stiffness = np.linalg.inv(mass), np.array([[k, -k], [-k, k + frame[1]]])
-    state = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ stiffness, -inverse @ damping]])
-    rate, rng = 400.0, np.random.default_rng(31)
-    band = signal.butter(4, 40.0, fs=rate, output="sos")
-    force = np.asarray(signal.sosfilt(band, rng.standard_normal(6000)))
-    system = signal.StateSpace(state, np.array([[0], [0], [1 / 0.58], [0]]), [[0, 0, 1, 0]], [[0]])
-    velocity = signal.lsim(system, force, np.arange(6000) / rate)[1]
     rig = parse_rig(DRIVEN)
-    recording = recorded([force, velocity], rate, 1e-3)
     with np.errstate(all="ignore"):
-        first = problem_of(rig, [prepare(recording, rig)])
+        first = problem_of(rig, [prepare(on_a_frame(), rig)])
         linear = linear_fit(first.weighed(linear_fit(first)))
         problem = linear.problem
         terms = []
@@ -110,4 +120,16 @@ def test_a_frame_that_is_stuck_is_begun_from_the_part_that_does_the_same() -> No
         (_, again), (_, same) = begun_from_another(problem, linear, fits)
     assert same is fits[1][1]
     assert again.scatter < 1.01 * same.scatter
-    assert [again.terms[0].values[n] for n in FRAME.body] == pytest.approx(frame, rel=0.1)
+    assert [again.terms[0].values[n] for n in FRAME.body] == pytest.approx(TRUE, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_frame_and_a_part_that_do_the_same_are_look_alikes_that_another_sensor_parts() -> None:
+    answer = diagnose_recordings([on_a_frame()], parse_rig(DRIVEN), [FRAME, PART], learn=False).answer
+    (named,) = answer.mechanisms
+    assert {named.id, *named.indistinguishable_from} >= {FRAME.id, PART.id}
+    assert answer.remainder.p_value > 0.01
+    then = answer.next_experiment
+    assert then is not None
+    assert then.peak_force_ratio is None  # both are linear
+    assert then.moves == ("other_place",)

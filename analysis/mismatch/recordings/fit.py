@@ -26,7 +26,7 @@ from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, duratio
 from analysis.mismatch.recordings.second_impact import second_impact_score
 from analysis.mismatch.recordings.signatures import columns_of
 from analysis.mismatch.recordings.simulation import Simulation
-from analysis.mismatch.recordings.start_values import first_state, start_values
+from analysis.mismatch.recordings.start_values import begun, start_values
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.score_test import Score
 from sim_backend.arrangement import Arrangement
@@ -292,8 +292,8 @@ def fit(
     for part in (*(s for s in STAGES if staged and s < looked_at), looked_at):
         beats = to_beat if part == looked_at else math.inf
         model = SimulationModel(simulation, point.own, parts, part, rough=not fine)
-        begun = model.evaluate(point)
-        model.noise, share = begun.mean_square, FINE / begun.samples if fine else ROUGH
+        at = model.evaluate(point)
+        model.noise, share = at.mean_square, FINE / at.samples if fine else ROUGH
         stopping = Stopping(most, 0.0, share, FIRST_DAMPING, MOST_TRIES, to_beat=beats)
         found, _ = minimise(model, model.evaluate(point), stopping, problem.policy.race())
         while fine and model.prior and found.mean_square < OUTDATED * model.noise:  # what priors are weighed by
@@ -345,5 +345,5 @@ def problem_of(rig: DescribedRig, recordings: Sequence[Recorded]) -> SimulatedRe
         The rig as described cannot have made them.
     """
     found, highest = start_values(rig, list(recordings))
-    first, *rivals = [(values, tuple(first_state(rig, r, values, highest) for r in recordings)) for values in found]
+    first, *rivals = begun(rig, recordings, found, highest)
     return SimulatedRecordings(rig, tuple(recordings), first[0], highest, first[1], rivals=tuple(rivals))

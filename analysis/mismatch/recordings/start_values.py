@@ -126,6 +126,30 @@ def _centre(recordings: Sequence[Recorded]) -> float:
     return moment / max(total, 1e-300) or 1.0
 
 
+def begun(
+    rig: DescribedRig, recordings: Sequence[Recorded], found: Sequence[Mapping[str, float]], highest_hz: float
+) -> list[tuple[Mapping[str, float], tuple[Real, ...]]]:
+    """Return constants, the likeliest first, with the state (2n,) in which each recording must have begun.
+
+    Constants that spectra hardly tell from the likeliest may still make a motion that runs away: these are left out.
+
+    Raises
+    ------
+    AnalysisError
+        All of them run away.
+    """
+    kept: list[tuple[Mapping[str, float], tuple[Real, ...]]] = []
+    away: list[AnalysisError] = []
+    for values in found:
+        try:
+            kept.append((values, tuple(first_state(rig, r, values, highest_hz) for r in recordings)))
+        except AnalysisError as error:
+            away.append(error)
+    if not kept:
+        raise away[0]
+    return kept
+
+
 def first_state(rig: DescribedRig, recorded: Recorded, values: Mapping[str, float], highest_hz: float) -> Real:
     """Return the state (2n,) that the linear rig must have had for the first periods, by linear least squares."""
     n = len(rig.arrangement.bodies)

@@ -8,7 +8,8 @@ from analysis.mismatch.recordings.pieces import Piece, held
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.recordings.spectral_model import SpectralModel, Unknowns
 from analysis.mismatch.recordings.start_check import start_check
-from analysis.mismatch.recordings.start_values import _centre, start_values
+from analysis.mismatch.recordings.start_values import _centre, begun, start_values
+from analysis.session import AnalysisError
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
 from tests.analysis.mismatch.recordings.described_rigs import motion, noise_input
@@ -210,3 +211,17 @@ def test_steps_under_which_a_rig_mostly_rests_say_how_fast_it_moves():
     (values, *_), _ = start_values(rig, [ready])
     found = [values[f"stiffness of {name}"] for name in ("one", "two", "three", "four")]
     np.testing.assert_allclose(found, stiffness, rtol=0.05)
+
+
+def test_a_start_that_runs_away_is_left_out_and_only_where_all_do_the_rig_is_refused() -> None:
+    rig = parse_rig(TWO.replace("MASS", "0.6").replace("INPUT", ""))
+    prepared = prepare(Recording(two(np.zeros(2), [1e-3, 2e-3, 0.0, 0.0]), RATE, ("b", "a"), "", "decay.csv"), rig)
+    good = {p.name: p.value for p in rig.arrangement.parameters}
+    for element, k, c in zip(rig.arrangement.elements, (4000.0, 3000.0), (0.5, 0.4), strict=True):
+        good |= {str(element.stiffness): k, str(element.damping): c}
+    away = good | {str(rig.arrangement.elements[1].damping): 5e14}  # seen in a rig of three stiffnesses and one sensor
+    ((values, states),) = begun(rig, [prepared], [away, good], 20.0)
+    assert values == good
+    assert np.all(np.isfinite(states[0]))
+    with pytest.raises(AnalysisError, match=r"decay\.csv: the rig .* runs away from any start"):
+        begun(rig, [prepared], [away, away], 20.0)

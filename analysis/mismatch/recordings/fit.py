@@ -26,7 +26,7 @@ from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, duratio
 from analysis.mismatch.recordings.second_impact import second_impact_score
 from analysis.mismatch.recordings.signatures import columns_of
 from analysis.mismatch.recordings.simulation import Simulation
-from analysis.mismatch.recordings.start_values import begun, start_values
+from analysis.mismatch.recordings.start_values import start_values, with_first_states
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.score_test import Score
 from sim_backend.arrangement import Arrangement
@@ -35,7 +35,7 @@ from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, Mechanism
 
 ROUGH_STEPS, FINE_STEPS = 30, 100
 ROUGH = 1e-4  # relative fall at which a fit that only ranks rivals ends
-FINE = 0.005  # fall of chi-squared, over the reduced one, at which a fit ends that is used
+FINE = 0.005  # fall of chi-squared, over the reduced one, at which a fit ends that is used (decision 166)
 FIRST_DAMPING, MOST_TRIES = 1e-3, 8
 SHOWN = 0.4  # of the sampling rate, up to which a recording shows what there is
 RIGID = 1e-3  # of the highest mode, below which one is a rigid motion
@@ -345,5 +345,5 @@ def problem_of(rig: DescribedRig, recordings: Sequence[Recorded]) -> SimulatedRe
         The rig as described cannot have made them.
     """
     found, highest = start_values(rig, list(recordings))
-    first, *rivals = begun(rig, recordings, found, highest)
+    first, *rivals = with_first_states(rig, recordings, found, highest)
     return SimulatedRecordings(rig, tuple(recordings), first[0], highest, first[1], rivals=tuple(rivals))

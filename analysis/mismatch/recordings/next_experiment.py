@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -15,7 +15,7 @@ from analysis.mismatch.recordings.ranking import with_time
 from analysis.mismatch.recordings.recorded import level
 from analysis.mismatch.rivals import LIKELY
 from analysis.mismatch.selection import Candidate, Selection
-from sim_backend.mechanisms.kinds import AddedBody
+from sim_backend.mechanisms.kinds import AddedBody, Mechanism
 
 STRONGER: Final = 3.0  # tap over the one made, that parts amplitude from time
 WEAKER: Final = 0.5  # of the strength, at which what goes with amplitude has changed much, and nothing is at risk
@@ -41,7 +41,8 @@ def next_experiment(
     found = None
     if named and selection.steps:
         fits = [c for c in selection.steps[0].candidates if c.fit is not None]
-        found = _apart(judge, named, fits, weights) if rival is None else _amplitude_or_time(named, fits, rival)
+        kinds = {c.id: c.mechanism for c in fits} | {t.mechanism.id: t.mechanism for t in selection.best.terms}
+        found = _apart(judge, named, fits, weights, kinds) if rival is None else _amplitude_or_time(named, fits, rival)
     left = not named or selection.left.p_value < judge.problem.policy.level
     return found if found is not None or not left else _what_is_left(selection, judge, named)
 
@@ -64,16 +65,23 @@ def _amplitude_or_time(
 
 
 def _apart(
-    judge: BlockJudge, named: Sequence[str], fits: Sequence[Candidate[SimulatedFit]], weights: Weights
+    judge: BlockJudge,
+    named: Sequence[str],
+    fits: Sequence[Candidate[SimulatedFit]],
+    weights: Weights,
+    kinds: Mapping[str, Mechanism],
 ) -> NextExperiment | None:
-    """Return what parts what is named from what explains as much: strength, or a sensor where both are linear."""
+    """Return what parts what is named from what explains as much: strength, or a sensor where both are linear.
+
+    ``kinds`` are mechanisms by id; what is named need not be among the fits of the first step.
+    """
     settled = judge.steady is not None
     listed = [c.id for c in fits if c.id != named[0] and not (settled and with_time(c.mechanism))]
     others = [i for i in listed if weights.of.get(i, 0.0) > LIKELY * weights.total]
     if not others:
         return None
     two = named[0], max(others, key=weights.of.__getitem__)
-    if all(isinstance(c.mechanism, AddedBody) for c in fits if c.id in two):
+    if all(isinstance(kinds.get(name), AddedBody) for name in two):
         return NextExperiment(
             None,
             None,

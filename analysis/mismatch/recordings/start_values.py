@@ -126,7 +126,7 @@ def _centre(recordings: Sequence[Recorded]) -> float:
     return moment / max(total, 1e-300) or 1.0
 
 
-def begun(
+def with_first_states(
     rig: DescribedRig, recordings: Sequence[Recorded], found: Sequence[Mapping[str, float]], highest_hz: float
 ) -> list[tuple[Mapping[str, float], tuple[Real, ...]]]:
     """Return constants, the likeliest first, with the state (2n,) in which each recording must have begun.

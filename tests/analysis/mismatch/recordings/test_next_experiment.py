@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+from analysis.mismatch.account import Weights
 from analysis.mismatch.diagnosis import diagnose_recordings
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.recordings.fit import problem_of
+from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.next_experiment import _apart
+from analysis.mismatch.recordings.recorded import prepare
+from analysis.mismatch.score_test import Score
+from analysis.mismatch.selection import Candidate
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
 from tests.analysis.mismatch.recordings.described_rigs import OMEGA, SPRING, motion, recorded
@@ -35,3 +44,15 @@ def test_what_is_left_is_told_apart_by_strength_and_then_by_place(
     assert then is not None
     assert (then.peak_force_ratio, then.moves) == (ratio, moves)
     assert then.separates[1] == "something else"
+
+
+@pytest.mark.parametrize(("named", "ratio"), [("quadratic_damping", 1.5), ("frame_compliance", None)])
+def test_strength_parts_two_unless_both_are_linear(named: str, ratio: float | None) -> None:
+    part = listed("attached_mass")
+    rival = Candidate(Score(Term(part, {q.name: 1.0 for q in part.parameters}, (0,)), 9.0, 3, 1.0, 0.0), None, 9.0)
+    with np.errstate(all="ignore"):
+        judge = BlockJudge(problem_of(RIG, [prepare(decay(1.0), RIG)]), KNOWN)
+    kinds = {part.id: part, named: listed(named)}  # what is named is no fit of the first step: it came in by exchange
+    then = _apart(judge, [named], [rival], Weights({part.id: 1.0}, 2.0), kinds)
+    assert then is not None
+    assert then.peak_force_ratio == ratio

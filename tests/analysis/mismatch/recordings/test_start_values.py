@@ -8,7 +8,7 @@ from analysis.mismatch.recordings.pieces import Piece, held
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.recordings.spectral_model import SpectralModel, Unknowns
 from analysis.mismatch.recordings.start_check import start_check
-from analysis.mismatch.recordings.start_values import _centre, begun, start_values
+from analysis.mismatch.recordings.start_values import _centre, start_values, with_first_states
 from analysis.session import AnalysisError
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
@@ -220,8 +220,8 @@ def test_a_start_that_runs_away_is_left_out_and_only_where_all_do_the_rig_is_ref
     for element, k, c in zip(rig.arrangement.elements, (4000.0, 3000.0), (0.5, 0.4), strict=True):
         good |= {str(element.stiffness): k, str(element.damping): c}
     away = good | {str(rig.arrangement.elements[1].damping): 5e14}  # seen in a rig of three stiffnesses and one sensor
-    ((values, states),) = begun(rig, [prepared], [away, good], 20.0)
+    ((values, states),) = with_first_states(rig, [prepared], [away, good], 20.0)
     assert values == good
     assert np.all(np.isfinite(states[0]))
     with pytest.raises(AnalysisError, match=r"decay\.csv: the rig .* runs away from any start"):
-        begun(rig, [prepared], [away, away], 20.0)
+        with_first_states(rig, [prepared], [away, away], 20.0)

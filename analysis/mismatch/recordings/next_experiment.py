@@ -80,8 +80,11 @@ def _apart(
     others = [i for i in listed if weights.of.get(i, 0.0) > LIKELY * weights.total]
     if not others:
         return None
-    two = named[0], max(others, key=weights.of.__getitem__)
-    if all(isinstance(kinds.get(name), AddedBody) for name in two):
+    # strength parts two of which one is not linear, and no sensor does that as easily
+    linear = isinstance(kinds.get(named[0]), AddedBody)
+    parted = [i for i in others if not (linear and isinstance(kinds.get(i), AddedBody))]
+    two = named[0], max(parted or others, key=weights.of.__getitem__)
+    if not parted:
         return NextExperiment(
             None,
             None,

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 from analysis.mismatch.account import Weights
 from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.fit import problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit, problem_of
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.next_experiment import _apart
 from analysis.mismatch.recordings.recorded import prepare
@@ -16,6 +18,7 @@ from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
+from sim_backend.mechanisms.kinds import Mechanism
 from tests.analysis.mismatch.recordings.described_rigs import OMEGA, SPRING, motion, recorded
 from tests.analysis.terms import listed
 
@@ -46,13 +49,31 @@ def test_what_is_left_is_told_apart_by_strength_and_then_by_place(
     assert then.separates[1] == "something else"
 
 
+@cache
+def judge() -> BlockJudge:
+    with np.errstate(all="ignore"):
+        return BlockJudge(problem_of(RIG, [prepare(decay(1.0), RIG)]), KNOWN)
+
+
+def tried(mechanism: Mechanism) -> Candidate[SimulatedFit]:
+    term = Term(mechanism, {q.name: 1.0 for q in mechanism.parameters}, (0,))
+    return Candidate(Score(term, 9.0, 3, 1.0, 0.0), None, 9.0)
+
+
 @pytest.mark.parametrize(("named", "ratio"), [("quadratic_damping", 1.5), ("frame_compliance", None)])
 def test_strength_parts_two_unless_both_are_linear(named: str, ratio: float | None) -> None:
     part = listed("attached_mass")
-    rival = Candidate(Score(Term(part, {q.name: 1.0 for q in part.parameters}, (0,)), 9.0, 3, 1.0, 0.0), None, 9.0)
-    with np.errstate(all="ignore"):
-        judge = BlockJudge(problem_of(RIG, [prepare(decay(1.0), RIG)]), KNOWN)
     kinds = {part.id: part, named: listed(named)}  # what is named is no fit of the first step: it came in by exchange
-    then = _apart(judge, [named], [rival], Weights({part.id: 1.0}, 2.0), kinds)
+    then = _apart(judge(), [named], [tried(part)], Weights({part.id: 1.0}, 2.0), kinds)
     assert then is not None
     assert then.peak_force_ratio == ratio
+
+
+def test_an_explanation_that_is_not_linear_is_parted_first_though_a_linear_one_is_likelier() -> None:
+    frame, part, cubic = (listed(name) for name in ("frame_compliance", "attached_mass", "tube_spring_cubic"))
+    fits = [tried(m) for m in (part, frame, cubic)]
+    weights = Weights({frame.id: 0.9, cubic.id: 0.8}, 3.0)
+    then = _apart(judge(), [part.id], fits, weights, {m.id: m for m in (part, frame, cubic)})
+    assert then is not None
+    assert then.separates == (part.id, cubic.id)
+    assert then.peak_force_ratio == 1.5

@@ -24,7 +24,7 @@ from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.next_experiment import next_experiment
 from analysis.mismatch.recordings.otherwise import hold_that_explains
 from analysis.mismatch.recordings.ranking import lead_of, with_time
-from analysis.mismatch.recordings.reasons import decided, not_tried, reason, with_what_else
+from analysis.mismatch.recordings.reasons import decided, elsewhere, not_tried, reason, with_what_else
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.residual_band import residual_band
 from analysis.mismatch.recordings.start_check import far_off_words
@@ -131,7 +131,8 @@ class BlockAccount(Account[SimulatedFit]):
             return Weights({}, 1.0)
         evidence = self._evidence(step, number)
         of = relative(evidence, self.judge.problem.policy.temperature)
-        return Weights(of, sum(of.values()), self._alike(step, evidence, number), self._remark(step, number))
+        said = self._remark(step, number) + elsewhere(self.judge, step)
+        return Weights(of, sum(of.values()), self._alike(step, evidence, number), said)
 
     def _evidence(self, step: SelectionStep[SimulatedFit], number: int) -> dict[str, float]:
         """Return twice the logarithm of how likely each candidate of a step is, over the accepted one."""

@@ -24,6 +24,7 @@ from analysis.mismatch.recordings.blocks import (
     predicts_no_better,
     ratio_in,
 )
+from analysis.mismatch.recordings.costs import cost_of
 from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit, linear_fit
 from analysis.mismatch.recordings.fitted_once import FittedOnce
 from analysis.mismatch.recordings.foot_or_mount import begun_from_another
@@ -184,8 +185,7 @@ class BlockJudge(Judge[SimulatedFit]):
         best = min(zip(pinned, (f for _, f in fits), strict=True), key=lambda pair: pair[0] * pair[1].scatter)[1]
         found = []
         for (score, fitted), factor in zip(fits, pinned, strict=True):
-            cost = self.problem.policy.parameter_cost * len(fitted.terms[-1].mechanism.parameters)
-            evidence = likelihood_ratio(state.current, fitted, best, factor) - cost
+            evidence = likelihood_ratio(state.current, fitted, best, factor) - cost_of(fitted, fitted.terms[-1])
             found.append(Candidate(score, fitted, evidence, losses=fitted.by_block(CHOOSE)))
         return sorted(found, key=lambda c: -c.evidence)
 

@@ -77,6 +77,22 @@ def decided(judge: BlockJudge, step: Step, best: SimulatedFit, candidate: Tried)
     return f"what was accepted beside {what} made both together better than it"
 
 
+def elsewhere(judge: BlockJudge, step: Step) -> str:
+    """Say where else in the rig the mechanism that a step accepted explains nearly as much; empty if nowhere."""
+    accepted, policy, rig = step.accepted, judge.problem.policy, judge.problem.arrangement
+    if accepted is None:
+        return ""
+    least = accepted.evidence + policy.temperature * policy.told_apart
+    own = accepted.mechanism.named(rig, accepted.score.term.place)
+    alike = [c for c in step.candidates if c.fit is not None and c.id == accepted.id and c.evidence > least]
+    places = dict.fromkeys(c.mechanism.named(rig, c.score.term.place) for c in alike)
+    others = [name for name in places if name != own]
+    if not others:
+        return ""
+    listed = f"{', '.join(others[:-1])} or {others[-1]}" if len(others) > 1 else others[0]
+    return f" It may as well be at {listed} as at {own}: these recordings do not tell which."
+
+
 def _not_enough(judge: BlockJudge, step: Step, candidate: Tried) -> str:
     before, after = mean_of(step.before.by_block(CHOOSE)), mean_of(candidate.losses)
     return (

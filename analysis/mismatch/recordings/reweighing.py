@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from analysis.mismatch.recordings.blocks import likelihood_ratio
+from analysis.mismatch.recordings.costs import cost_of
 from analysis.mismatch.recordings.fit import SimulatedFit, fit
 from analysis.mismatch.recordings.ranking import with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
@@ -74,8 +75,8 @@ def _weighed(
     without = fit(problem, (*terms[:i], *terms[i + 1 :]), current, fine=True)
 
     def again(c: Tried) -> Tried:
-        cost = problem.policy.parameter_cost * len(c.mechanism.parameters)
         fitted = fits[id(c)]
+        cost = cost_of(fitted, fitted.terms[i])
         return replace(
             c, fit=fitted, evidence=likelihood_ratio(without, fitted, best) - cost, losses=fitted.by_block(CHOOSE)
         )

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 from analysis.mismatch.recordings.blocks import likelihood_ratio, missed_still
+from analysis.mismatch.recordings.costs import cost_of
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.selection import Selection, screened_baseline, select
@@ -49,9 +50,9 @@ def leads(one: Selection[SimulatedFit], other: Selection[SimulatedFit]) -> bool:
 
 def _lead(one: SimulatedFit, other: SimulatedFit) -> float:
     """Return the evidence of one fit over another, in samples as independent as those of what the better one leaves."""
-    more = sum(len(t.mechanism.parameters) for t in one.terms) - sum(len(t.mechanism.parameters) for t in other.terms)
+    more = sum(cost_of(one, t) for t in one.terms) - sum(cost_of(other, t) for t in other.terms)
     better = min(one, other, key=lambda f: f.scatter)
-    return likelihood_ratio(other, one, better) - one.problem.policy.parameter_cost * more
+    return likelihood_ratio(other, one, better) - more
 
 
 def _first_names(found: Selection[SimulatedFit], first: str) -> set[str]:

@@ -243,6 +243,8 @@ class Problem(ABC, Generic[FitOf]):
             at = place[0] if isinstance(mechanism, ForceLaw) else 0
             if at not in scales:
                 scales[at] = self.scale_of(fitted, at)
+            if isinstance(mechanism, ForceLaw) and mechanism.preloaded and not scales[at].static > 0:
+                continue  # a fit has left nothing that a preload could rest on
             tried = [Term(mechanism, values, place) for values in mechanism.trials(scales[at])]
             found += [term for term in tried if term.key not in present]
         return found

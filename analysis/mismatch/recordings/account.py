@@ -12,7 +12,7 @@ import numpy as np
 from analysis.mismatch.account import UNLISTED, Account, Otherwise, Weights, far_off, odds_of_unlisted, relative
 from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Interval, Location, Named, NextExperiment
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.blocks import held_out_rms, mean_of, together, untold_words
+from analysis.mismatch.recordings.blocks import held_out_rms, mean_of, not_held_out, together, untold_words
 from analysis.mismatch.recordings.constants import constant_intervals
 from analysis.mismatch.recordings.decay import along_words, decay_of
 from analysis.mismatch.recordings.determined import left_open_beside
@@ -263,7 +263,7 @@ class BlockAccount(Account[SimulatedFit]):
         channels = tuple(n for n, s in zip(seen, shares, strict=False) if s > SEEN * shares.max())
         if named:
             element, component = named[0].element, named[0].where
-            left = mean_of(best.by_block(CHOOSE)) / mean_of(base.by_block(CHOOSE))
+            left = mean_of(not_held_out(best)) / mean_of(not_held_out(base))
             explained = 1 - max(left, self.selection.left.share)
             what = f"what is named explains {min(100 * explained, 99.99):.4g} % of it"
         else:

@@ -58,6 +58,11 @@ def mean_of(losses: Sequence[float]) -> float:
     return float(np.mean(losses))
 
 
+def not_held_out(fitted: SimulatedFit) -> list[float]:
+    """Return the mean squares of a fit's residual in all blocks that are not held out."""
+    return [*fitted.by_block(FIT), *fitted.by_block(CHOOSE)]
+
+
 def held_out_rms(fitted: SimulatedFit) -> tuple[Real, dict[str, Real], int]:
     """Return (channels,) errors on what was held out: all, by declared stretch, and how many pieces it has.
 
@@ -101,8 +106,7 @@ def predicts_no_better(before: SimulatedFit, after: SimulatedFit) -> bool:
     """
     once = bool(after.terms) and all(isinstance(t.mechanism, SecondImpact) for t in after.terms)
     if as_noise(after) and not once:
-        fall, made, by_chance = held_out_fall(before, after)
-        return fall < min(made - by_chance, 0.0)
+        return _falls_too_little(HELD, before, after)
     held = before.by_block(HELD, after) if as_noise(after) else ()
     if held:
         ratio = math.sqrt(mean_of(after.by_block(HELD, after)) / mean_of(held))
@@ -111,34 +115,52 @@ def predicts_no_better(before: SimulatedFit, after: SimulatedFit) -> bool:
     return ratio > (NO_WORSE if once else 1)
 
 
+def chooses_no_worse(before: SimulatedFit, after: SimulatedFit) -> bool:
+    """Whether a fit's errors on the choosing blocks are no larger than another one's, but for what noise makes of them.
+
+    What happens rarely, such as clipping at the highest peak, may happen in no choosing block.
+    """
+    parameters = sum(len(t.mechanism.parameters) for t in after.terms) - sum(
+        len(t.mechanism.parameters) for t in before.terms
+    )
+    if ratio_in(CHOOSE, before, after, after) > -after.problem.policy.parameter_cost * parameters:
+        return True
+    return as_noise(after) and not _falls_too_little(CHOOSE, before, after)
+
+
+def _falls_too_little(part: int, before: SimulatedFit, after: SimulatedFit) -> bool:
+    fall, made, by_chance = fall_in(part, before, after)
+    return fall < min(made - by_chance, 0.0)
+
+
 def untold_words(before: SimulatedFit, after: SimulatedFit) -> str:
     """Say that what was held out does not tell two fits apart, where noise hides what makes the difference."""
     if not as_noise(after):
         return ""
-    _, made, by_chance = held_out_fall(before, after)
+    _, made, by_chance = fall_in(HELD, before, after)
     if not 0 < made < by_chance:
         return ""
     return " What was held out does not show what is named: noise hides what that does there."
 
 
-def held_out_fall(before: SimulatedFit, after: SimulatedFit) -> tuple[float, float, float]:
-    """Return by how much the squares of what was held out fall from one fit to another, and what is to be expected.
+def fall_in(part: int, before: SimulatedFit, after: SimulatedFit) -> tuple[float, float, float]:
+    """Return by how much the squares of a part's blocks fall from one fit to another, and what is to be expected.
 
     Whitened as the noise asks that the better one leaves: where the second fit is right, they fall by the squares of
     what makes the difference, the second number, on average; in one of a hundred recordings by less than that by the
-    third (`SelectionPolicy.level`). What is held out scatters by its noise, the fit by that of what it was fitted to.
+    third (`SelectionPolicy.level`). The blocks scatter by their noise, the fit by that of what it was fitted to.
     """
     fall = made = 0.0
-    count, best = {HELD: 0, FIT: 0}, min(before, after, key=lambda f: f.scatter)
+    count, best = {part: 0, FIT: 0}, min(before, after, key=lambda f: f.scatter)
     for number, recorded in enumerate(after.problem.recordings):
         (first, at), (last, _) = before.off(number), after.off(number)
-        held = recorded.part[at] == HELD
+        held = recorded.part[at] == part
         old, new = (best.noise(number).white(off)[:, held] for off in (first, last))
         fall += float(np.sum(old**2) - np.sum(new**2))
         made += float(np.sum((old - new) ** 2))
-        count[HELD] += int(np.sum(held))
+        count[part] += int(np.sum(held))
         count[FIT] += int(np.sum(np.isin(recorded.part[at], after.parts)))
-    spread = 2 * math.sqrt(made * (1 + count[HELD] / max(count[FIT], 1)))
+    spread = 2 * math.sqrt(made * (1 + count[part] / max(count[FIT], 1)))
     return fall, made, float(norm.isf(after.problem.policy.level)) * spread
 
 

@@ -126,23 +126,37 @@ def flat_directions(rig: DescribedRig, names: Sequence[str], random: np.random.G
     """Return (r, k) orthonormal directions of constants' logarithms in which no channel of a rig at random changes."""
     unknowns = Unknowns(rig, _declared_frequency(rig))
     x = np.concatenate([VARIED * random.standard_normal(len(unknowns.bent)), np.ones(len(unknowns.gains))])
-    mass, _, stiffness = rig.arrangement.matrices(unknowns.constants(x))
-    modes = np.sqrt(np.abs(np.linalg.eigvals(stiffness / mass[:, None])))
-    modes = modes[modes > FLAT * modes.max()] if np.any(modes > 0) else np.ones(1)
-    omega = np.geomspace(LOWEST * modes.min(), HIGHEST * modes.max(), LINES)
-    inputs = random.standard_normal((2, len(rig.drives), LINES))
-    nothing = np.zeros((len(rig.seen), LINES), np.complex128)
-    piece = Piece(1j * omega, nothing, inputs[0] + 1j * inputs[1], np.ones(len(rig.seen)))
-    begun = np.zeros(2 * mass.size + (POLYNOMIAL + 1) * len(rig.seen))
-    if not rig.drives:  # what rings freely began somehow
-        begun[: 2 * mass.size] = random.standard_normal(2 * mass.size)
-    centre = float(np.mean(modes))
-    outputs = SpectralModel(unknowns, [piece], centre).made(x, begun)
-    _, slopes = SpectralModel(unknowns, [replace(piece, outputs=outputs)], centre).evaluated(x)
+    _, slopes = shown_by(unknowns, x, random).evaluated(x)
     slopes = slopes[:, [unknowns.names.index(name) for name in names]]
     _, s, v = np.linalg.svd(slopes, full_matrices=True)
     s = np.concatenate([s, np.zeros(len(names) - s.size)])
     return np.asarray(v[s <= FLAT * max(s[0], 1e-300)], np.float64)
+
+
+def shown_by(unknowns: Unknowns, x: Real, random: np.random.Generator, weight: float = 0.0) -> SpectralModel:
+    """Return a model of what the channels of a rig with such constants show at some frequencies, without noise.
+
+    Parameters
+    ----------
+    x
+        (k,) the constants.
+    weight
+        Rate at which all that is shown is made to fade, over the mean mode; resonances are as much wider.
+    """
+    rig = unknowns.rig
+    mass, _, stiffness = rig.arrangement.matrices(unknowns.constants(x))
+    modes = np.sqrt(np.abs(np.linalg.eigvals(stiffness / mass[:, None])))
+    modes = modes[modes > FLAT * modes.max()] if np.any(modes > 0) else np.ones(1)
+    centre = float(np.mean(modes))
+    s = weight * centre + 1j * np.geomspace(LOWEST * modes.min(), HIGHEST * modes.max(), LINES)
+    inputs = random.standard_normal((2, len(rig.drives), LINES))
+    nothing = np.zeros((len(rig.seen), LINES), np.complex128)
+    piece = Piece(s, nothing, inputs[0] + 1j * inputs[1], np.ones(len(rig.seen)))
+    begun = np.zeros(2 * mass.size + (POLYNOMIAL + 1) * len(rig.seen))
+    if not rig.drives:  # what rings freely began somehow
+        begun[: 2 * mass.size] = random.standard_normal(2 * mass.size)
+    outputs = SpectralModel(unknowns, [piece], centre).made(x, begun)
+    return SpectralModel(unknowns, [replace(piece, outputs=outputs)], centre)
 
 
 def _declared_frequency(rig: DescribedRig) -> float:

@@ -110,7 +110,7 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
         units = (noise_of(r, *by.error(i)) for i, r in enumerate(self.recordings))
         recordings = tuple(replace(r, unit=unit) for r, unit in zip(self.recordings, units, strict=True))
         states = tuple(by.state(i) for i in range(len(by.own)))
-        return replace(self, recordings=recordings, constants=by.values, states=states, rivals=())
+        return replace(self, recordings=recordings, constants=by.values, states=states)
 
     def starts(self) -> list[SimulatedRecordings]:
         """Return it from each of the starting points that spectra hardly tell apart, the likeliest first."""

@@ -17,6 +17,7 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.blocks import (
+    chooses_no_worse,
     likelihood_ratio,
     mean_of,
     missed_still,
@@ -31,6 +32,7 @@ from analysis.mismatch.recordings.foot_or_mount import begun_from_another
 from analysis.mismatch.recordings.free_force import free_share
 from analysis.mismatch.recordings.held_out import FinalFits
 from analysis.mismatch.recordings.joining import joined_to
+from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
 from analysis.mismatch.recordings.otherwise import constant_explains, hold_that_explains
 from analysis.mismatch.recordings.ranking import Ranking, share_that_tells, simplest, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
@@ -136,25 +138,24 @@ class BlockJudge(Judge[SimulatedFit]):
     def candidates(self, state: State[SimulatedFit]) -> Candidates:
         """Fit the best screened mechanisms; those that rank first to all that is fitted, until they have converged."""
         policy = self.problem.policy
-        unlike_noise = state.current.scatter > policy.unlike_noise
-        # where most of what is missed is noise, a fit gains what its score says
-        near_linear = policy.promising_by_blocks if unlike_noise else policy.close
-        promising = near_linear if state.current.missed < NEAR_LINEAR else 0.0
-        ranking = Ranking.of(state.screening.scores, policy, promising)
-        if unlike_noise:
-            # a whitening that is made from the residual whitens away what it holds of a mechanism
-            known = self._further(state.current) if state.current.terms else self.known
-            plain = screen(replace(self.problem, plain=True), state.current, known, ranks=True)
-            ranking = Ranking.of(plain.scores, policy, promising).and_then(ranking, policy.finalists_by_blocks)
+        begun, nearest = likelier_rig(self.problem, state.current, self.screen, self._joined_once)
+        ranking = self._ranking(begun, state.screening if begun is state.current else self.screen(begun))
         # far from the truth a score test says little of size and sign: what is small in it may be large in full
         fits: list[tuple[Score, SimulatedFit]] = []
         for scores in ranking.scores[: ranking.finalists]:
             self.on_progress(f"fitting {name_of(scores[0].term.mechanism)}")
-            best = min((f.objective for _, f in fits), default=math.inf)
-            to_beat = math.inf if self._fitted_to_the_end(scores[0].term.mechanism) else HOPELESS * best
-            joined = [(score, self._joined_once(state.current, score, to_beat)) for score in scores]
+            joined: list[tuple[Score, SimulatedFit]] = []
+            for score in scores:
+                to_beat = HOPELESS * nearest.objective if nearest.terms != begun.terms else math.inf
+                if joined and nearest.scatter < policy.unlike_noise and joined[0][1].objective > to_beat:
+                    break  # all is explained, and one start has led nowhere
+                patient = self._fitted_to_the_end(score.term.mechanism)
+                joined.append((score, self._joined_once(begun, score, math.inf if patient else to_beat)))
             fits.append(min(joined, key=lambda pair: pair[1].scatter))
-        fits = begun_from_another(self.problem, state.current, fits)
+            nearest = min(nearest, fits[-1][1], key=lambda f: f.objective)
+        fits = begun_from_another(self.problem, begun, fits)
+        if not begun.terms:
+            fits = begun_from_equal_rigs(self.problem, begun, fits)
         found = [(c.score, c.fit) for c in self._judged(state, fits) if c.fit is not None]
         in_time = [i for i, (score, _) in enumerate(found) if self._told_in_any_case(score.term.mechanism)]
         hopeless = HOPELESS * min((f.scatter for _, f in found), default=math.inf)
@@ -162,6 +163,20 @@ class BlockJudge(Judge[SimulatedFit]):
         fits = [(score, self._polished(f) if i in finer else f) for i, (score, f) in enumerate(found)]
         unfitted: Candidates = tuple(Candidate(s[0], None, -math.inf) for s in ranking.scores[ranking.finalists :])
         return (*self._judged(state, fits), *unfitted)
+
+    def _ranking(self, current: SimulatedFit, screening: Screening) -> Ranking:
+        """Return which mechanisms earn a fit beside what stands."""
+        policy, unlike_noise = self.problem.policy, current.scatter > self.problem.policy.unlike_noise
+        # where most of what is missed is noise, a fit gains what its score says
+        near_linear = policy.promising_by_blocks if unlike_noise else policy.close
+        promising = near_linear if current.missed < NEAR_LINEAR else 0.0
+        ranking = Ranking.of(screening.scores, policy, promising)
+        if not unlike_noise:
+            return ranking
+        # a whitening that is made from the residual whitens away what it holds of a mechanism
+        known = self._further(current) if current.terms else self.known
+        plain = screen(replace(self.problem, plain=True), current, known, ranks=True)
+        return Ranking.of(plain.scores, policy, promising).and_then(ranking, policy.finalists_by_blocks)
 
     def _fitted_to_the_end(self, mechanism: Mechanism) -> bool:
         """Whether a fit is not given up where it comes slowly nearer: an added body may pass through a long valley."""
@@ -189,7 +204,7 @@ class BlockJudge(Judge[SimulatedFit]):
             found.append(Candidate(score, fitted, evidence, losses=fitted.by_block(CHOOSE)))
         return sorted(found, key=lambda c: -c.evidence)
 
-    def _joined_once(self, current: SimulatedFit, score: Score, to_beat: float) -> SimulatedFit:
+    def _joined_once(self, current: SimulatedFit, score: Score, to_beat: float = math.inf) -> SimulatedFit:
         def joined() -> SimulatedFit:
             return sharper(joined_to(self.problem, current, score, to_beat), to_beat)
 
@@ -252,7 +267,7 @@ class BlockJudge(Judge[SimulatedFit]):
             return False
         chosen = ratio_in(CHOOSE, state.current, candidate.fit, candidate.fit)
         by_more = policy.certain_by_blocks
-        if chosen > -policy.parameter_cost * len(candidate.mechanism.parameters) and candidate.evidence > by_more:
+        if candidate.evidence > by_more and chooses_no_worse(state.current, candidate.fit):
             left = self.screen(candidate.fit, self._further(candidate.fit))
             if left.p_value >= policy.level or left.unexplained < policy.left_over_blocks * candidate.evidence:
                 return True

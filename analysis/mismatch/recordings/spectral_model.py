@@ -80,6 +80,11 @@ class Unknowns:
         points[0] = 0.0
         return list(np.column_stack([points, np.ones((count, len(self.gains)))]))
 
+    def point(self, values: Mapping[str, float]) -> Real:
+        """Return the numbers of constants, which are positive where they are logarithms."""
+        bent = np.log([max(values[p.name], math.exp(-MOST_EXPONENT)) for p in self.bent]) - self.usual
+        return np.concatenate([bent, [values[p.name] for p in self.gains]])
+
     def constants(self, x: Real) -> dict[str, float]:
         """Return the values of all constants."""
         k = len(self.bent)

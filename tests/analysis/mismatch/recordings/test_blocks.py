@@ -8,7 +8,8 @@ from scipy.signal import lfilter
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.blocks import (
-    held_out_fall,
+    chooses_no_worse,
+    fall_in,
     independent_samples,
     likelihood_ratio,
     mean_of,
@@ -17,7 +18,7 @@ from analysis.mismatch.recordings.blocks import (
     untold_words,
 )
 from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
-from analysis.mismatch.recordings.recorded import CHOOSE, FIT, prepare
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, prepare
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.mechanisms.catalogue import family
@@ -74,7 +75,7 @@ def test_larger_held_out_errors_count_where_noise_alone_does_not_make_them() -> 
         before, after = (
             fit(f.problem, f.terms, f, parts=(FIT, CHOOSE), fine=True) for f in with_and_without(2e5, seed)
         )
-        fall, made, by_chance = held_out_fall(before, after)
+        fall, made, by_chance = fall_in(HELD, before, after)
         assert untold_words(before, after) == "" or 0 < made < by_chance
         falls.append(fall)
         expected.append(made)
@@ -91,6 +92,18 @@ def test_larger_held_out_errors_count_where_they_are_beyond_noise() -> None:
     assert predicts_no_better(bent, linear)
     assert not predicts_no_better(linear, bent)
     assert not untold_words(linear, bent)
+
+
+def test_choosing_blocks_in_which_nothing_happens_do_not_refuse() -> None:
+    linear, bent = with_and_without(1e6, 1)
+    assert chooses_no_worse(linear, bent)
+    assert not chooses_no_worse(bent, linear)
+
+
+@pytest.mark.slow
+def test_choosing_blocks_refuse_by_chance_in_one_of_a_hundred() -> None:
+    pairs = [with_and_without(0.0, seed) for seed in range(20)]
+    assert all(chooses_no_worse(before, after) for before, after in pairs)
 
 
 def test_what_noise_hides_where_it_was_held_out_is_said() -> None:

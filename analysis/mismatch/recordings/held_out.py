@@ -24,6 +24,7 @@ from analysis.mismatch.recordings.model import residual, residuals, slopes, step
 from analysis.mismatch.recordings.motion import Place
 from analysis.mismatch.recordings.nearby import beside_jumps, nearby
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD
+from analysis.mismatch.recordings.second_impact import on_the_right_side
 from analysis.mismatch.recordings.signatures import noise_drawn
 from analysis.mismatch.recordings.start_check import worse_than_zero
 from sim_backend.arrays import Real
@@ -86,7 +87,7 @@ class FinalFits:
     def of(self, fitted: SimulatedFit) -> SimulatedFit:
         """Return the final fit of a model that was fitted to some blocks."""
         if id(fitted) not in self.found:
-            self.found[id(fitted)] = fitted, fit(fitted.problem, fitted.terms, fitted, parts=(FIT, CHOOSE), fine=True)
+            self.found[id(fitted)] = fitted, on_the_right_side(_final(fitted), _final)
         return self.found[id(fitted)][1]
 
     def worse_than_zero(self, linear: SimulatedFit, best: SimulatedFit) -> str:
@@ -100,6 +101,10 @@ class FinalFits:
         if id(final) not in self.tested:
             self.tested[id(final)] = held_out_errors(final)
         return self.tested[id(final)]
+
+
+def _final(begun: SimulatedFit) -> SimulatedFit:
+    return fit(begun.problem, begun.terms, begun, parts=(FIT, CHOOSE), fine=True)
 
 
 @dataclass(frozen=True, slots=True)

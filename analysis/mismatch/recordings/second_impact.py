@@ -184,10 +184,10 @@ def where_it_fell(current: SimulatedFit, term: Term, refit: Callable[[SimulatedF
         if not again.scatter < best.scatter:
             break
         best = again
-    return _on_the_right_side(best, refit)
+    return on_the_right_side(best, refit)
 
 
-def _on_the_right_side(best: SimulatedFit, refit: Callable[[SimulatedFit], SimulatedFit]) -> SimulatedFit:
+def on_the_right_side(best: SimulatedFit, refit: Callable[[SimulatedFit], SimulatedFit]) -> SimulatedFit:
     """Return a fit whose impacts lie between the right samples: what one shows of a jump no slope foretells."""
 
     def missed(own: Own, number: int) -> float:

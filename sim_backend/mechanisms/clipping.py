@@ -33,6 +33,6 @@ MECHANISM = ChannelDistortion(
     distort=distort,
     at=channels_alike,
     statement=lambda values, name: (
-        f"What {name} shows is cut off at {100 * values[NAME]:.3g} % of the recorded peak, below the declared range."
+        f"What {name} shows is cut off at {100 * values[NAME]:.4g} % of the highest value recorded."
     ),
 )

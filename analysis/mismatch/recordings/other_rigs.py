@@ -24,6 +24,7 @@ from analysis.mismatch.recordings.spectral_model import SpectralModel, Unknowns
 from analysis.mismatch.recordings.start_values import with_first_states
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.score_test import Score, Screening, screen
+from analysis.session import AnalysisError
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism
 
@@ -88,17 +89,26 @@ def begun_from_equal_rigs(problem: SimulatedRecordings, linear: SimulatedFit, fi
         return fits
     best, begun = next(iter(laws.values()))
     near = linear.missed < NEAR_LINEAR
-    equal = equal_constants(problem.rig, (linear if near else begun).values)
-    if not equal:
-        return fits
     found = {score.term.key: (score, fitted) for score, fitted in fits}
-    for values, states in with_first_states(problem.rig, problem.recordings, equal, problem.highest_hz):
-        there = replace(problem, constants=values, states=states)
-        again = _from_there(there, [s.term.mechanism for s, _ in laws.values()][:LAWS]) if near else []
-        for score, fitted in again or [(best, fit(there, begun.terms, staged=True))]:
+    for there in _equal_starts(problem, (linear if near else begun).values):
+        if near:
+            again = _from_there(there, [s.term.mechanism for s, _ in laws.values()][:LAWS])
+        else:
+            again = [(best, fit(there, begun.terms, staged=True))]
+        for score, fitted in again:
             if score.term.key not in found or fitted.scatter < found[score.term.key][1].scatter:
                 found[score.term.key] = score, fitted
     return list(found.values())
+
+
+def _equal_starts(problem: SimulatedRecordings, values: Mapping[str, float]) -> list[SimulatedRecordings]:
+    """Return the problem from each of the rigs that show the same, none where they cannot be computed."""
+    try:
+        equal = equal_constants(problem.rig, values)
+        states = with_first_states(problem.rig, problem.recordings, equal, problem.highest_hz) if equal else []
+    except (AnalysisError, ArithmeticError, np.linalg.LinAlgError):
+        return []
+    return [replace(problem, constants=c, states=s) for c, s in states]
 
 
 def _from_there(problem: SimulatedRecordings, laws: Sequence[Mechanism]) -> Fits:

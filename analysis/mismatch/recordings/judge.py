@@ -155,7 +155,7 @@ class BlockJudge(Judge[SimulatedFit]):
             nearest = min(nearest, fits[-1][1], key=lambda f: f.objective)
         fits = begun_from_another(self.problem, begun, fits)
         if not begun.terms:
-            fits = begun_from_equal_rigs(self.problem, begun, fits)
+            fits = begun_from_equal_rigs(self.problem, begun, fits, self.screen)
         found = [(c.score, c.fit) for c in self._judged(state, fits) if c.fit is not None]
         in_time = [i for i, (score, _) in enumerate(found) if self._told_in_any_case(score.term.mechanism)]
         hopeless = HOPELESS * min((f.scatter for _, f in found), default=math.inf)

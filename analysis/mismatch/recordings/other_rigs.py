@@ -76,10 +76,13 @@ def likelier_rig(
     return best, nearest
 
 
-def begun_from_equal_rigs(problem: SimulatedRecordings, linear: SimulatedFit, fits: Fits) -> Fits:
+def begun_from_equal_rigs(
+    problem: SimulatedRecordings, linear: SimulatedFit, fits: Fits, screened: Callable[[SimulatedFit], Screening]
+) -> Fits:
     """Fit the best laws from linear rigs that show the same as the one fitted, too; keep the best fit in each place.
 
     Where the linear rig misses much, the best law is fitted again from those that show the same as the rig beside it.
+    Not where the linear rig leaves more than noise and the best law nothing: it has told which rig it is.
     """
     laws: dict[str, tuple[Score, SimulatedFit]] = {}
     for score, fitted in sorted(fits, key=lambda pair: pair[1].scatter):
@@ -88,6 +91,8 @@ def begun_from_equal_rigs(problem: SimulatedRecordings, linear: SimulatedFit, fi
     if not laws:
         return fits
     best, begun = next(iter(laws.values()))
+    if linear.scatter > problem.policy.unlike_noise and screened(begun).p_value >= problem.policy.level:
+        return fits
     near = linear.missed < NEAR_LINEAR
     found = {score.term.key: (score, fitted) for score, fitted in fits}
     for there in _equal_starts(problem, (linear if near else begun).values):

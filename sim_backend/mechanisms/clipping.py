@@ -8,6 +8,7 @@ from sim_backend.mechanisms.kinds import ChannelDistortion, Quantity, Real, Valu
 from sim_backend.mechanisms.places import channels_alike
 
 NAME = "clip_at_fraction_of_peak"
+HIGHEST = 0.995  # from which on what is cut off is cut off at the peak itself
 
 
 def distort(rows: Real, values: Values, sample_rate_hz: float) -> Real:
@@ -33,6 +34,8 @@ MECHANISM = ChannelDistortion(
     distort=distort,
     at=channels_alike,
     statement=lambda values, name: (
-        f"What {name} shows is cut off at {100 * values[NAME]:.4g} % of the highest value recorded."
+        f"What {name} shows is cut off at "
+        + ("" if values[NAME] > HIGHEST else f"{100 * values[NAME]:.3g} % of ")
+        + "the highest value recorded."
     ),
 )

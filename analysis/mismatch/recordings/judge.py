@@ -18,6 +18,7 @@ from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.blocks import (
     chooses_no_worse,
+    fitted_where_odd,
     likelihood_ratio,
     mean_of,
     missed_still,
@@ -82,6 +83,7 @@ class BlockJudge(Judge[SimulatedFit]):
         linear = linear_fit(problem)
         struck = any(isinstance(m, SecondImpact) and problem.allows(m) for m in known) and not linear.far_off()
         recordings = fitted_where_struck(linear) if struck else problem.recordings
+        recordings = fitted_where_odd(linear, recordings)
         if any(new is not old for new, old in zip(recordings, problem.recordings, strict=True)):
             problem = replace(problem, recordings=recordings)
             linear = linear_fit(problem)

@@ -10,6 +10,7 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.blocks import (
     chooses_no_worse,
     fall_in,
+    fitted_where_odd,
     independent_samples,
     likelihood_ratio,
     mean_of,
@@ -22,7 +23,7 @@ from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, prepare
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.mechanisms.catalogue import family
-from tests.analysis.mismatch.recordings.described_rigs import SPRING, motion, sensor
+from tests.analysis.mismatch.recordings.described_rigs import INPUT, SPRING, motion, noise_input, recorded, sensor
 
 K, C, REACH, NOISE = 5700.0, 1.2, 0.01, 2e-4
 SLOW = 0.8  # of the noise before, in the noise: 2.8 times what cannot be predicted of it
@@ -98,6 +99,21 @@ def test_choosing_blocks_in_which_nothing_happens_do_not_refuse() -> None:
     linear, bent = with_and_without(1e6, 1)
     assert chooses_no_worse(linear, bent)
     assert not chooses_no_worse(bent, linear)
+
+
+def test_what_is_odd_where_it_was_held_out_is_fitted() -> None:
+    u = noise_input(2400, 200.0, 0.5, 40, seed=8)
+    rig = parse_rig(SPRING + INPUT + sensor("displacement", 1))
+    x = motion(lambda s, x, v: 100 * s - 5700 * x - 1.2 * v, [0.0, 0.0], 2400, 200.0, u)[0]
+    part = prepare(recorded([u, x], 200.0, 1e-3), rig).part
+    peak = int(np.argmax(np.abs(x) * (part == HELD)))
+    x[peak] *= 0.8  # all that is wrong
+    with np.errstate(all="ignore"):
+        problem = problem_of(rig, [prepare(recorded([u, x], 200.0, 1e-3), rig)])
+        divided = fitted_where_odd(linear_fit(problem), problem.recordings)
+    assert problem.recordings[0].part[peak] == HELD
+    assert divided[0].part[peak] == FIT
+    assert sorted(divided[0].part) == sorted(problem.recordings[0].part)
 
 
 @pytest.mark.slow

@@ -183,7 +183,7 @@ class Remainder:
 
 @dataclass(frozen=True, slots=True)
 class SetAside:
-    """An impact that took no part in the answer, as it shows what no other one does: its name, its group's label."""
+    """What took no part in the answer, an impact or samples of a recording; its group's label where it has one."""
 
     name: str
     group: str
@@ -323,7 +323,7 @@ class Answer:
     decay
         Of a free decay of one body: frequency and damping against amplitude.
     set_aside
-        Impacts that took no part.
+        Impacts, or samples, that took no part.
     worse_than_zero
         That the linear rig predicts the recordings worse than zero does, and what to leave free; empty where it does
         not.

@@ -26,6 +26,7 @@ from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.recordings.selecting import leads, select_for_recordings
 from analysis.mismatch.recordings.start_check import frame_remark
 from analysis.mismatch.recordings.steady import Sweep
+from analysis.mismatch.recordings.wrong_samples import set_aside
 from analysis.mismatch.remainder import remainder_statement
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.ring_downs.account import ImpactAccount
@@ -80,17 +81,19 @@ def diagnose(
     with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
         if isinstance(problem, RingDowns):
             early = LearnedEarly() if learn else None
-            selection, set_aside = select_for_impacts(problem, known, on_progress, early)
+            selection, odd = select_for_impacts(problem, known, on_progress, early)
             selection = selection if early is None else with_learned(selection, early)
             on_progress("comparing with the held-out impacts")
             answer = answer_of(ImpactAccount(selection), recordings)
-            return Diagnosis(replace(answer, set_aside=set_aside), selection)
+            return Diagnosis(replace(answer, set_aside=odd), selection)
         judge = BlockJudge.of(problem, known, on_progress, sweeps)
         found, *others = select_for_recordings(judge)
         if learn and _described_rightly(BlockAccount(found)):
             found = _with_learned_of_any(found, others)
         on_progress("comparing with what was held out")
-        return Diagnosis(answer_of(BlockAccount(found), recordings), found)
+        account = BlockAccount(found)
+        put_right = set_aside(account.judge.problem.recordings, [str(s.channel) for s in account.described.seen])
+        return Diagnosis(replace(answer_of(account, recordings), set_aside=put_right), found)
 
 
 def _with_learned_of_any(

@@ -73,11 +73,12 @@ def what_was_recorded(answer: Answer) -> str:
 
 def verdict_sentence(answer: Answer) -> str:
     """Say the answer in a sentence; where something remains beyond what is named, in two; then what was set aside."""
-    count = len(answer.set_aside)
+    count = sum(bool(one.group) for one in answer.set_aside)  # samples of recordings have no group
     if answer.worse_than_zero:
         return answer.worse_than_zero if answer.far_off else f"{answer.worse_than_zero} {_verdict(answer)}"
     if not count:
-        return _verdict(answer)
+        samples = " Samples that are wrong by themselves are set aside." if answer.set_aside else ""
+        return f"{_verdict(answer)}{samples}"
     what = "One tap shows what no other does and is" if count == 1 else f"{count} taps show what no other does and are"
     return f"{_verdict(answer)} {what} set aside."
 

@@ -6,6 +6,7 @@ within a held-out block, whose ringing the whitening takes for noise in the bloc
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -30,6 +31,7 @@ from analysis.mismatch.recordings.start_check import worse_than_zero
 from sim_backend.arrays import Real
 
 FEWEST: Final = 16  # samples of a block that are tested
+BY_CHANCE: Final = 2.0  # standard errors that the kurtosis of normal noise may be above 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +187,7 @@ def _blocks(fitted: SimulatedFit, number: int, whitened: _Whitened, spread: Real
         leverage = np.einsum("kn,kl,ln->n", columns, spread, columns, optimize=True)
         leverage += whitened.weights[channel] / np.count_nonzero(used)
         freedom = max(float(np.sum(1 - leverage[used])), 1.0)
-        noise = float(np.sum(error[used] ** 2)) / freedom
+        noise, told = float(np.sum(error[used] ** 2)) / freedom, _as_many_normal(error[used])
         for block in np.unique(whitened.block[held]):
             at = np.flatnonzero(held & (whitened.block == block))
             if at.size < FEWEST or not noise > 0:
@@ -194,10 +196,20 @@ def _blocks(fitted: SimulatedFit, number: int, whitened: _Whitened, spread: Real
                 ratio, p_value = _among(drawn[:, channel], error, used, at)
             else:
                 ratio = float(np.sum(error[at] ** 2) / np.sum(1 + leverage[at])) / noise
-                p_value = float(f_distribution.sf(ratio, at.size, freedom))
+                p_value = float(f_distribution.sf(ratio, at.size * told, freedom * told))
             time_s = (float(first + at[0] / recorded.rate_hz), float(first + at[-1] / recorded.rate_hz))
             found.append(HeldOutBlock(number, channel, time_s, float(np.sqrt(ratio)), p_value))
     return found
+
+
+def _as_many_normal(noise: Real) -> float:
+    """Return as how many samples of normal noise one of this noise tells of its power.
+
+    The mean square of n samples scatters by sqrt((kurtosis - 1) / n) of itself. A kurtosis above 3 counts where it is
+    beyond chance.
+    """
+    kurtosis = float(np.mean(noise**4)) / max(float(np.mean(noise**2)) ** 2, 1e-300)
+    return 2 / (max(kurtosis - BY_CHANCE * math.sqrt(24 / noise.size), 3.0) - 1)
 
 
 def _among(drawn: Real, error: Real, used: NDArray[np.bool_], at: NDArray[np.intp]) -> tuple[float, float]:

@@ -18,7 +18,6 @@ from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.blocks import (
     chooses_no_worse,
-    fitted_where_odd,
     likelihood_ratio,
     mean_of,
     missed_still,
@@ -33,14 +32,15 @@ from analysis.mismatch.recordings.foot_or_mount import begun_from_another
 from analysis.mismatch.recordings.free_force import free_share
 from analysis.mismatch.recordings.held_out import FinalFits
 from analysis.mismatch.recordings.joining import joined_to
+from analysis.mismatch.recordings.made_ready import made_ready
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
 from analysis.mismatch.recordings.otherwise import constant_explains, hold_that_explains
-from analysis.mismatch.recordings.ranking import Ranking, share_that_tells, simplest, with_time
+from analysis.mismatch.recordings.ranking import Ranking, simplest, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.reweighing import exchanged, without_idle_ones
-from analysis.mismatch.recordings.second_impact import fitted_where_struck
 from analysis.mismatch.recordings.sharper import sharper
 from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
+from analysis.mismatch.recordings.wrong_samples import without_wrong_samples
 from analysis.mismatch.score_test import Score, Screening, screen
 from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of, started
 from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism, SecondImpact
@@ -80,15 +80,15 @@ class BlockJudge(Judge[SimulatedFit]):
     ) -> BlockJudge:
         """Fit the linear rig to the sweeps, if there are any, and to the recordings, to know their noise."""
         steady = fit_sweeps(problem.rig, sweeps) if sweeps else None
-        linear = linear_fit(problem)
-        struck = any(isinstance(m, SecondImpact) and problem.allows(m) for m in known) and not linear.far_off()
-        recordings = fitted_where_struck(linear) if struck else problem.recordings
-        recordings = fitted_where_odd(linear, recordings)
-        if any(new is not old for new, old in zip(recordings, problem.recordings, strict=True)):
-            problem = replace(problem, recordings=recordings)
-            linear = linear_fit(problem)
-        weighed = replace(problem.weighed(linear), looked_at=share_that_tells(linear))
-        return cls(weighed, known, on_progress, tuple(sweeps), steady)
+        return cls(made_ready(problem, known), known, on_progress, tuple(sweeps), steady)
+
+    def without_wrong_samples(self, beneath: SimulatedFit) -> BlockJudge:
+        """Return a judge of the recordings without samples that are wrong beneath a fit; itself where none is."""
+        recordings = without_wrong_samples(beneath)
+        if all(new is old for new, old in zip(recordings, self.problem.recordings, strict=True)):
+            return self
+        problem = replace(self.problem, recordings=recordings)
+        return BlockJudge.of(problem, self.known, self.on_progress, self.sweeps)
 
     def knowing(
         self, known: Sequence[Mechanism], policy: SelectionPolicy, to_beat: SimulatedFit | None = None

@@ -33,6 +33,15 @@ FEWEST = 400  # samples that a recording must have
 
 
 @dataclass(frozen=True, slots=True)
+class WrongSample:
+    """A sample of a channel that was put right, and by how many times the noise (rms) it was off."""
+
+    channel: int
+    sample: int
+    over_noise: float
+
+
+@dataclass(frozen=True, slots=True)
 class Recorded:
     """A recording as it is simulated.
 
@@ -60,6 +69,8 @@ class Recorded:
         Samples of the recording for one of these.
     rang_s
         How long the rig had been free before the first sample, as far as the recording tells.
+    wrong
+        Samples that were wrong by themselves.
     """
 
     source: str
@@ -76,6 +87,7 @@ class Recorded:
     unit: Real
     every: int = 1
     rang_s: float = 0.0
+    wrong: tuple[WrongSample, ...] = ()
 
     @property
     def samples(self) -> int:

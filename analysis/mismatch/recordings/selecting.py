@@ -14,15 +14,19 @@ from analysis.mismatch.selection import Selection, screened_baseline, select
 AGAIN = 2  # selections without the first names, at most
 
 
-def select_for_recordings(judge: BlockJudge) -> tuple[Selection[SimulatedFit], ...]:
+def select_for_recordings(judge: BlockJudge, put_right: bool = False) -> tuple[Selection[SimulatedFit], ...]:
     """Return what explains recordings best, then what else was named on the way to it.
 
     Mechanisms are added one by one. Of two that are at work, a third that resembles both comes first; beside it neither
     gains enough. So where what is named leaves errors far over the noise, or several names any that are clearly more,
     the selection is made again without the first of the names; then without the first that comes in its place too, and
-    all that explain as much as that. What explains better counts.
+    all that explain as much as that. What explains better counts. And where single samples are wrong beneath what is
+    named, it is made again once these are ``put_right``.
     """
     found = select(judge, screened_baseline(judge))
+    right = judge if put_right else judge.without_wrong_samples(found.best)
+    if right is not judge:
+        return select_for_recordings(right, put_right=True)
     if found.chosen is None:
         return (found,)
     several = len(found.chosen.terms) > 1 and judge.doubtful(found)

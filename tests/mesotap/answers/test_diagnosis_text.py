@@ -163,3 +163,9 @@ def test_constants_that_end_far_from_what_was_declared_are_told_with_the_verdict
     assert "k_c and c_c may then be wrong by far more" in verdict_sentence(springs)
     assert diagnosis_json(moved, 1.0)["fitted"]["off_declared"] == {"m1": 38.2, "m2": 115.0}
     assert "declared uncertainties" not in verdict_sentence(ANSWER)
+
+
+def test_samples_that_were_put_right_are_told_in_words() -> None:
+    answer = replace(ANSWER, set_aside=(SetAside("run.csv, channel x", "", "One sample, at 1.5 s."),))
+    assert verdict_sentence(answer).endswith("Samples that are wrong by themselves are set aside.")
+    assert "taps" not in verdict_sentence(answer)

@@ -68,7 +68,7 @@ def _taken_out(row: Real, used: NDArray[np.bool_], channel: int, chance: float, 
         for i in found:
             found[i] += outliers.take(i)
         while len(found) <= MOST * row.size:
-            i = int(np.argmax(np.abs(outliers.off)))
+            i = outliers.furthest()
             if not abs(outliers.off[i]) > limit * error > 0:
                 break
             found[i] = found.get(i, 0.0) + outliers.take(i)
@@ -91,6 +91,11 @@ class _Outliers:
     def of(cls, row: Real, taps: Real) -> _Outliers:
         white = signal.lfilter(taps, [1.0], row)
         return cls(row, taps, white, np.convolve(white, taps[::-1])[taps.size - 1 :] / float(taps @ taps))
+
+    def furthest(self) -> int:
+        """Return the sample that is furthest off, of those with a past and a future: a rig does much where it begins."""
+        order = self.taps.size - 1
+        return order + int(np.argmax(np.abs(self.off[order : self.row.size - order])))
 
     def take(self, i: int) -> float:
         """Take the error of a sample out of the row, and return it."""

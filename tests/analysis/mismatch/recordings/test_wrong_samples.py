@@ -153,6 +153,13 @@ def test_in_slow_noise_a_wrong_sample_is_found_by_what_its_neighbours_lead_to_ex
     assert np.sqrt(np.mean(np.square(found))) < 0.15 / np.sqrt(1 + a**2)  # its weights are estimated
 
 
+@pytest.mark.parametrize("sample", [0, 15, 1999])
+def test_where_a_recording_begins_and_ends_nothing_is_put_right(sample: int) -> None:
+    row = np.random.default_rng(9).standard_normal(2000)
+    row[sample] += 25.0
+    assert _taken_out(row, np.ones(2000, np.bool_), 0, 1e-6, 1e-9) == []
+
+
 def test_wrong_samples_may_come_whenever_but_not_where_motion_is_large() -> None:
     (found,) = without_wrong_samples(fitted(driven(_with_glitches(normal(6)))))
     shown = driven(normal(6)).data[1:]

@@ -93,7 +93,7 @@ class _Outliers:
         return cls(row, taps, white, np.convolve(white, taps[::-1])[taps.size - 1 :] / float(taps @ taps))
 
     def furthest(self) -> int:
-        """Return the sample that is furthest off, of those with a past and a future: a rig does much where it begins."""
+        """Return the sample that is furthest off, of those with a past and a future: decays begin at once."""
         order = self.taps.size - 1
         return order + int(np.argmax(np.abs(self.off[order : self.row.size - order])))
 

@@ -153,7 +153,7 @@ def _held_out(answer: Answer) -> list[tuple[str, float, float | None, float | No
     segments = f"{fit.heldout_segments} of {fit.segments} segments"
     rows = [(segments, fit.heldout_rms_before, fit.heldout_rms_after, float(fit.noise_rms) or None, fit.unit)]
     for c in fit.channels if len(fit.channels) > 1 else ():
-        what = f"channel {c.channel}, {c.heldout_over_noise:.3g} times noise in what cannot be predicted"
+        what = f"channel {c.channel}: what cannot be predicted is {c.heldout_over_noise:.3g} times as large as noise"
         rows.append((what, c.heldout_rms_before, c.heldout_rms_after, c.noise_rms, c.unit))
     rows += [(name, before, after, None, fit.unit) for name, (before, after) in fit.stretches.items()]
     if fit.steady_error is not None:

@@ -104,7 +104,7 @@ def _verdict(answer: Answer) -> str:
             f"{begin} with its constants refitted explains {recorded}, but the load cell drifted between its "
             f"calibrations ({chance}): the loads are in doubt."
         )
-    names = " and ".join(_name(m) for m in answer.mechanisms)
+    names = " and ".join(_name(m, answer.rig) for m in answer.mechanisms)
     sure = min(m.probability for m in answer.mechanisms)
     said = f"{begin} does not explain {recorded} ({chance}); it leaves out {names}, with a probability of {sure:.2f}."
     return " ".join([said, _what_remains(answer), *_constants_in_doubt(answer)])
@@ -141,9 +141,9 @@ def _constants_in_doubt(answer: Answer) -> list[str]:
     return [f"{said}, and {stiffness} may then be wrong by far more than their intervals."]
 
 
-def _name(m: Named) -> str:
+def _name(m: Named, rig: str) -> str:
     if not m.learned:
-        return words(m.id)
+        return words(m.id) if rig == TESTER or not m.element else f"{words(m.id)} ({m.element})"
     what = "a law" if m.law is None else KINDS[m.law.kind]
     return f"{what} that no mechanism listed has, learned from these recordings ({m.element or m.where})"
 
@@ -198,7 +198,9 @@ def print_answer(answer: Answer, console: Console) -> None:
     for m in answer.mechanisms:
         _print_mechanism(m, console)
     if answer.location is not None:
-        console.print(f"  where: {escape(answer.location.component)}; {escape(answer.location.why)}")
+        element = answer.location.element
+        which = f": {element}" if element not in (None, answer.location.component) else ""
+        console.print(f"  where: {escape(answer.location.component + which)}; {escape(answer.location.why)}")
     if answer.verdict in ("missing_physics", "new_physics"):
         console.print(f"  left over: {escape(answer.remainder.statement)}")
         all_there_is = answer.complete_probability
@@ -207,6 +209,8 @@ def print_answer(answer: Answer, console: Console) -> None:
     _print_held_out(answer, console)
     if answer.rivals:
         console.print(_rivals(answer))
+        if said := unlisted_words(answer):
+            console.print(f"  {said}")
     else:
         console.print(f"  {no_rival(answer)}")
     if answer.upper_limits:
@@ -242,13 +246,13 @@ def _print_held_out(answer: Answer, console: Console) -> None:
     after = "" if fit.heldout_rms_after is None else f", with what was left out {fit.heldout_rms_after:.5g}"
     console.print(
         f"  {fit.heldout_segments} held-out segments: rms {fit.heldout_rms_before:.5g} {of} by "
-        f"{linear_rig(answer)}{after}; noise {fit.noise_rms:.5g}"
+        f"{linear_rig(answer)} with its constants refitted{after}; noise {fit.noise_rms:.5g}"
     )
     for c in fit.channels:
         then = "" if c.heldout_rms_after is None else f", then {c.heldout_rms_after:.4g}"
         console.print(
             f"    {escape(c.channel)}: {c.heldout_rms_before:.4g}{then} {escape(unit(c.unit))}; "
-            f"noise {c.noise_rms:.4g}; {c.heldout_over_noise:.3g} times noise in what cannot be predicted"
+            f"noise {c.noise_rms:.4g}; what cannot be predicted is {c.heldout_over_noise:.3g} times as large as noise"
         )
     for name, (before, later) in fit.stretches.items():
         then = "" if later is None else f", then {later:.4g}"
@@ -275,10 +279,19 @@ def rival_probability(answer: Answer) -> str:
         )
     if answer.verdict == "unexplained":
         return "Probability: that this is at work and nothing else is beside it."
-    return (
+    said = (
         "Probability: that this is at work instead of what is named, where the other listed mechanisms, a force "
         "without a name and causes that are not listed are weighed too."
     )
+    return f"{said} {unlisted_words(answer)}".rstrip()
+
+
+def unlisted_words(answer: Answer) -> str:
+    """Say which probability is left for what is not listed, where a mechanism by itself is named and that is much."""
+    if answer.verdict != "missing_physics" or len(answer.mechanisms) != 1:
+        return ""
+    rest = 1 - answer.mechanisms[0].probability - sum(r.probability for r in answer.rivals)
+    return "" if rest < HUNDREDTH else f"The rest of the probability, {rest:.2f}, is for causes that are not listed."
 
 
 def no_rival(answer: Answer) -> str:

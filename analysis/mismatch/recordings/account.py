@@ -263,9 +263,10 @@ class BlockAccount(Account[SimulatedFit]):
         channels = tuple(n for n, s in zip(seen, shares, strict=False) if s > SEEN * shares.max())
         if named:
             element, component = named[0].element, named[0].where
-            left = mean_of(not_held_out(best)) / mean_of(not_held_out(base))
-            explained = 1 - max(left, self.selection.left.share)
-            what = f"what is named explains {min(100 * explained, 99.99):.4g} % of it"
+            left, rest = mean_of(not_held_out(best)) / mean_of(not_held_out(base)), self.selection.left
+            all_of_it = rest.p_value >= self.judge.problem.policy.level
+            explained = f"{min(100 * (1 - max(left, rest.share)), 99.99):.4g} % of it"
+            what = f"what is named explains {'all of it beyond noise' if all_of_it else explained}"
         else:
             element, component = self._suspected(self.selection.screening)
             what = "nothing listed explains it" + not_tried(self.judge, element)
@@ -324,8 +325,13 @@ class BlockAccount(Account[SimulatedFit]):
     def fitted(self) -> FittedRig | None:
         """Return the rig as fitted."""
         units = {p.name: p.unit for p in self.judge.problem.arrangement.parameters}
+        offsets = {s.offset: s.unit for s in self.described.seen}
         best, values = self.selection.best, self.selection.best.values
         left = left_open_beside(self.described, best.arrangement)
         found = constant_intervals(best) | dict.fromkeys(left, (-math.inf, math.inf))
-        known = {k: Interval(v, *found.get(k, (v, v)), self.unit(units[k])) for k, v in values.items() if k in units}
+        known = {
+            k: Interval(v, *found.get(k, (v, v)), offsets.get(k) or self.unit(units[k]))
+            for k, v in values.items()
+            if k in units
+        }
         return FittedRig(known, off=far_off(values, self.described.arrangement.parameters))

@@ -10,7 +10,15 @@ from rich.console import Console
 
 from analysis.mismatch.answer import Interval, NextExperiment, Remainder, Rival, SetAside, UpperLimit
 from mesotap.answers.diagnosis_json import diagnosis_json
-from mesotap.answers.diagnosis_text import left_over, next_words, print_answer, verdict_sentence, what_was_recorded
+from mesotap.answers.diagnosis_text import (
+    left_over,
+    next_words,
+    print_answer,
+    rival_probability,
+    unlisted_words,
+    verdict_sentence,
+    what_was_recorded,
+)
 from tests.mesotap.answers.made import ANSWER, HERE, LEARNED, NAMED
 
 LEFT = Remainder(0.03, 120.0, 1e-6, HERE, "3 % is left.")
@@ -169,3 +177,26 @@ def test_samples_that_were_put_right_are_told_in_words() -> None:
     answer = replace(ANSWER, set_aside=(SetAside("run.csv, channel x", "", "One sample, at 1.5 s."),))
     assert verdict_sentence(answer).endswith("Samples that are wrong by themselves are set aside.")
     assert "taps" not in verdict_sentence(answer)
+
+
+def test_of_a_described_rig_the_element_stands_beside_the_name_and_the_place() -> None:
+    shown = Console(file=io.StringIO(), width=200)
+    in_foot = replace(HERE, component="spring", element="foot")
+    beam = replace(
+        ANSWER, rig="beam", loads_n={}, location=in_foot, mechanisms=(replace(NAMED, where="spring", element="foot"),)
+    )
+    assert f"leaves out {NAMED.id.replace('_', ' ')} (foot), with" in verdict_sentence(beam)
+    print_answer(beam, shown)
+    assert "where: spring: foot; " in shown.file.getvalue()  # type: ignore[attr-defined]
+
+
+def test_the_probability_that_neither_name_nor_rivals_have_is_told() -> None:
+    capped = replace(
+        ANSWER,
+        mechanisms=(replace(NAMED, probability=0.8),),
+        rivals=(Rival(("hertz_stiffness",), 0.02, None, "It is worse."),),
+    )
+    assert unlisted_words(capped) == "The rest of the probability, 0.18, is for causes that are not listed."
+    assert unlisted_words(capped) in rival_probability(capped)
+    assert unlisted_words(replace(capped, mechanisms=(replace(NAMED, probability=0.98),))) == ""
+    assert unlisted_words(replace(capped, verdict="consistent")) == ""

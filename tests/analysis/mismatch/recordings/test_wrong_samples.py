@@ -185,7 +185,7 @@ def test_power_of_noise_with_tails_scatters_as_that_of_fewer_normal_samples(degr
 @pytest.mark.slow
 def test_beneath_a_law_a_wrong_sample_is_put_right_too() -> None:
     spring = parse_rig("bodies: {m: 1}\nsprings: [{between: [m, ground], damping: unknown}]\n"
-                       "sensors: [{channel: x, of: m, shows: displacement}]\n")  # fmt: skip
+                       "sensors: [{channel: x, of: m, shows: displacement, unit: mm}]\n")  # fmt: skip
     omega, hardening = 2 * np.pi * 12, 1.5e9
     states = motion(lambda u, x, v: -1.2 * v - omega**2 * x - hardening * x**3, [1e-3, 0.0], 1600, 120.0)
     noise = np.random.default_rng(8).standard_normal(1600)
@@ -198,3 +198,7 @@ def test_beneath_a_law_a_wrong_sample_is_put_right_too() -> None:
     assert cubic.low < hardening < cubic.high
     assert answer.remainder.p_value > 0.01
     assert len(answer.set_aside) == 1
+    assert answer.location is not None
+    assert "what is named explains all of it beyond noise" in answer.location.why
+    assert answer.fitted is not None
+    assert answer.fitted.constants["offset of sensor 1"].unit == "mm"

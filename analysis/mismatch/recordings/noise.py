@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.fft import next_fast_len
 
+from analysis.mismatch.recordings.outliers import NORMAL_MEDIAN
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, UNUSED, Recorded, level
 from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.arrays import Complex, Real
@@ -26,7 +27,6 @@ PIECES: Final = 8  # of an input
 BANDS: Final = 16  # of its spectrum
 QUIET: Final = 4  # one of so many of them is quiet enough to show the input's noise
 ALIKE: Final = 2.0  # times the power of the quietest, up to which others are as quiet: of 75 lines it scatters by 16 %
-NORMAL_MEDIAN: Final = 0.6745  # of the magnitude of normal noise, in standard deviations
 ROUNDING: Final = 1e-9  # of an input's largest value, below which what cannot be predicted is no noise
 MULTIPLE: Final = 1e-3  # of a quantum, by which a multiple of it may be off
 SELDOM: Final = 0.02  # share of samples with a step, of a staircase

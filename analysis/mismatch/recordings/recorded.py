@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from analysis.mismatch.recordings.thinning import RINGING, SPOILT, thinned
+from analysis.mismatch.policy import POLICY
+from analysis.mismatch.recordings.outliers import put_right_before_thinning
+from analysis.mismatch.recordings.thinning import RINGING, SPOILT, smoothed, thinned, thinning_factor
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.session import AnalysisError
 from daq.exchange import Recording
@@ -22,9 +24,6 @@ FIT, CHOOSE, HELD, UNUSED = 0, 1, 2, -1
 BLOCKS: Final = 24
 PARTS: Final = np.array([FIT, CHOOSE, FIT, HELD])  # of neighbouring blocks
 LONGEST_STRETCH = 20_000  # samples that are simulated in fitting; all of a recording is in the end
-PER_PERIOD = 10  # samples kept of the highest frequency
-FULL_BAND_ENERGY = 0.999999  # of what stands out of a recording's noise, below its highest frequency
-NOISE_LINES = 6.0  # times the noise's power, that a line of noise hardly reaches
 FILTER_ORDER = 4
 EDGE_PERIODS = 3.0  # of the band's width that a filter's edge takes
 SILENT: Final = 0.03  # of a decay's largest deflection: nothing has happened yet
@@ -34,10 +33,10 @@ FEWEST = 400  # samples that a recording must have
 
 @dataclass(frozen=True, slots=True)
 class WrongSample:
-    """A sample of a channel that was put right, and by how many times the noise (rms) it was off."""
+    """A sample of a channel that was put right: when it was taken, and by how many times the noise (rms) it was off."""
 
     channel: int
-    sample: int
+    time_s: float
     over_noise: float
 
 
@@ -142,6 +141,7 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
             f"{(last - first) / rate:.3g} s: its filter takes longer; give recording.band_hz in Hz, and wider"
         )
     band, edge, factor, rang = None, 0, 1, 0.0
+    wrong: tuple[WrongSample, ...] = ()
     if rig.drives:
         outputs, inputs = outputs[:, first:last], inputs[:, first:last]
     else:
@@ -150,7 +150,7 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
                 f"{source}: the band of {rig.name} ends at {rig.band_hz[1]:g} Hz, too close to half the rate of "
                 f"{rate:g} Hz"
             )
-        factor = min(_decimation_factor(outputs[:, first:last], rate, rig.band_hz), max((last - first) // FEWEST, 1))
+        outputs, factor, wrong = _put_right(outputs, rate, slice(first, last), rig.band_hz)
         # in what was sampled, as thinning out spreads what begins at once; in silence that was asked for, too
         silent = _silent_until(outputs[:, first:last])
         tapped, struck_s = rig.from_s is None or silent > 0, (first + silent) / rate
@@ -171,7 +171,8 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
         if outputs.shape[1] < FEWEST // 2 + 2 * edge:
             raise AnalysisError(f"{source}: too little is left of the recording after its largest deflection")
     rows = np.ascontiguousarray(outputs), np.ascontiguousarray(inputs)
-    return replace(_divided(source, (rate, first / rate), rows, (band, edge), rig), every=factor, rang_s=rang)
+    divided = _divided(source, (rate, first / rate), rows, (band, edge), rig)
+    return replace(divided, every=factor, rang_s=rang, wrong=wrong)
 
 
 def _relative_to_the_base(outputs: Real, inputs: Real, rig: DescribedRig) -> Real:
@@ -231,18 +232,17 @@ def _column(recording: Recording, channel: str | int) -> int:
     raise AnalysisError(f"{recording.source}: has no channel {channel}; it holds {', '.join(recording.names[:20])}")
 
 
-def _decimation_factor(outputs: Real, rate: float, band: tuple[float, float] | None) -> int:
-    """Return the factor by which the sampling rate may be divided."""
-    if band is not None:
-        highest = band[1]
-    else:
-        power = np.abs(np.fft.rfft((outputs - outputs.mean(axis=1, keepdims=True)) * np.hanning(outputs.shape[1]))) ** 2
-        # what is left in the upper half is noise, mean over median of a chi-squared of two degrees of freedom
-        floor = np.median(power[:, power.shape[1] // 2 :], axis=1, keepdims=True) / math.log(2)
-        grown = np.cumsum(np.maximum(power - NOISE_LINES * floor, 0.0), axis=1)
-        place = max(int(np.searchsorted(row, FULL_BAND_ENERGY * row[-1])) for row in grown)
-        highest = max(place, 1) * rate / outputs.shape[1]
-    return max(int(rate / (PER_PERIOD * highest)), 1)
+def _put_right(
+    outputs: Real, rate: float, at: slice, band: tuple[float, float] | None
+) -> tuple[Real, int, tuple[WrongSample, ...]]:
+    """Return channels (c, n) and by what they may be thinned out; if at all, without samples wrong by themselves."""
+    factor = thinning_factor(outputs[:, at], rate, band, FEWEST)
+    if factor == 1:
+        return outputs, 1, ()
+    begun = at.start + _free_from(smoothed(outputs[:, at], factor)) + RINGING * factor
+    outputs, odd = put_right_before_thinning(outputs, factor, slice(begun, at.stop), POLICY.level)
+    factor = thinning_factor(outputs[:, at], rate, band, FEWEST)  # in one wrong sample noise is lost
+    return outputs, factor, tuple(WrongSample(w.channel, w.sample / rate, w.over_noise) for w in odd)
 
 
 def _loudness(outputs: Real) -> Real:

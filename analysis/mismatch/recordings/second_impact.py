@@ -21,8 +21,9 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.impact_size import CLEAR, SAME_TO, Free, of_size_one
 from analysis.mismatch.recordings.model import residual
 from analysis.mismatch.recordings.motion import Own
-from analysis.mismatch.recordings.recorded import PER_PERIOD, Recorded
+from analysis.mismatch.recordings.recorded import Recorded
 from analysis.mismatch.recordings.signatures import noise_drawn
+from analysis.mismatch.recordings.thinning import PER_PERIOD
 from analysis.mismatch.score_test import Score
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import SecondImpact

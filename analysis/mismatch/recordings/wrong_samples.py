@@ -14,19 +14,18 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
-from scipy.stats import kstest, norm, poisson, rankdata
+from scipy.stats import norm
 
 from analysis.mismatch.answer import SetAside
 from analysis.mismatch.recordings.model import residual
-from analysis.mismatch.recordings.noise import NORMAL_MEDIAN, Whitening, floor_of
+from analysis.mismatch.recordings.noise import Whitening, floor_of
+from analysis.mismatch.recordings.outliers import MOST, NORMAL_MEDIAN, Outlier, by_themselves
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, WrongSample
 from sim_backend.arrays import Real
 
 if TYPE_CHECKING:
     from analysis.mismatch.recordings.fit import SimulatedFit
 
-CLOSE: Final = 3  # samples within which wrong ones are close to each other
-MOST: Final = 0.05  # of a channel's samples that may be wrong by themselves (errors of Student's t, 3 degrees: 0.008)
 PASSES: Final = 2  # in the first one the noise is known from a residual that holds the wrong samples
 
 
@@ -48,16 +47,16 @@ def _put_right(fitted: SimulatedFit, number: int) -> Recorded:
     for channel, row in enumerate(rows):
         found += _taken_out(row, used, channel, level / off.size, floor_of(recorded))
     shown = off + recorded.outputs[:, at] / recorded.unit[:, None]
-    if not found or not _by_themselves(found, shown, level) or not _as_good_as_noise(rows, used, fitted):
+    if not found or not by_themselves(found, shown, level) or not _as_good_as_noise(rows, used, fitted):
         return recorded
     outputs = recorded.outputs.copy()
     outputs[:, at] += (off - rows) * recorded.unit[:, None]
-    begun = at.start or 0
-    told = tuple(sorted((replace(w, sample=w.sample + begun) for w in found), key=lambda w: w.sample))
+    begun = recorded.start_s + (at.start or 0) / recorded.rate_hz
+    told = [WrongSample(w.channel, begun + w.sample / recorded.rate_hz, w.over_noise) for w in found]
     return replace(recorded, outputs=outputs, wrong=(*recorded.wrong, *told))
 
 
-def _taken_out(row: Real, used: NDArray[np.bool_], channel: int, chance: float, floor: float) -> list[WrongSample]:
+def _taken_out(row: Real, used: NDArray[np.bool_], channel: int, chance: float, floor: float) -> list[Outlier]:
     """Take samples that are off by more than noise is by ``chance`` out of a residual (n,), the furthest first."""
     found: dict[int, float] = {}
     limit, error = float(norm.isf(chance / 2)), 0.0
@@ -72,7 +71,7 @@ def _taken_out(row: Real, used: NDArray[np.bool_], channel: int, chance: float, 
             if not abs(outliers.off[i]) > limit * error > 0:
                 break
             found[i] = found.get(i, 0.0) + outliers.take(i)
-    return [WrongSample(channel, i, abs(size) / max(error, 1e-300)) for i, size in found.items()]
+    return [Outlier(channel, i, size, abs(size) / max(error, 1e-300)) for i, size in found.items()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,24 +108,6 @@ class _Outliers:
         return size
 
 
-def _by_themselves(found: Sequence[WrongSample], shown: Real, level: float) -> bool:
-    """Whether wrong samples are few, lie as far from each other as by chance, and come whatever the rig does.
-
-    What a rig does lasts, and shows in several channels; what clips, jumps or hits does so where motion is large, turns
-    about or is fast.
-    """
-    channels, n = shown.shape
-    if len(found) > MOST * n * channels:
-        return False
-    times = np.sort([w.sample for w in found])
-    pairs = int(np.sum(np.searchsorted(times, times + CLOSE, "right") - np.arange(times.size) - 1))
-    by_chance = times.size * (times.size - 1) / 2 * (2 * CLOSE + 1) / n
-    if pairs and poisson.sf(pairs - 1, by_chance) < level:
-        return False
-    ranks = [rankdata(np.abs(row - row.mean())) / n for row in shown]
-    return float(kstest([ranks[w.channel][w.sample] for w in found], "uniform").pvalue) > level
-
-
 def _as_good_as_noise(rows: Real, used: NDArray[np.bool_], fitted: SimulatedFit) -> bool:
     """Whether a residual (c, n) is hardly more than what cannot be predicted of it."""
     floor = floor_of(fitted.problem.recordings[0])
@@ -143,7 +124,7 @@ def set_aside(recordings: Sequence[Recorded], channels: Sequence[str]) -> tuple[
             wrong = [w for w in recorded.wrong if w.channel == number]
             if wrong:
                 worst = max(wrong, key=lambda w: w.over_noise)
-                time = f"{recorded.start_s + worst.sample / recorded.rate_hz:.6g} s"
+                time = f"{worst.time_s:.6g} s"
                 which = f"One sample, at {time}," if len(wrong) == 1 else f"{len(wrong)} samples, the worst at {time},"
                 said = (
                     f"{which} {recorded.source}, channel {channel}: off by {worst.over_noise:.3g} times the noise and "

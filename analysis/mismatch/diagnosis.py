@@ -91,9 +91,8 @@ def diagnose(
         if learn and _described_rightly(BlockAccount(found)):
             found = _with_learned_of_any(found, others)
         on_progress("comparing with what was held out")
-        account = BlockAccount(found)
-        put_right = set_aside(account.judge.problem.recordings, [str(s.channel) for s in account.described.seen])
-        return Diagnosis(replace(answer_of(account, recordings), set_aside=put_right), found)
+        answer = answer_of(BlockAccount(found), recordings)
+        return Diagnosis(replace(answer, set_aside=set_aside(found.best)), found)
 
 
 def _with_learned_of_any(

@@ -84,7 +84,7 @@ class BlockJudge(Judge[SimulatedFit]):
 
     def without_wrong_samples(self, beneath: SimulatedFit) -> BlockJudge:
         """Return a judge of the recordings without samples that are wrong beneath a fit; itself where none is."""
-        recordings = without_wrong_samples(beneath)
+        recordings = without_wrong_samples(beneath, told=True)
         if all(new is old for new, old in zip(recordings, self.problem.recordings, strict=True)):
             return self
         problem = replace(self.problem, recordings=recordings)

@@ -28,7 +28,7 @@ class Outlier:
     over_noise: float
 
 
-def by_themselves(found: Sequence[Outlier], shown: Real, level: float) -> bool:
+def by_themselves(found: Sequence[Outlier], shown: Real, level: float, anywhere: bool = False) -> bool:
     """Whether wrong samples are few, lie as far from each other as by chance, and come whatever the rig does.
 
     What a rig does lasts, and shows in several channels; what clips, jumps or hits does so where motion is large, turns
@@ -39,7 +39,9 @@ def by_themselves(found: Sequence[Outlier], shown: Real, level: float) -> bool:
     shown
         (c, n) what the rig does.
     level
-        p-value from which on chance has not done it.
+        p-value from which on chance has done it.
+    anywhere
+        Whether it does not matter where motion is large.
     """
     channels, n = shown.shape
     if len(found) > MOST * n * channels:
@@ -49,6 +51,8 @@ def by_themselves(found: Sequence[Outlier], shown: Real, level: float) -> bool:
     by_chance = times.size * (times.size - 1) / 2 * (2 * CLOSE + 1) / n
     if pairs and poisson.sf(pairs - 1, by_chance) < level:
         return False
+    if anywhere:
+        return True
     ranks = [rankdata(np.abs(row - row.mean())) / n for row in shown]
     return float(kstest([ranks[w.channel][w.sample] for w in found], "uniform").pvalue) > level
 

@@ -24,7 +24,8 @@ def select_for_recordings(judge: BlockJudge, put_right: bool = False) -> tuple[S
     named, it is made again once these are ``put_right``.
     """
     found = select(judge, screened_baseline(judge))
-    right = judge if put_right else judge.without_wrong_samples(found.best)
+    beneath = found.baseline if found.chosen is None else found.best
+    right = judge if put_right else judge.without_wrong_samples(beneath)
     if right is not judge:
         return select_for_recordings(right, put_right=True)
     if found.chosen is None:

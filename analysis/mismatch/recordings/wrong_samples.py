@@ -7,37 +7,41 @@ Roy. Stat. Soc. B 34 (1972) 350; found one after another as by Chang, Tiao and C
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy import signal
 from scipy.stats import norm
 
 from analysis.mismatch.answer import SetAside
 from analysis.mismatch.recordings.model import residual
 from analysis.mismatch.recordings.noise import Whitening, floor_of
-from analysis.mismatch.recordings.outliers import MOST, NORMAL_MEDIAN, Outlier, by_themselves
+from analysis.mismatch.recordings.outliers import CLOSE, MOST, NORMAL_MEDIAN, Outlier, by_themselves
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, WrongSample
 from sim_backend.arrays import Real
 
 if TYPE_CHECKING:
     from analysis.mismatch.recordings.fit import SimulatedFit
 
+FEW: Final = 2  # wrong samples of a recording that may lie anywhere, once all mechanisms have been told from them
+NAMED: Final = 5  # of them, whose times are told
 PASSES: Final = 2  # in the first one the noise is known from a residual that holds the wrong samples
 
 
-def without_wrong_samples(fitted: SimulatedFit) -> tuple[Recorded, ...]:
+def without_wrong_samples(fitted: SimulatedFit, told: bool = False) -> tuple[Recorded, ...]:
     """Return the recordings of a fit that leaves noise but for single samples, with these put right; else as they are.
 
-    Where a fit leaves more than noise, what is odd in a sample may be the rig.
+    Where a fit leaves more than noise, what is odd in a sample may be the rig. Where motion is large one or two may be
+    the rig, too, until all mechanisms have been ``told`` from them.
     """
-    return tuple(_put_right(fitted, number) for number in range(len(fitted.own)))
+    return tuple(_put_right(fitted, number, told) for number in range(len(fitted.own)))
 
 
-def _put_right(fitted: SimulatedFit, number: int) -> Recorded:
+def _put_right(fitted: SimulatedFit, number: int, told: bool) -> Recorded:
     recorded, level = fitted.problem.recordings[number], fitted.problem.policy.level
     if recorded.band is not None:
         return recorded  # a filter has spread what was wrong
@@ -45,66 +49,83 @@ def _put_right(fitted: SimulatedFit, number: int) -> Recorded:
     used = np.isin(recorded.part[at], (FIT, CHOOSE))
     rows, found = off.copy(), []
     for channel, row in enumerate(rows):
-        found += _taken_out(row, used, channel, level / off.size, floor_of(recorded))
+        found += _taken_out(row, used, channel, level / off.size, recorded)
     shown = off + recorded.outputs[:, at] / recorded.unit[:, None]
-    if not found or not by_themselves(found, shown, level) or not _as_good_as_noise(rows, used, fitted):
+    anywhere = told and len(found) <= FEW
+    if not found or not by_themselves(found, shown, level, anywhere) or not _as_good_as_noise(rows, used, fitted):
         return recorded
     outputs = recorded.outputs.copy()
     outputs[:, at] += (off - rows) * recorded.unit[:, None]
     begun = recorded.start_s + (at.start or 0) / recorded.rate_hz
-    told = [WrongSample(w.channel, begun + w.sample / recorded.rate_hz, w.over_noise) for w in found]
-    return replace(recorded, outputs=outputs, wrong=(*recorded.wrong, *told))
+    wrong = [WrongSample(w.channel, begun + w.sample / recorded.rate_hz, w.over_noise) for w in found]
+    return replace(recorded, outputs=outputs, wrong=(*recorded.wrong, *wrong))
 
 
-def _taken_out(row: Real, used: NDArray[np.bool_], channel: int, chance: float, floor: float) -> list[Outlier]:
+def _taken_out(row: Real, used: NDArray[np.bool_], channel: int, chance: float, recorded: Recorded) -> list[Outlier]:
     """Take samples that are off by more than noise is by ``chance`` out of a residual (n,), the furthest first."""
     found: dict[int, float] = {}
     limit, error = float(norm.isf(chance / 2)), 0.0
     for _ in range(PASSES):
-        whitening = Whitening.of(row[None], used, floor)
-        outliers = _Outliers.of(row, whitening.taps[0, 0] / whitening.noise[0])
-        error = float(np.median(np.abs(outliers.off[used]))) / NORMAL_MEDIAN
+        outliers = _Outliers.of(row, Whitening.of(row[None], used, floor_of(recorded)))
+        if recorded.free:
+            outliers.power[: 2 * outliers.pulses.shape[1]] = np.inf  # where a decay begins a rig does much
+        error = float(np.median(np.abs(outliers.score()[used]))) / NORMAL_MEDIAN
         for i in found:
             found[i] += outliers.take(i)
         while len(found) <= MOST * row.size:
-            i = outliers.furthest()
-            if not abs(outliers.off[i]) > limit * error > 0:
+            score = np.abs(outliers.score())
+            i = int(np.argmax(score))
+            if not score[i] > limit * error > 0:
                 break
             found[i] = found.get(i, 0.0) + outliers.take(i)
-    return [Outlier(channel, i, size, abs(size) / max(error, 1e-300)) for i, size in found.items()]
+    return [Outlier(channel, i, size, abs(size) * math.sqrt(outliers.power[i]) / error) for i, size in found.items()]
 
 
 @dataclass(frozen=True, slots=True)
 class _Outliers:
-    """By how much each sample of a row (n,) is off what an autoregression (``taps``) leads to expect of both sides.
+    """By how much each sample of a row (n,) is off what an autoregression leads to expect from both sides.
 
-    ``white`` (n,) is what the past alone does not foretell, ``off`` (n,) the likeliest error of each sample by itself.
+    Attributes
+    ----------
+    white
+        (n + order,) what the past does not foretell, and zeros.
+    pulses
+        (n, order + 1) what a unit of error in a sample makes of it and of those that follow in that.
+    seen, power
+        (n,) their products with it, and with themselves: the ratio is the likeliest error.
     """
 
     row: Real
-    taps: Real
     white: Real
-    off: Real
+    pulses: Real
+    seen: Real
+    power: Real
 
     @classmethod
-    def of(cls, row: Real, taps: Real) -> _Outliers:
-        white = signal.lfilter(taps, [1.0], row)
-        return cls(row, taps, white, np.convolve(white, taps[::-1])[taps.size - 1 :] / float(taps @ taps))
+    def of(cls, row: Real, whitening: Whitening) -> _Outliers:
+        taps = whitening.taps[0, 0] / whitening.noise[0]
+        order = taps.size - 1
+        pulses = np.tile(taps, (row.size, 1))
+        begun = whitening(np.eye(order, 3 * order)[:, None])[:, 0]
+        for i in range(order):
+            pulses[i] = begun[i, i : i + order + 1]
+            pulses[row.size - 1 - i, i + 1 :] = 0.0
+        white = np.append(whitening(row[None])[0], np.zeros(order))
+        seen = np.einsum("nk,nk->n", pulses, sliding_window_view(white, order + 1))
+        return cls(row, white, pulses, seen, np.einsum("nk,nk->n", pulses, pulses))
 
-    def furthest(self) -> int:
-        """Return the sample that is furthest off, of those with a past and a future: decays begin at once."""
-        order = self.taps.size - 1
-        return order + int(np.argmax(np.abs(self.off[order : self.row.size - order])))
+    def score(self) -> Real:
+        """Return (n,) the likeliest errors in standard errors of noise whitened to an rms of one."""
+        return np.asarray(self.seen / np.sqrt(self.power), np.float64)
 
     def take(self, i: int) -> float:
         """Take the error of a sample out of the row, and return it."""
-        size, order = float(self.off[i]), self.taps.size - 1
+        size, order = float(self.seen[i] / self.power[i]), self.pulses.shape[1] - 1
         self.row[i] -= size
-        after = self.white[i : i + order + 1]
-        after -= size * self.taps[: after.size]
-        first, last = max(i - order, 0), min(i + order + 1, self.row.size)
-        seen = np.append(self.white[first : last + order], np.zeros(order))[: last - first + order]
-        self.off[first:last] = np.correlate(seen, self.taps, "valid") / float(self.taps @ self.taps)
+        self.white[i : i + order + 1] -= size * self.pulses[i]
+        near = slice(max(i - order, 0), min(i + order + 1, self.row.size))
+        after = sliding_window_view(self.white[near.start : near.stop + order], order + 1)
+        self.seen[near] = np.einsum("nk,nk->n", self.pulses[near], after)
         return size
 
 
@@ -116,20 +137,33 @@ def _as_good_as_noise(rows: Real, used: NDArray[np.bool_], fitted: SimulatedFit)
     return bool(np.mean(over) < fitted.problem.policy.unlike_noise)
 
 
-def set_aside(recordings: Sequence[Recorded], channels: Sequence[str]) -> tuple[SetAside, ...]:
-    """Return what is said of the samples of recordings that were put right, by recording and channel."""
+def set_aside(fitted: SimulatedFit) -> tuple[SetAside, ...]:
+    """Return what is said of the samples that were put right, by recording and channel.
+
+    What an impact that is named shows as it strikes is no motion of the rig either; that is not told.
+    """
     found = []
-    for recorded in recordings:
-        for number, channel in enumerate(channels):
-            wrong = [w for w in recorded.wrong if w.channel == number]
+    for recorded, own in zip(fitted.problem.recordings, fitted.own, strict=True):
+        struck = [recorded.start_s + float(t) for t in own.impact[:1]]
+        beside = (CLOSE + 1) / recorded.rate_hz
+        for number, seen in enumerate(fitted.problem.rig.seen):
+            wrong = [w for w in recorded.wrong if w.channel == number and not _beside(w.time_s, struck, beside)]
             if wrong:
-                worst = max(wrong, key=lambda w: w.over_noise)
-                time = f"{worst.time_s:.6g} s"
-                which = f"One sample, at {time}," if len(wrong) == 1 else f"{len(wrong)} samples, the worst at {time},"
-                said = (
-                    f"{which} {recorded.source}, channel {channel}: off by {worst.over_noise:.3g} times the noise and "
-                    "right again in the next sample. No motion does that; the rest of the recording tells what would "
-                    "stand there."
-                )
-                found.append(SetAside(f"{recorded.source}, channel {channel}", "", said))
+                name = f"{recorded.source}, channel {seen.channel}"
+                found.append(SetAside(name, "", f"{name}: {_told(wrong)}"))
     return tuple(found)
+
+
+def _beside(time_s: float, others: Sequence[float], within: float) -> bool:
+    return any(abs(time_s - other) <= within for other in others)
+
+
+def _told(wrong: Sequence[WrongSample]) -> str:
+    """Say how many samples of a channel were wrong, when and by how much, and what may have made them so."""
+    worst = sorted(wrong, key=lambda w: -w.over_noise)[:NAMED]
+    times = ", ".join(f"{w.time_s:.6g} s ({w.over_noise:.3g} times the noise)" for w in worst)
+    if len(wrong) == 1:
+        return f"one sample is off and the next one right again, at {times}. No motion does that: a wrong sample."
+    which = "the worst at" if len(wrong) > NAMED else "at"
+    tails = "wrong samples, or noise with far tails" if len(wrong) > NAMED else "wrong samples"
+    return f"{len(wrong)} samples are off and the next ones right again, {which} {times}. No motion does that: {tails}."

@@ -17,6 +17,7 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.blocks import (
+    as_noise,
     chooses_no_worse,
     likelihood_ratio,
     mean_of,
@@ -260,7 +261,7 @@ class BlockJudge(Judge[SimulatedFit]):
         """Whether choosing blocks got better by more than chance, and by enough of what the linear rig missed.
 
         Where hardly anything but noise is left then, it is enough that all blocks together got better by more than
-        chance, and the choosing ones not worse.
+        chance, and the choosing ones not worse; where there was hardly anything but noise before, it is asked as well.
         """
         policy, before, after = self.problem.policy, state.current.by_block(CHOOSE), candidate.losses
         base = state.steps[0].before.by_block(CHOOSE) if state.steps else before
@@ -273,12 +274,12 @@ class BlockJudge(Judge[SimulatedFit]):
             left = self.screen(candidate.fit, self._further(candidate.fit))
             if left.p_value >= policy.level or left.unexplained < policy.left_over_blocks * candidate.evidence:
                 return True
-        if gained <= 0 or gained < policy.least_share * missed:
+        by_chance = as_noise(state.current) and candidate.evidence <= by_more
+        if gained <= max(policy.least_share * missed, 0.0) or by_chance:
             return False
         change = np.log(np.array(before) / np.array(after))
-        spread = float(np.std(change, ddof=1)) / math.sqrt(change.size)
-        by_chance = float(student.sf(float(np.mean(change)) / max(spread, 1e-300), change.size - 1))
-        return chosen > by_more or by_chance < policy.chance
+        spread = max(float(np.std(change, ddof=1)) / math.sqrt(change.size), 1e-300)
+        return chosen > by_more or float(student.sf(float(np.mean(change)) / spread, change.size - 1)) < policy.chance
 
     def _further(self, beside: SimulatedFit) -> list[Mechanism]:
         """Return what may be at work beside a fit: one second impact, and of one decay nothing that goes with time."""

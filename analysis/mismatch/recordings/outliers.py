@@ -17,6 +17,8 @@ NORMAL_MEDIAN: Final = 0.6745  # of the magnitude of normal noise, in standard d
 CLOSE: Final = 3  # samples within which wrong ones are close to each other
 MOST: Final = 0.05  # of a channel's samples that may be wrong by themselves (errors of Student's t, 3 degrees: 0.008)
 
+MOST_BEFORE: Final = 2000  # samples of a recording that are put right before it is thinned out: more take long to find
+
 
 @dataclass(frozen=True, slots=True)
 class Outlier:
@@ -74,7 +76,7 @@ def put_right_before_thinning(rows: Real, factor: int, region: slice, level: flo
     taken[middle] += 1.0
     for channel, (row, beyond) in enumerate(zip(right, rows - smoothed(rows, factor), strict=True)):
         error = float(np.median(np.abs(beyond[edge]))) / NORMAL_MEDIAN
-        while len(found) <= MOST * count:
+        while len(found) < min(MOST * count, MOST_BEFORE):
             i = edge.start + int(np.argmax(np.abs(beyond[edge])))
             if not abs(beyond[i]) > limit * error > 0:
                 break
@@ -84,6 +86,6 @@ def put_right_before_thinning(rows: Real, factor: int, region: slice, level: flo
             beyond[seen] -= size * taken[seen.start - i + middle : seen.stop - i + middle]
             noise = error / math.sqrt(float(taken @ taken))
             found.append(Outlier(channel, i - edge.start, size, abs(size) / noise))
-    if not found or not by_themselves(found, right[:, edge], level):
+    if not 0 < len(found) < MOST_BEFORE or not by_themselves(found, right[:, edge], level):
         return rows, []
     return right, [Outlier(w.channel, w.sample + edge.start, w.size, w.over_noise) for w in found]

@@ -48,6 +48,8 @@ def _put_right(fitted: SimulatedFit, number: int, told: bool) -> Recorded:
     off, at = residual(fitted.simulation, fitted.x, fitted.own[number], number, samples=recorded.samples)
     used = np.isin(recorded.part[at], (FIT, CHOOSE))
     rows, found = off.copy(), []
+    if not _as_good_as_noise(rows, used, fitted):
+        return recorded
     for channel, row in enumerate(rows):
         found += _taken_out(row, used, channel, level / off.size, recorded)
     shown = off + recorded.outputs[:, at] / recorded.unit[:, None]

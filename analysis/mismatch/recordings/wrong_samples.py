@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 FEW: Final = 2  # wrong samples of a recording that may lie anywhere, once all mechanisms have been told from them
 NAMED: Final = 5  # of them, whose times are told
+SHORT_BLOW: Final = " A blow shorter than the time between samples would show so in an acceleration, and then ring."
 PASSES: Final = 2  # in the first one the noise is known from a residual that holds the wrong samples
 
 
@@ -149,10 +150,11 @@ def set_aside(fitted: SimulatedFit) -> tuple[SetAside, ...]:
         struck = [recorded.start_s + float(t) for t in own.impact[:1]]
         beside = (CLOSE + 1) / recorded.rate_hz
         for number, seen in enumerate(fitted.problem.rig.seen):
+            blow = SHORT_BLOW if seen.sensor.quantity == "acceleration" else ""
             wrong = [w for w in recorded.wrong if w.channel == number and not _beside(w.time_s, struck, beside)]
             if wrong:
                 name = f"{recorded.source}, channel {seen.channel}"
-                found.append(SetAside(name, "", f"{name}: {_told(wrong)}"))
+                found.append(SetAside(name, "", f"{name}: {_told(wrong)}{blow}"))
     return tuple(found)
 
 

@@ -181,6 +181,7 @@ def test_what_an_impact_shows_as_it_strikes_is_not_told_as_a_wrong_sample() -> N
     recorded = replace(found.problem.recordings[0], wrong=wrong)
     found = replace(found, problem=replace(found.problem, recordings=(recorded,)))
     assert "2 samples are off" in set_aside(found)[0].statement
+    assert "blow" not in set_aside(found)[0].statement
     struck = replace(found, own=(replace(found.own[0], impact=np.array([2.4990, 1.0])),))
     assert "one sample is off and the next one right again, at 1 s" in set_aside(struck)[0].statement
 

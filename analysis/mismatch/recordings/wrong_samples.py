@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -154,7 +155,7 @@ def set_aside(fitted: SimulatedFit) -> tuple[SetAside, ...]:
             wrong = [w for w in recorded.wrong if w.channel == number and not _beside(w.time_s, struck, beside)]
             if wrong:
                 name = f"{recorded.source}, channel {seen.channel}"
-                found.append(SetAside(name, "", f"{name}: {_told(wrong)}{blow}"))
+                found.append(SetAside(name, "", f"{Path(name).name}: {_told(wrong)}{blow}"))
     return tuple(found)
 
 

@@ -19,7 +19,10 @@ from analysis.mismatch.recordings.blocks import (
     untold_words,
 )
 from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
+from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, prepare
+from analysis.mismatch.score_test import Score
+from analysis.mismatch.selection import Candidate, State
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.mechanisms.catalogue import family
@@ -125,3 +128,14 @@ def test_choosing_blocks_refuse_by_chance_in_one_of_a_hundred() -> None:
 def test_what_noise_hides_where_it_was_held_out_is_said() -> None:
     linear, bent = with_and_without(1e5, 1)
     assert "noise hides" in untold_words(linear, bent)
+
+
+@pytest.mark.parametrize(("evidence", "accepted"), [(1.5, False), (30.0, True)])
+def test_where_only_noise_is_missed_better_blocks_are_not_enough(evidence: float, accepted: bool) -> None:
+    linear, bent = with_and_without(0.0, 1)
+    judge = BlockJudge(linear.problem, [])
+    screening = judge.screen(linear)
+    better = tuple(share * loss for share, loss in zip((0.90, 0.91, 0.89) * 2, linear.by_block(CHOOSE), strict=True))
+    candidate = Candidate(Score(bent.terms[0], 0.0, 1, 0.0, 1.0), bent, evidence, losses=better)
+    found, _ = judge.accepts(State(linear, screening), [candidate])
+    assert (found is candidate) == accepted

@@ -178,9 +178,11 @@ def test_wrong_samples_may_come_whenever_but_not_where_motion_is_large() -> None
 def test_what_an_impact_shows_as_it_strikes_is_not_told_as_a_wrong_sample() -> None:
     found = fitted(driven(normal(12)))
     wrong = tuple(WrongSample(0, time_s, 20.0) for time_s in (1.0, 2.5))
-    recorded = replace(found.problem.recordings[0], wrong=wrong)
+    recorded = replace(found.problem.recordings[0], wrong=wrong, source="folder/driven.csv")
     found = replace(found, problem=replace(found.problem, recordings=(recorded,)))
     assert "2 samples are off" in set_aside(found)[0].statement
+    assert set_aside(found)[0].name == "folder/driven.csv, channel a"
+    assert set_aside(found)[0].statement.startswith("driven.csv, channel a: ")
     assert "blow" not in set_aside(found)[0].statement
     struck = replace(found, own=(replace(found.own[0], impact=np.array([2.4990, 1.0])),))
     assert "one sample is off and the next one right again, at 1 s" in set_aside(struck)[0].statement

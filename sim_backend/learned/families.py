@@ -34,7 +34,7 @@ from sim_backend.learned.forms import (
 )
 from sim_backend.mechanisms import attached_mass
 from sim_backend.mechanisms.kinds import ChannelDistortion, Mechanism, Quantity, Real, Scale, Values
-from sim_backend.mechanisms.places import each_channel, last_of_alike
+from sim_backend.mechanisms.places import channels_that_differ, each_channel
 
 BEND, WAY, PLAY, FALLING, FALLING_RATE = "bend", "way", "play", "falling_share", "falling_rate"
 REACH, CORNER, ASYMMETRY, DAMPING_FORCE = "reach", "corner_exponent", "asymmetry", "damping_force_n"
@@ -262,7 +262,7 @@ def _clock(place: int) -> Form:
         trials=lambda scale: [{FORM: float(place), AHEAD: 1e-7}],
         statement=lambda values, where: f"The clock of {where} is slow by {1e6 * values[AHEAD]:.3g} ppm.",
         distort=distort,
-        at=last_of_alike,
+        at=channels_that_differ,
         one_signed=False,
     )
     return Form(

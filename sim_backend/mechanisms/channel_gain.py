@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sim_backend.mechanisms.kinds import ChannelDistortion, Derived, Quantity, Real, Values
-from sim_backend.mechanisms.places import last_of_alike
+from sim_backend.mechanisms.places import channels_that_differ
 
 NAME = "gain_error_of_b"
 
@@ -24,7 +24,7 @@ MECHANISM = ChannelDistortion(
     strength=NAME,
     trials=lambda scale: [{NAME: 1e-3}],
     distort=distort,
-    at=last_of_alike,
+    at=channels_that_differ,
     one_signed=False,
     statement=lambda values, name: (
         f"{name[:1].upper()}{name[1:]} reads {100 * values[NAME]:+.2g} % against the others: one sensor's sensitivity "

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from sim_backend.mechanisms.kinds import ChannelDistortion, Quantity, Real, Values
-from sim_backend.mechanisms.places import last_of_alike
+from sim_backend.mechanisms.places import channels_that_differ
 
 NAME = "delay_of_b_samples"
 TAPS = 11  # samples that an interpolation goes through
@@ -52,7 +52,7 @@ MECHANISM = ChannelDistortion(
     strength=NAME,
     trials=lambda scale: [{NAME: 1e-2}],
     distort=distort,
-    at=last_of_alike,
+    at=channels_that_differ,
     one_signed=False,
     statement=lambda values, name: (
         f"{name[:1].upper()}{name[1:]} is sampled {values[NAME]:.3g} samples later than the others."

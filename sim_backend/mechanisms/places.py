@@ -58,10 +58,15 @@ def channels_alike(rig: Arrangement) -> list[Place]:
     return [tuple(g) for g in groups.values()]
 
 
-def last_of_alike(rig: Arrangement) -> list[Place]:
-    """Return channels that can differ from others: the last of those that show the same, else each of several."""
-    groups = channels_alike(rig)
-    return [g[-1:] for g in groups] if len(rig.sensors) > 1 else []
+def channels_that_differ(rig: Arrangement) -> list[Place]:
+    """Return channels that can differ from the others: each of several.
+
+    Of a pair that shows the same, and that nothing else tells apart, the second.
+    """
+    if len(rig.sensors) < 2:
+        return []
+    pair = len(rig.sensors) == 2 and len(channels_alike(rig)) == 1 and not rig.inputs
+    return each_channel(rig)[1:] if pair else each_channel(rig)
 
 
 def each_channel(rig: Arrangement) -> list[Place]:

@@ -36,7 +36,7 @@ from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.made_ready import made_ready
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
 from analysis.mismatch.recordings.otherwise import constant_explains, hold_that_explains
-from analysis.mismatch.recordings.ranking import Ranking, simplest, with_time
+from analysis.mismatch.recordings.ranking import Ranking, another_start_helps, simplest, weight_of, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.reweighing import exchanged, without_idle_ones
 from analysis.mismatch.recordings.sharper import sharper
@@ -152,9 +152,11 @@ class BlockJudge(Judge[SimulatedFit]):
                 to_beat = HOPELESS * nearest.objective if nearest.terms != begun.terms else math.inf
                 if joined and nearest.scatter < policy.unlike_noise and joined[0][1].objective > to_beat:
                     break  # all is explained, and one start has led nowhere
+                if any(s.term.fixed == score.term.fixed and not another_start_helps(f) for s, f in joined):
+                    continue
                 patient = self._fitted_to_the_end(score.term.mechanism)
                 joined.append((score, self._joined_once(begun, score, math.inf if patient else to_beat)))
-            fits.append(min(joined, key=lambda pair: pair[1].scatter))
+            fits.append(min(joined, key=lambda pair: weight_of(pair[1]) * pair[1].scatter))
             nearest = min(nearest, fits[-1][1], key=lambda f: f.objective)
         fits = begun_from_another(self.problem, begun, fits)
         if not begun.terms:
@@ -198,12 +200,11 @@ class BlockJudge(Judge[SimulatedFit]):
         """
         if not fits:
             return []
-        # worse where it takes a parameter at the end of what is admissible
-        pinned = [self.problem.policy.in_time if f.pinned() else 1.0 for _, f in fits]
-        best = min(zip(pinned, (f for _, f in fits), strict=True), key=lambda pair: pair[0] * pair[1].scatter)[1]
-        found = []
-        for (score, fitted), factor in zip(fits, pinned, strict=True):
-            evidence = likelihood_ratio(state.current, fitted, best, factor) - cost_of(fitted, fitted.terms[-1])
+        best = min((f for _, f in fits), key=lambda f: weight_of(f) * f.scatter)
+        found: list[Candidate[SimulatedFit]] = []
+        for score, fitted in fits:
+            evidence = likelihood_ratio(state.current, fitted, best, weight_of(fitted))
+            evidence -= cost_of(fitted, fitted.terms[-1])
             found.append(Candidate(score, fitted, evidence, losses=fitted.by_block(CHOOSE)))
         return sorted(found, key=lambda c: -c.evidence)
 
@@ -240,9 +241,8 @@ class BlockJudge(Judge[SimulatedFit]):
             steady = {candidates.index(c): self.against_sweeps(c.fit) for c in best_few}
             allowed = [candidates[max(steady, key=lambda i: candidates[i].evidence + steady[i])]]
         best = simplest(allowed, self.problem.policy.learned_simpler) if allowed else None
-        if best is None or best.fit is None or not self._better(state, best):
-            return None, steady
-        return best, steady
+        accepted = best is not None and best.fit is not None and self._better(state, best)
+        return (best if accepted else None), steady
 
     def against_sweeps(self, fitted: SimulatedFit | None) -> float:
         """Return the evidence of a fit's mechanisms in the steady responses: how much better these are predicted."""

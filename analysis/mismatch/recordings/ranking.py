@@ -9,6 +9,7 @@ from itertools import zip_longest
 
 import numpy as np
 
+from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.score_test import Score
@@ -21,6 +22,7 @@ TELLS = 6000  # samples of a channel that tell candidates apart; of 20,000 of a 
 HOLDS = 0.7  # of what its length would hold of all that the linear rig misses, that a first part holds at least
 PARTS = 20  # lengths that are tried
 APART = 0.2  # of the logarithms of resonances of an added body that are fitted both
+BENT_APART = 0.5  # of the logarithms of a law's parameters beside its strength, the same
 
 
 def with_time(mechanism: Mechanism) -> bool:
@@ -76,6 +78,16 @@ class Ranking:
         return Ranking(tuple(found.values()), min(len({scores[0].term.key for scores in in_turn}), most))
 
 
+def weight_of(fitted: SimulatedFit) -> float:
+    """Return what a fit's error counts for: more where it takes a parameter at the end of what is admissible."""
+    return fitted.problem.policy.in_time if fitted.pinned() else 1.0
+
+
+def another_start_helps(fitted: SimulatedFit) -> bool:
+    """Whether the same mechanism, begun otherwise, may come to another end: an added body, or a law at a bound."""
+    return isinstance(fitted.terms[-1].mechanism, AddedBody) or fitted.pinned()
+
+
 def simplest(candidates: Sequence[Candidate[SimulatedFit]], share: float) -> Candidate[SimulatedFit]:
     """Return the best candidate; of learned laws the one with the fewest parameters that explains nearly as much.
 
@@ -100,13 +112,24 @@ def _learned(candidate: Candidate[SimulatedFit]) -> bool:
 
 
 def _another_start(score: Score, better: Score, share: float) -> bool:
-    """Whether what is no parameter has another value, or an added body another frequency and a share of the gain."""
+    """Whether what is no parameter has another value, or a share of the gain is left where parameters are others.
+
+    Of an added body its frequency counts, of a law all but its strength.
+    """
     one, other = score.term, better.term
     if one.fixed != other.fixed:
         return True
-    body = one.mechanism.body if isinstance(one.mechanism, AddedBody) else None
-    if body is None or score.gain < share * better.gain:
+    if score.gain < share * better.gain:
         return False
+    body = one.mechanism.body if isinstance(one.mechanism, AddedBody) else None
+    if body is None:
+        return isinstance(one.mechanism, ForceLaw) and _bent_otherwise(one, other)
     # where the mass is no parameter, it is the same
     apart = [math.log(t.values[body[1]] / t.values.get(body[0], 1.0)) / 2 for t in (one, other)]
     return abs(apart[0] - apart[1]) > APART
+
+
+def _bent_otherwise(one: Term, other: Term) -> bool:
+    """Whether parameters on a scale of logarithms, beside the strength, are others."""
+    bent = [q.name for q in one.mechanism.parameters if q.log and q.name != one.mechanism.strength]
+    return any(abs(math.log(one.values[name] / other.values[name])) > BENT_APART for name in bent)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.stats import t as student
@@ -36,7 +37,7 @@ from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.made_ready import made_ready
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
 from analysis.mismatch.recordings.otherwise import constant_explains, hold_that_explains
-from analysis.mismatch.recordings.ranking import Ranking, another_start_helps, simplest, weight_of, with_time
+from analysis.mismatch.recordings.ranking import Ranking, from_starts, simplest, weight_of, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.reweighing import exchanged, without_idle_ones
 from analysis.mismatch.recordings.sharper import sharper
@@ -147,16 +148,13 @@ class BlockJudge(Judge[SimulatedFit]):
         fits: list[tuple[Score, SimulatedFit]] = []
         for scores in ranking.scores[: ranking.finalists]:
             self.on_progress(f"fitting {name_of(scores[0].term.mechanism)}")
-            joined: list[tuple[Score, SimulatedFit]] = []
-            for score in scores:
-                to_beat = HOPELESS * nearest.objective if nearest.terms != begun.terms else math.inf
-                if joined and nearest.scatter < policy.unlike_noise and joined[0][1].objective > to_beat:
-                    break  # all is explained, and one start has led nowhere
-                if any(s.term.fixed == score.term.fixed and not another_start_helps(f) for s, f in joined):
-                    continue
-                patient = self._fitted_to_the_end(score.term.mechanism)
-                joined.append((score, self._joined_once(begun, score, math.inf if patient else to_beat)))
-            fits.append(min(joined, key=lambda pair: weight_of(pair[1]) * pair[1].scatter))
+            to_beat = HOPELESS * nearest.objective if nearest.terms != begun.terms else math.inf
+            patient = self._fitted_to_the_end(scores[0].term.mechanism)
+            fitted_from = partial(self._joined_once, begun, to_beat=math.inf if patient else to_beat)
+            # once all is explained, no further start where one has led nowhere
+            fits.append(
+                from_starts(scores, fitted_from, to_beat if nearest.scatter < policy.unlike_noise else math.inf)
+            )
             nearest = min(nearest, fits[-1][1], key=lambda f: f.objective)
         fits = begun_from_another(self.problem, begun, fits)
         if not begun.terms:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 
@@ -83,9 +83,27 @@ def weight_of(fitted: SimulatedFit) -> float:
     return fitted.problem.policy.in_time if fitted.pinned() else 1.0
 
 
-def another_start_helps(fitted: SimulatedFit) -> bool:
-    """Whether the same mechanism, begun otherwise, may come to another end: an added body, or a law at a bound."""
-    return isinstance(fitted.terms[-1].mechanism, AddedBody) or fitted.pinned()
+def from_starts(
+    scores: Sequence[Score], fitted_from: Callable[[Score], SimulatedFit], hopeless: float
+) -> tuple[Score, SimulatedFit]:
+    """Fit a mechanism from its starts and return the best fit, with where it began.
+
+    An added body is fitted from all of them. Another mechanism begins anew where what is no parameter has another
+    value, or where all its fits ended at a bound.
+
+    Parameters
+    ----------
+    hopeless
+        Objective of the first fit beyond which there is no other.
+    """
+    found: list[tuple[Score, SimulatedFit]] = []
+    for score in scores:
+        if found and found[0][1].objective > hopeless:
+            break
+        alike = [f for s, f in found if s.term.fixed == score.term.fixed]
+        if isinstance(score.term.mechanism, AddedBody) or all(f.pinned() for f in alike):
+            found.append((score, fitted_from(score)))
+    return min(found, key=lambda pair: weight_of(pair[1]) * pair[1].scatter)
 
 
 def simplest(candidates: Sequence[Candidate[SimulatedFit]], share: float) -> Candidate[SimulatedFit]:

@@ -1,69 +1,66 @@
-"""Which of candidates that explain nearly alike counts."""
-
-from __future__ import annotations
+"""From which trials a screened mechanism is fitted."""
 
 import math
 from types import SimpleNamespace
 from typing import cast
 
-import numpy as np
-import pytest
-
 from analysis.mismatch.parameters import Term
+from analysis.mismatch.policy import POLICY
 from analysis.mismatch.recordings.fit import SimulatedFit
-from analysis.mismatch.recordings.ranking import TELLS, lead_of, share_that_tells, simplest
+from analysis.mismatch.recordings.ranking import BENT_APART, VARIANTS, Ranking, from_starts
 from analysis.mismatch.score_test import Score
-from analysis.mismatch.selection import Candidate
-from sim_backend.learned.families import learned_mechanisms
-from sim_backend.learned.forms import FORM
-from sim_backend.mechanisms.kinds import Mechanism
-from tests.analysis.terms import listed
+from sim_backend.mechanisms.catalogue import family
 
-SHARE = 0.005
-LEARNED = sorted(learned_mechanisms(), key=lambda m: len(m.parameters))
-FEW, MANY = LEARNED[0], LEARNED[-1]
+FORCE, RANGE, SPEED = "meniscus_force_share", "meniscus_range_share", "sets_in_m_per_s"
+(MENISCI,) = (m for m in family("menisci") or ())
 
 
-def candidate(mechanism: Mechanism, evidence: float, learned: bool = True) -> Candidate[SimulatedFit]:
-    term = Term(mechanism, {FORM: 0.0} if learned else {}, ())
-    fitted = cast(SimulatedFit, SimpleNamespace(terms=(term,)))
-    return Candidate(Score(term, 1.0, 1, math.nan, 0.5), fitted, evidence)
+def scored(gain: float, reach: float, speed: float = 1e-3, force: float = 1e-3) -> Score:
+    return Score(Term(MENISCI, {FORCE: force, RANGE: reach, SPEED: speed}, (0,)), gain, 1, 0.0, 1.0)
 
 
-@pytest.mark.parametrize(("behind", "simple"), [(0.0, True), (20.0, True), (49.0, True), (51.0, False), (400.0, False)])
-def test_a_law_with_more_parameters_has_to_lead_by_a_share(behind: float, simple: bool) -> None:
-    many, few = candidate(MANY, 1e4), candidate(FEW, 1e4 - behind)
-    assert simplest([many, few], SHARE) is (few if simple else many)
-    assert (lead_of(many, few, SHARE) <= 0) == simple
+def kept(*scores: Score) -> list[float]:
+    return [s.gain for s in Ranking.of(scores, POLICY, 0.0).scores[0]]
 
 
-def test_a_law_with_fewer_parameters_that_explains_more_is_the_best() -> None:
-    few, many = candidate(FEW, 1e4), candidate(MANY, 1e4 - 1)
-    assert simplest([few, many], SHARE) is few
-    assert lead_of(few, many, SHARE) == 1
+def test_a_law_may_begin_from_trials_that_differ_in_more_than_its_strength() -> None:
+    assert kept(scored(60, 1.0), scored(50, 0.1), scored(40, 1.0, speed=1e-2)) == [60, 50, 40]
+    assert kept(scored(60, 1.0), scored(50, 1.0, force=1e-2)) == [60]
+    near = math.exp(0.9 * BENT_APART)
+    assert kept(scored(60, 1.0), scored(50, near)) == [60]
 
 
-def test_what_is_listed_is_compared_as_it_is() -> None:
-    best = candidate(listed("micro_slip"), 1e4, learned=False)
-    other = candidate(listed("guide_friction"), 1e4 - 1, learned=False)
-    assert simplest([best, other], SHARE) is best
-    assert lead_of(best, other, SHARE) == 1
-    assert simplest([best, candidate(FEW, 1e4 - 1)], SHARE) is best
+def test_a_trial_that_promises_little_is_no_start_and_no_more_are_than_so_many() -> None:
+    assert kept(scored(60, 1.0), scored(0.9 * POLICY.other_start * 60, 0.1)) == [60]
+    assert len(kept(*(scored(60 - k, 10.0**-k) for k in range(VARIANTS + 2)))) == VARIANTS
 
 
-def missing(errors: np.ndarray, free: bool = False) -> SimulatedFit:
-    problem = SimpleNamespace(recordings=(SimpleNamespace(free=free),), samples=errors.size)
-    return cast(SimulatedFit, SimpleNamespace(problem=problem, off=lambda number: (errors[None], slice(None))))
+def ended(*fits: tuple[float, bool], hopeless: float = math.inf) -> tuple[float, int]:
+    """Return the error of the best of fits of given error that ended at a bound or not, and how many were begun."""
+    scores = [scored(60 - k, 10.0**-k) for k in range(len(fits))]
+    begun: list[Score] = []
+
+    def fitted_from(score: Score) -> SimulatedFit:
+        error, at_bound = fits[scores.index(score)]
+        begun.append(score)
+        made = SimpleNamespace(
+            scatter=error, objective=error, pinned=lambda: at_bound, problem=SimpleNamespace(policy=POLICY)
+        )
+        return cast("SimulatedFit", made)
+
+    return from_starts(scores, fitted_from, hopeless)[1].scatter, len(begun)
 
 
-def test_long_recordings_are_looked_at_in_part_and_short_ones_and_decays_as_a_whole() -> None:
-    even = np.random.default_rng(1).normal(size=20_000)
-    assert share_that_tells(missing(even)) == TELLS / 20_000
-    assert share_that_tells(missing(even, free=True)) == 1.0
-    assert share_that_tells(missing(even[:TELLS])) == 1.0
+def test_a_law_that_ends_at_a_bound_begins_anew() -> None:
+    assert ended((0.95, True), (0.91, False), (0.90, False)) == (0.91, 2)
+    assert ended((0.95, False), (0.91, False)) == (0.95, 1)
+    assert ended((0.95, True), (0.97, True), (0.96, True)) == (0.95, 3)
 
 
-def test_a_sweep_is_looked_at_until_it_has_come_to_what_the_rig_misses() -> None:
-    errors = np.full(20_000, 1e-3)
-    errors[13_000:14_000] = 1.0
-    assert 0.65 < share_that_tells(missing(errors)) < 0.75
+def test_an_end_at_a_bound_counts_as_a_larger_error() -> None:
+    assert ended((0.90, True), (0.95, False))[0] == 0.95
+    assert ended((0.90, True), (1.1 * POLICY.in_time * 0.90, False))[0] == 0.90
+
+
+def test_no_further_start_where_the_first_has_led_nowhere() -> None:
+    assert ended((9.0, True), (0.9, False), hopeless=4.0) == (9.0, 1)

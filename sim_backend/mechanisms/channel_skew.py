@@ -43,18 +43,23 @@ def _weights(at: float, taps: int) -> Real:
     return weights
 
 
+def _statement(values: Values, name: str) -> str:
+    lag, name = values[NAME], f"{name[:1].upper()}{name[1:]}"
+    if lag < 0:
+        return f"{name} is {-lag:.3g} samples ahead of the others: it is sampled that much later."
+    return f"{name} lags {lag:.3g} samples behind the others: it is sampled that much earlier, or held up on its way."
+
+
 MECHANISM = ChannelDistortion(
     id="channel_skew",
     component="sensor chain",
     summary="one channel is sampled later than the others",
     source="multiplexed converter",
-    parameters=(Quantity(NAME, "samples", -5.0, 5.0, "delay of B after A"),),
+    parameters=(Quantity(NAME, "samples", -5.0, 5.0, "lag of B behind A; below zero, B is ahead: sampled later"),),
     strength=NAME,
     trials=lambda scale: [{NAME: 1e-2}],
     distort=distort,
     at=channels_that_differ,
     one_signed=False,
-    statement=lambda values, name: (
-        f"{name[:1].upper()}{name[1:]} is sampled {values[NAME]:.3g} samples later than the others."
-    ),
+    statement=_statement,
 )

@@ -236,3 +236,13 @@ def test_an_installed_package_can_offer_a_mechanism(monkeypatch: pytest.MonkeyPa
 def test_a_pendulum_s_deflection_is_said_to_be_its_angle_or_an_arc(curvature: float, said: str) -> None:
     (swing,) = catalogue()["large_swing"]
     assert said in swing.statement({"arc_curvature_per_m2": float(curvature)}, "pivot")
+
+
+@pytest.mark.parametrize(("lag", "words"), [(-0.5, "that much later"), (0.5, "that much earlier")])
+def test_a_channel_that_is_sampled_later_shows_what_the_others_show_later(lag: float, words: str) -> None:
+    at = np.arange(40.0)
+    shown = channel_skew.distort(at[None], {channel_skew.NAME: lag}, 1.0)[0]
+    np.testing.assert_allclose(shown[5:-5], at[5:-5] - lag)
+    said = channel_skew.MECHANISM.statement({channel_skew.NAME: lag}, "channel b")
+    assert said.endswith(f"{words}.") or f"{words}," in said
+    assert "0.5 samples" in said

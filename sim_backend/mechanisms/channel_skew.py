@@ -11,25 +11,30 @@ from sim_backend.mechanisms.kinds import ChannelDistortion, Quantity, Real, Valu
 from sim_backend.mechanisms.places import channels_that_differ
 
 NAME = "delay_of_b_samples"
-TAPS = 11  # samples that an interpolation goes through
-OUTSIDE = 4  # samples that are extrapolated from beyond an end, by one sample at the most: more would swing
+TAPS = 24  # samples that an interpolation goes through
+AT_END = 11  # and near an end, where more of them, from one side, would swing
+OUTSIDE = 4  # samples that are extrapolated from beyond an end, by one sample at the most
 
 
 def distort(rows: Real, values: Values, sample_rate_hz: float) -> Real:
-    """Delay the channel by a part of a sample: Lagrange's interpolation through eleven samples, one-sided at an end."""
+    """Delay the channel by a part of a sample: Lagrange's interpolation through 24 samples, fewer at an end.
+
+    A tone at 0.2, 0.25 and 0.3 of the rate is off by 6e-7, 5e-5 and 2e-3 of itself at the most; more in the last
+    samples, of a lead in the first ones, which have neighbours on one side.
+    """
     count, delay = rows.shape[1], values[NAME] / values.get("thinned", 1.0)
     at = np.arange(count) - delay
-    first = np.clip(np.arange(count) - round(delay) - TAPS // 2, 0, max(count - TAPS, 0))
-    inner = slice(*np.searchsorted(first, [1, max(count - TAPS, 1)]))
+    first = np.floor(at).astype(int) - TAPS // 2 + 1
+    inner = slice(*np.searchsorted(first, [0, max(count - TAPS + 1, 0)]))
     out = np.empty(rows.shape)
     if inner.stop > inner.start:
-        weights = _weights(float(at[inner.start] - first[inner.start]), min(TAPS, count))
+        weights = _weights(float(at[inner.start] - first[inner.start]), TAPS)
         used = rows[:, first[inner.start] : first[inner.stop - 1] + TAPS]
         out[:, inner] = [np.convolve(row, weights[::-1], mode="valid") for row in used]
     for k in (*range(inner.start), *range(inner.stop, count)):
         beyond = at[k] < 0 or at[k] > count - 1
-        taps = min(OUTSIDE if beyond else TAPS, count)
-        begin = count - taps if at[k] > count - 1 else first[k]
+        taps = min(OUTSIDE if beyond else AT_END, count)
+        begin = min(max(round(at[k]) - taps // 2, 0), count - taps)
         out[:, k] = rows[:, begin : begin + taps] @ _weights(float(min(max(at[k], -1), count) - begin), taps)
     return out
 

@@ -157,6 +157,15 @@ def test_a_delayed_channel_is_right_from_the_beginning_of_a_decay(w: float, dela
     np.testing.assert_allclose(shown[first:280], np.exp(s * (t[first:280] - delay)).real, rtol=0, atol=error + 1e-9)
 
 
+@pytest.mark.parametrize(("of_rate", "error"), [(0.2, 6e-7), (0.25, 5e-5), (0.3, 2e-3)])
+@pytest.mark.parametrize("delay", [0.05, 0.5, -1.7])
+def test_a_delayed_channel_is_right_of_fast_tones_but_at_the_ends(of_rate: float, error: float, delay: float) -> None:
+    t = np.arange(400)
+    shown = channel_skew.distort(np.sin(2 * np.pi * of_rate * t)[None], {channel_skew.NAME: delay}, 1.0)[0]
+    inner = slice(20, -20)
+    np.testing.assert_allclose(shown[inner], np.sin(2 * np.pi * of_rate * (t[inner] - delay)), rtol=0, atol=error)
+
+
 @pytest.mark.parametrize("count", [1, 3, 11, 12, 25])
 def test_a_delayed_channel_may_be_short(count: int) -> None:
     shown = channel_skew.distort(np.arange(count)[None] * 2.0, {channel_skew.NAME: 0.5}, 1.0)[0]

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Final
 
-from analysis.mismatch.recordings.blocks import likelihood_ratio, missed_still
+from analysis.mismatch.recordings.blocks import likelihood_ratio, mean_of, missed_still
 from analysis.mismatch.recordings.costs import cost_of
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.recorded import HELD
 from analysis.mismatch.selection import Selection, screened_baseline, select
 
 AGAIN = 2  # selections without the first names, at most
+PREDICTED: Final = 0.25  # mean square held out beside that of the linear rig, which noise leaves at 1 (decision 172)
 
 
 def select_for_recordings(judge: BlockJudge, put_right: bool = False) -> tuple[Selection[SimulatedFit], ...]:
@@ -21,7 +24,8 @@ def select_for_recordings(judge: BlockJudge, put_right: bool = False) -> tuple[S
     gains enough. So where what is named leaves errors far over the noise, or several names any that are clearly more,
     the selection is made again without the first of the names; then without the first that comes in its place too, and
     all that explain as much as that. What explains better counts. And where single samples are wrong beneath what is
-    named, it is made again once these are ``put_right``.
+    named, it is made again once these are ``put_right``; where a mechanism predicts what passed for noise of the
+    inputs, without that.
     """
     found = select(judge, screened_baseline(judge))
     beneath = found.baseline if found.chosen is None else found.best
@@ -29,7 +33,8 @@ def select_for_recordings(judge: BlockJudge, put_right: bool = False) -> tuple[S
     if right is not judge:
         return select_for_recordings(right, put_right=True)
     if found.chosen is None:
-        return (found,)
+        exact = _with_exact_inputs(judge, found)
+        return (found,) if exact is judge else select_for_recordings(exact, put_right)
     several = len(found.chosen.terms) > 1 and judge.doubtful(found)
     if not several and not missed_still(found.baseline, found.chosen):
         return (found,)
@@ -46,6 +51,26 @@ def select_for_recordings(judge: BlockJudge, put_right: bool = False) -> tuple[S
         tried.append(other)
         left_out |= _first_names(other, other.chosen.terms[0].mechanism.id)
     return tuple(tried)
+
+
+def _with_exact_inputs(judge: BlockJudge, found: Selection[SimulatedFit]) -> BlockJudge:
+    """Return a judge to which inputs have no noise, where one mechanism predicts what passed for that; else the same.
+
+    How much noise a measured input has, it does not tell for certain. What the rig makes of it is as slow as the rig,
+    as a mismatch is, but no mechanism predicts it where it was not fitted.
+    """
+    problem, baseline = judge.problem, found.baseline
+    scores = found.screening.scores
+    if found.p_value < problem.policy.level or not problem.draws(baseline) or not scores:
+        return judge
+    if scores[0].gain - scores[0].dof < problem.policy.certain_by_blocks:
+        return judge
+    fitted = judge.fitted_alone(baseline, scores[:1])
+    if fitted is None or mean_of(fitted.by_block(HELD)) > PREDICTED * mean_of(baseline.by_block(HELD)):
+        return judge
+    drives = tuple(replace(d, noise=0.0) for d in problem.rig.drives)
+    exact = replace(problem, rig=replace(problem.rig, drives=drives))
+    return BlockJudge.of(exact, judge.known, judge.on_progress, judge.sweeps)
 
 
 def leads(one: Selection[SimulatedFit], other: Selection[SimulatedFit]) -> bool:

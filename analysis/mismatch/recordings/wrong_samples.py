@@ -22,8 +22,9 @@ from analysis.mismatch.answer import SetAside
 from analysis.mismatch.recordings.model import residual
 from analysis.mismatch.recordings.noise import Whitening, floor_of
 from analysis.mismatch.recordings.outliers import CLOSE, MOST, NORMAL_MEDIAN, Outlier, by_themselves
-from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, WrongSample
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, UNUSED, Recorded, WrongSample
 from sim_backend.arrays import Real
+from sim_backend.mechanisms.kinds import ChannelDistortion
 
 if TYPE_CHECKING:
     from analysis.mismatch.recordings.fit import SimulatedFit
@@ -48,12 +49,14 @@ def _put_right(fitted: SimulatedFit, number: int, told: bool) -> Recorded:
     if recorded.band is not None:
         return recorded  # a filter has spread what was wrong
     off, at = residual(fitted.simulation, fitted.x, fitted.own[number], number, samples=recorded.samples)
-    used = np.isin(recorded.part[at], (FIT, CHOOSE))
+    used, passed_over = np.isin(recorded.part[at], (FIT, CHOOSE)), np.zeros(off.shape[1], bool)
+    if any(isinstance(term.mechanism, ChannelDistortion) for term in fitted.terms):
+        passed_over = recorded.part[at] == UNUSED  # at the ends it may be interpolated from one side
     rows, found = off.copy(), []
     if not _as_good_as_noise(rows, used, fitted):
         return recorded
     for channel, row in enumerate(rows):
-        found += _taken_out(row, used, channel, level / off.size, recorded)
+        found += _taken_out(row, used, channel, level / off.size, recorded, passed_over)
     shown = off + recorded.outputs[:, at] / recorded.unit[:, None]
     anywhere = told and len(found) <= FEW
     if not found or not by_themselves(found, shown, level, anywhere) or not _as_good_as_noise(rows, used, fitted):
@@ -65,12 +68,21 @@ def _put_right(fitted: SimulatedFit, number: int, told: bool) -> Recorded:
     return replace(recorded, outputs=outputs, wrong=(*recorded.wrong, *wrong))
 
 
-def _taken_out(row: Real, used: NDArray[np.bool_], channel: int, chance: float, recorded: Recorded) -> list[Outlier]:
+def _taken_out(
+    row: Real,
+    used: NDArray[np.bool_],
+    channel: int,
+    chance: float,
+    recorded: Recorded,
+    passed_over: NDArray[np.bool_] | None = None,
+) -> list[Outlier]:
     """Take samples that are off by more than noise is by ``chance`` out of a residual (n,), the furthest first."""
     found: dict[int, float] = {}
     limit, error = float(norm.isf(chance / 2)), 0.0
     for _ in range(PASSES):
         outliers = _Outliers.of(row, Whitening.of(row[None], used, floor_of(recorded)))
+        if passed_over is not None:
+            outliers.power[passed_over] = np.inf
         if recorded.free:
             outliers.power[: 2 * outliers.pulses.shape[1]] = np.inf  # where a decay begins a rig does much
         error = float(np.median(np.abs(outliers.score()[used]))) / NORMAL_MEDIAN

@@ -27,7 +27,7 @@ MECHANISM = ChannelDistortion(
     at=channels_that_differ,
     one_signed=False,
     statement=lambda values, name: (
-        f"{name[:1].upper()}{name[1:]} reads {100 * values[NAME]:+.2g} % against the others: one sensor's sensitivity "
-        "is off."
+        f"{name[:1].upper()}{name[1:]} reads {100 * values[NAME]:+.2g} % against the rest: one sensor's sensitivity is "
+        "off."
     ),
 )

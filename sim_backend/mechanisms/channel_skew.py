@@ -51,8 +51,8 @@ def _weights(at: float, taps: int) -> Real:
 def _statement(values: Values, name: str) -> str:
     lag, name = values[NAME], f"{name[:1].upper()}{name[1:]}"
     if lag < 0:
-        return f"{name} is {-lag:.3g} samples ahead of the others: it is sampled that much later."
-    return f"{name} lags {lag:.3g} samples behind the others: it is sampled that much earlier, or held up on its way."
+        return f"{name} is {-lag:.3g} samples ahead of the rest: it is sampled that much later."
+    return f"{name} lags {lag:.3g} samples behind the rest: it is sampled that much earlier, or held up on its way."
 
 
 MECHANISM = ChannelDistortion(

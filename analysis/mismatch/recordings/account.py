@@ -12,7 +12,7 @@ import numpy as np
 from analysis.mismatch.account import UNLISTED, Account, Otherwise, Weights, far_off, odds_of_unlisted, relative
 from analysis.mismatch.answer import AtAmplitude, FitSummary, FittedRig, Interval, Location, Named, NextExperiment
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.blocks import held_out_rms, mean_of, not_held_out, together, untold_words
+from analysis.mismatch.recordings.blocks import held_out_rms, mean_of, together, untold_words
 from analysis.mismatch.recordings.constants import constant_intervals
 from analysis.mismatch.recordings.decay import along_words, decay_of
 from analysis.mismatch.recordings.determined import left_open_beside
@@ -263,10 +263,8 @@ class BlockAccount(Account[SimulatedFit]):
         channels = tuple(n for n, s in zip(seen, shares, strict=False) if s > SEEN * shares.max())
         if named:
             element, component = named[0].element, named[0].where
-            left, rest = mean_of(not_held_out(best)) / mean_of(not_held_out(base)), self.selection.left
-            all_of_it = rest.p_value >= self.judge.problem.policy.level
-            explained = f"{min(100 * (1 - max(left, rest.share)), 99.99):.4g} % of it"
-            what = f"what is named explains {'all of it beyond noise' if all_of_it else explained}"
+            all_of_it = self.selection.left.p_value >= self.judge.problem.policy.level
+            what = f"what is named explains {'all of it beyond noise' if all_of_it else 'a part of it'}"
         else:
             element, component = self._suspected(self.selection.screening)
             what = "nothing listed explains it" + not_tried(self.judge, element)

@@ -77,11 +77,6 @@ def mean_of(losses: Sequence[float]) -> float:
     return float(np.mean(losses))
 
 
-def not_held_out(fitted: SimulatedFit) -> list[float]:
-    """Return the mean squares of a fit's residual in all blocks that are not held out."""
-    return [*fitted.by_block(FIT), *fitted.by_block(CHOOSE)]
-
-
 def held_out_rms(fitted: SimulatedFit) -> tuple[Real, dict[str, Real], int]:
     """Return (channels,) errors on what was held out: all, by declared stretch, and how many pieces it has.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -15,11 +16,21 @@ from analysis.mismatch.recordings.ranking import with_time
 from analysis.mismatch.recordings.recorded import level
 from analysis.mismatch.rivals import LIKELY
 from analysis.mismatch.selection import Candidate, Selection
-from sim_backend.mechanisms.kinds import AddedBody, Mechanism
+from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, Mechanism, Scale
 
 STRONGER: Final = 3.0  # tap over the one made, that parts amplitude from time
 WEAKER: Final = 0.5  # of the strength, at which what goes with amplitude has changed much, and nothing is at risk
 AS_STRONG: Final = 2.0  # level of the strongest recording over that of the weakest, up to which amplitude tells little
+
+OF_UNIT: Final = Scale(1.0, 1.0, 0.0, 1.0, (0.01, 0.1))
+BY_PLACE: Final[tuple[str, Move]] = (
+    "a sensor on what moves of its own does, or one on another body.",
+    "other_place",
+)
+BY_EXCHANGE: Final[tuple[str, Move]] = (
+    "exchange the sensors and their channels; what goes with one of them is its own, what stays is the rig's.",
+    "swap_channels",
+)
 
 Chosen = Selection[SimulatedFit]
 
@@ -81,18 +92,14 @@ def _apart(
     if not others:
         return None
     # strength parts two of which one is not linear, and no sensor does that as easily
-    linear = isinstance(kinds.get(named[0]), AddedBody)
-    parted = [i for i in others if not (linear and isinstance(kinds.get(i), AddedBody))]
+    linear = is_linear(kinds.get(named[0]))
+    parted = [i for i in others if not (linear and is_linear(kinds.get(i)))]
     two = named[0], max(parted or others, key=weights.of.__getitem__)
     if not parted:
-        return NextExperiment(
-            None,
-            None,
-            two,
-            "Both are linear, so that strength does not part them: a sensor on what moves of its own does, or one on "
-            "another body.",
-            ("other_place",),
-        )
+        why, move = BY_PLACE
+        if any(isinstance(kinds.get(i), ChannelDistortion) for i in two):
+            why, move = BY_EXCHANGE
+        return NextExperiment(None, None, two, f"Both are linear, so that strength does not part them: {why}", (move,))
     return NextExperiment(
         None,
         STRONGER / 2,
@@ -100,6 +107,19 @@ def _apart(
         f"The two differ most at the largest amplitude: {STRONGER / 2:g} times as strong they would part further.",
         _moved(judge),
     )
+
+
+def is_linear(mechanism: Mechanism | None) -> bool:
+    """Whether what a mechanism does is in proportion to the motion: of a body, and of a channel where it shows so."""
+    if not isinstance(mechanism, ChannelDistortion):
+        return isinstance(mechanism, AddedBody)
+    within = {
+        q.name: math.sqrt(q.low * q.high) if q.log else q.low + 0.6 * (q.high - q.low) for q in mechanism.parameters
+    }
+    values = {**mechanism.trials(OF_UNIT)[0], **within, "peak": 1.0, "lowest": -1.0, "highest": 1.0}
+    row = np.sin(0.3 * np.arange(100.0))[None]
+    half, whole = (mechanism.distort(share * row, values, 1.0) for share in (0.5, 1.0))
+    return bool(np.allclose(2 * half, whole, rtol=1e-6, atol=1e-9))
 
 
 def _moved(judge: BlockJudge) -> tuple[Move, ...]:
@@ -121,7 +141,7 @@ def _what_is_left(selection: Chosen, judge: BlockJudge, named: Sequence[str]) ->
             WEAKER,
             (likeliest or named[0], UNLISTED),
             f"{best}Whether what is left shrinks with the amplitude, and as which power of it, tells which law it "
-            "is, or that it is none: one recording of one strength does not show that.",
+            "is, or that it is none: recordings of one strength do not show that.",
             _moved(judge),
         )
     return NextExperiment(

@@ -12,7 +12,7 @@ from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import SimulatedFit, problem_of
 from analysis.mismatch.recordings.judge import BlockJudge
-from analysis.mismatch.recordings.next_experiment import _apart
+from analysis.mismatch.recordings.next_experiment import _apart, is_linear
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate
@@ -77,3 +77,29 @@ def test_an_explanation_that_is_not_linear_is_parted_first_though_a_linear_one_i
     assert then is not None
     assert then.separates == (part.id, cubic.id)
     assert then.peak_force_ratio == 1.5
+
+
+def test_a_sensor_s_fault_and_a_body_are_parted_by_exchanging_the_sensors() -> None:
+    gain, rocking = listed("channel_gain"), listed("rocking")
+    then = _apart(
+        judge(), [rocking.id], [tried(gain)], Weights({gain.id: 1.0}, 2.0), {m.id: m for m in (gain, rocking)}
+    )
+    assert then is not None
+    assert (then.peak_force_ratio, then.moves) == (None, ("swap_channels",))
+
+
+@pytest.mark.parametrize(
+    ("name", "linear"),
+    [
+        ("channel_gain", True),
+        ("channel_skew", True),
+        ("undeclared_filter", True),
+        ("sensor_curvature", False),
+        ("clipping", False),
+        ("converter_step", False),
+        ("attached_mass", True),
+        ("guide_friction", False),
+    ],
+)
+def test_what_is_in_proportion_to_the_motion_is_linear(name: str, linear: bool) -> None:
+    assert is_linear(listed(name)) == linear

@@ -57,7 +57,7 @@ class Weights:
 
 @dataclass(frozen=True, slots=True)
 class Otherwise(Generic[FitOf]):
-    """The linear rig described in another way, with which nothing is missing: what the description says, the fit."""
+    """The rig described in another way, with which nothing is left: what the description does otherwise, the fit."""
 
     said: str
     fit: FitOf

@@ -211,7 +211,7 @@ def answer_of(account: Account[Any], recordings: Sequence[RecordingFile] = ()) -
     named = [] if chosen is None else [_named(account, chosen, i) for i in range(len(selection.accepted))]
     if verdict == "missing_physics" and any(m.learned for m in named):
         verdict = "new_physics"
-    otherwise = account.described_otherwise() if verdict == "unexplained" and not far_off else None
+    otherwise = account.described_otherwise() if verdict == "unexplained" else None
     location = account.location(named, otherwise) if found else None
     remainder = _remainder(account, verdict)
     if verdict == "unexplained" and location is not None:
@@ -229,7 +229,7 @@ def answer_of(account: Account[Any], recordings: Sequence[RecordingFile] = ()) -
         rivals=rivals_of(account, otherwise),
         location=location,
         fit=account.summary(chosen),
-        next_experiment=account.next_experiment(named) if found else None,
+        next_experiment=account.next_experiment(named) if found and otherwise is None else None,
         loads_n=account.groups,
         far_off=far_off,
         fitted=account.fitted(),

@@ -61,7 +61,7 @@ def _shown(named: Candidate[Any] | None, others: list[Candidate[Any]]) -> list[C
 def _instead(otherwise: Otherwise[Any] | None) -> str:
     if otherwise is None:
         return "The linear rig described otherwise explains as well."
-    return f"The linear rig leaves nothing beyond noise without it once the rig file says {otherwise.said}."
+    return f"Nothing beyond noise is left without it once the rig file {otherwise.said}."
 
 
 def _beside(account: Account[Any], fitted: Any, otherwise: Otherwise[Any] | None) -> float:

@@ -22,7 +22,7 @@ from analysis.mismatch.recordings.impact_size import said_of, struck
 from analysis.mismatch.recordings.impact_size import together as size_of
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.next_experiment import next_experiment
-from analysis.mismatch.recordings.otherwise import hold_that_explains
+from analysis.mismatch.recordings.otherwise import contact_turned_round, hold_that_explains
 from analysis.mismatch.recordings.ranking import lead_of, with_time
 from analysis.mismatch.recordings.reasons import decided, elsewhere, not_tried, reason, with_what_else
 from analysis.mismatch.recordings.recorded import CHOOSE
@@ -250,9 +250,12 @@ class BlockAccount(Account[SimulatedFit]):
         )  # fmt: skip
 
     def described_otherwise(self) -> Otherwise[SimulatedFit] | None:
-        """Return the linear rig with inputs held otherwise, where it leaves nothing."""
-        found = hold_that_explains(self.selection.baseline, self.judge.screen, self.judge.on_progress)
-        return None if found is None else Otherwise(f"'recording: {{hold: {found.problem.rig.hold}}}'", found)
+        """Return the rig with inputs held otherwise, or with a contact turned round, where it leaves nothing."""
+        linear, judge = self.selection.baseline, self.judge
+        found = None if self.far_off else hold_that_explains(linear, judge.screen, judge.on_progress)
+        if found is not None:
+            return Otherwise(f"says 'recording: {{hold: {found.problem.rig.hold}}}'", found)
+        return contact_turned_round(linear, judge.known, judge.on_progress)
 
     def location(self, named: Sequence[Named], otherwise: Otherwise[SimulatedFit] | None = None) -> Location:
         """Return where most of the linear rig's residual lies."""
@@ -269,7 +272,7 @@ class BlockAccount(Account[SimulatedFit]):
             element, component = self._suspected(self.selection.screening)
             what = "nothing listed explains it" + not_tried(self.judge, element)
             if otherwise is not None:
-                what = f"nothing of it is left once the rig file says {otherwise.said}"
+                what = f"nothing of it is left once the rig file {otherwise.said}"
             elif self.far_off:
                 what = far_off_words(self.judge.problem)
         why = f"The residual of the linear rig lies from {frequency[0]:.4g} to {frequency[1]:.4g} Hz, and {what}."

@@ -36,7 +36,7 @@ from analysis.mismatch.recordings.held_out import FinalFits
 from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.made_ready import made_ready
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
-from analysis.mismatch.recordings.otherwise import constant_explains, hold_that_explains
+from analysis.mismatch.recordings.otherwise import constant_explains, contact_turned_round, hold_that_explains
 from analysis.mismatch.recordings.ranking import Ranking, from_starts, simplest, weight_of, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.reweighing import exchanged, without_idle_ones
@@ -329,8 +329,10 @@ class BlockJudge(Judge[SimulatedFit]):
         return Selection(self, final, baseline.screening, steps, chosen, fitted, last, over)
 
     def _otherwise_explained(self, before: SimulatedFit, named: SimulatedFit, linear: SimulatedFit) -> bool:
-        by_constant = constant_explains(before, named, self.on_progress)
-        return by_constant or hold_that_explains(linear, self.screen, self.on_progress, named) is not None
+        described = hold_that_explains(linear, self.screen, self.on_progress, named)
+        if described is None and self.screen(named).p_value < self.problem.policy.level:
+            described = contact_turned_round(linear, self.known, self.on_progress)
+        return described is not None or constant_explains(before, named, self.on_progress)
 
     def rival_in_time(self, steps: Sequence[SelectionStep[SimulatedFit]]) -> Candidate[SimulatedFit] | None:
         """Return the best candidate that goes with time, where amplitude and time are confounded."""

@@ -1,21 +1,25 @@
-"""Whether the rig with another constant, or with inputs held otherwise, explains as well as what is named."""
+"""Whether the rig described otherwise explains as well as what is named: a constant, how inputs are held, a contact."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import get_args
 
+from analysis.mismatch.account import Otherwise
 from analysis.mismatch.problem import OnProgress
 from analysis.mismatch.recordings.blocks import mean_of
 from analysis.mismatch.recordings.fit import SimulatedFit, fit, problem_of
+from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.start_check import better_unknown, with_unknown
 from analysis.mismatch.rig_description import Hold
-from analysis.mismatch.score_test import Screening
+from analysis.mismatch.score_test import Score, Screening, screen
+from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
 
 CONSTANTS = 2  # that are tried with other values where the rig as described misses most
 HOPELESS = 1.5  # times the mean square of what is named, from which a rough fit will not come down to that
+TURNED = 3  # laws that are fitted in a contact whose bodies are named in the other order
 AS_WELL = 4.0  # mean square over that of what is named, up to which another constant explains as well
 
 
@@ -38,7 +42,7 @@ def constant_explains(linear: SimulatedFit, named: SimulatedFit, on_progress: On
 
 def hold_that_explains(
     linear: SimulatedFit,
-    screen: Callable[[SimulatedFit], Screening],
+    screened: Callable[[SimulatedFit], Screening],
     on_progress: OnProgress,
     named: SimulatedFit | None = None,
 ) -> SimulatedFit | None:
@@ -48,7 +52,7 @@ def hold_that_explains(
 
     Parameters
     ----------
-    screen
+    screened
         What gives the scores of all mechanisms beside a fit.
     """
     rig, level = linear.problem.rig, linear.problem.policy.level
@@ -63,6 +67,36 @@ def hold_that_explains(
             if mean_of(found.by_block(CHOOSE)) > HOPELESS * best:
                 continue
             found = fit(other, (), found, fine=True)
-            if mean_of(found.by_block(CHOOSE)) <= best and screen(found).p_value >= level:
+            if mean_of(found.by_block(CHOOSE)) <= best and screened(found).p_value >= level:
                 return found
+    return None
+
+
+def contact_turned_round(
+    linear: SimulatedFit, known: Sequence[Mechanism], on_progress: OnProgress
+) -> Otherwise[SimulatedFit] | None:
+    """Return what explains with the bodies of a preloaded contact named in the other order; None where nothing does.
+
+    Whether its deformation is its approach follows from that order and from which way the sensors count.
+    """
+    problem, laws = linear.problem, [m for m in known if isinstance(m, ForceLaw) and m.preloaded]
+    rig, elements = problem.rig, problem.arrangement.elements
+    for i, e in enumerate(elements):
+        row = tuple((body, -c) for body, c in e.row if not isinstance(c, str))
+        if not e.preload or len(row) < len(e.row):
+            continue
+        on_progress(f"trying the bodies of the {e.name} in the other order")
+        turned = replace(rig.arrangement, elements=(*elements[:i], replace(e, row=row), *elements[i + 1 :]))
+        other = replace(problem, rig=replace(rig, arrangement=turned))
+        begun = fit(other, (), linear, fine=True)
+        best: dict[str, Score] = {}
+        for score in screen(other, begun, laws).scores:
+            if score.term.place == (i,):
+                best.setdefault(score.term.mechanism.id, score)
+        for name, score in list(best.items())[:TURNED]:
+            found = joined_to(other, begun, score)
+            found = fit(other, found.terms, found, fine=True)
+            if screen(other, found, known).p_value >= problem.policy.level:
+                law = name.replace("_", " ")
+                return Otherwise(f"names the bodies of the {e.name} in the other order: it is {law} there", found)
     return None

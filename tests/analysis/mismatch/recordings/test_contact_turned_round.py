@@ -1,0 +1,53 @@
+"""A preloaded contact whose bodies the rig file names in the other order than sensors count; by SciPy's integrator."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.mismatch.diagnosis import diagnose_recordings
+from daq.exchange import Recording
+from mesotap.configuration.rig_files import parse_rig
+from sim_backend.mechanisms.catalogue import catalogue, variants
+from tests.analysis.mismatch.recordings.described_rigs import motion, noise_input
+
+RATE, SAMPLES = 2000.0, 4000
+MASS, PRELOAD, PRESSED, DAMPING, LOUD = 0.4, 20.0, 1e-4, 14.0, 2.0  # kg, N, m under the preload, N s/m, N
+
+
+def described(between: str) -> str:
+    return (
+        f"bodies: {{ball: {MASS}}}\n"
+        f"contacts: [{{name: pair, between: {between}, preload: {PRELOAD}, stiffness: unknown, damping: unknown}}]\n"
+        "inputs: [{channel: u, force_on: ball}]\nsensors: [{channel: x, of: ball, shows: displacement, unit: m}]\n"
+    )
+
+
+def pressed() -> Recording:
+    """Return the motion of a ball, away from what it is pressed against, under a Hertzian contact."""
+    u = LOUD * noise_input(SAMPLES, RATE, 2, 200, seed=3)
+    u *= np.clip(np.arange(SAMPLES) / 100, 0, 1)
+
+    def rest(force: float, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        contact = PRELOAD * (np.maximum(1 - x / PRESSED, 0) ** 1.5 - 1)
+        return np.asarray((force + contact - DAMPING * v) / MASS)
+
+    x = motion(rest, [0.0, 0.0], SAMPLES, RATE, u)[0]
+    x = x + 1e-3 * x.std() * np.random.default_rng(4).normal(size=SAMPLES)
+    return Recording(np.stack([u, x]), RATE, ("u", "x"), "", "pressed")
+
+
+@pytest.mark.slow
+def test_the_answer_says_that_the_bodies_of_a_contact_are_named_in_the_other_order() -> None:
+    answer = diagnose_recordings([pressed()], parse_rig(described("[ball, ground]")), variants(catalogue())).answer
+    assert answer.verdict == "unexplained"
+    assert answer.location is not None
+    assert "names the bodies of the pair in the other order: it is hertz stiffness there" in answer.location.why
+    assert answer.next_experiment is None
+
+
+@pytest.mark.slow
+def test_named_in_the_right_order_it_is_hertz() -> None:
+    answer = diagnose_recordings([pressed()], parse_rig(described("[ground, ball]")), variants(catalogue())).answer
+    assert [m.id for m in answer.mechanisms] == ["hertz_stiffness"]
+    assert answer.remainder.p_value > 0.01

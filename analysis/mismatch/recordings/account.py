@@ -253,9 +253,7 @@ class BlockAccount(Account[SimulatedFit]):
         """Return the rig with inputs held otherwise, or with a contact turned round, where it leaves nothing."""
         linear, judge = self.selection.baseline, self.judge
         found = None if self.far_off else hold_that_explains(linear, judge.screen, judge.on_progress)
-        if found is not None:
-            return Otherwise(f"says 'recording: {{hold: {found.problem.rig.hold}}}'", found)
-        return contact_turned_round(linear, judge.known, judge.on_progress)
+        return found or contact_turned_round(linear, judge.known, judge.on_progress)
 
     def location(self, named: Sequence[Named], otherwise: Otherwise[SimulatedFit] | None = None) -> Location:
         """Return where most of the linear rig's residual lies."""

@@ -45,7 +45,7 @@ def hold_that_explains(
     screened: Callable[[SimulatedFit], Screening],
     on_progress: OnProgress,
     named: SimulatedFit | None = None,
-) -> SimulatedFit | None:
+) -> Otherwise[SimulatedFit] | None:
     """Return the linear rig with inputs that do between samples what leaves nothing beyond noise; None if none does.
 
     And predicts the choosing blocks no worse than what is ``named``, or than the rig as described.
@@ -68,7 +68,7 @@ def hold_that_explains(
                 continue
             found = fit(other, (), found, fine=True)
             if mean_of(found.by_block(CHOOSE)) <= best and screened(found).p_value >= level:
-                return found
+                return Otherwise(f"says 'recording: {{hold: {hold}}}'", found)
     return None
 
 

@@ -19,7 +19,7 @@ from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import FitOf
 from analysis.mismatch.score_test import Screening
 from analysis.mismatch.selection import Candidate, Selection
-from sim_backend.arrangement import Arrangement, Parameter
+from sim_backend.arrangement import Arrangement, Element, Parameter
 from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, ForceLaw, Mechanism, SecondImpact, Tones
 
 UNLISTED = "something else"
@@ -57,10 +57,14 @@ class Weights:
 
 @dataclass(frozen=True, slots=True)
 class Otherwise(Generic[FitOf]):
-    """The rig described in another way, with which nothing is left: what the description does otherwise, the fit."""
+    """The rig described in another way, with which nothing is left: what the description does otherwise, the fit.
+
+    ``element`` is the one that is described otherwise, if one is.
+    """
 
     said: str
     fit: FitOf
+    element: Element | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -315,7 +315,7 @@ def _rivals(answer: Answer) -> Table:
 
 
 def _limits(answer: Answer) -> Table:
-    table = Table(title="Upper limits of what is not named, wherever it were, 95 %")
+    table = Table(title="Upper limits of what is not named, 95 %")
     table.add_column("mechanism")
     table.add_column("parameter")
     table.add_column("at most", justify="right")

@@ -1,4 +1,4 @@
-"""One channel is sampled later than the others."""
+"""One channel is sampled earlier or later than the others."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _statement(values: Values, name: str) -> str:
 MECHANISM = ChannelDistortion(
     id="channel_skew",
     component="sensor chain",
-    summary="one channel is sampled later than the others",
+    summary="one channel is sampled earlier or later than the others",
     source="multiplexed converter",
     parameters=(Quantity(NAME, "samples", -5.0, 5.0, "lag of B behind A; below zero, B is ahead: sampled later"),),
     strength=NAME,

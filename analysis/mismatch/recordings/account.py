@@ -271,6 +271,8 @@ class BlockAccount(Account[SimulatedFit]):
             what = "nothing listed explains it" + not_tried(self.judge, element)
             if otherwise is not None:
                 what = f"nothing of it is left once the rig file {otherwise.said}"
+                if otherwise.element is not None:
+                    element, component = otherwise.element.name, otherwise.element.component
             elif self.far_off:
                 what = far_off_words(self.judge.problem)
         why = f"The residual of the linear rig lies from {frequency[0]:.4g} to {frequency[1]:.4g} Hz, and {what}."

@@ -36,7 +36,7 @@ from analysis.mismatch.recordings.held_out import FinalFits
 from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.made_ready import made_ready
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
-from analysis.mismatch.recordings.otherwise import constant_explains, contact_turned_round, hold_that_explains
+from analysis.mismatch.recordings.otherwise import explained_otherwise
 from analysis.mismatch.recordings.ranking import Ranking, from_starts, simplest, weight_of, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.reweighing import exchanged, without_idle_ones
@@ -316,7 +316,10 @@ class BlockJudge(Judge[SimulatedFit]):
         self.on_progress("fitting once more with all that is not held out")
         final, fitted = map(self.finals.of, (baseline.current, current))
         lost = bool(self.finals.worse_than_zero(final, fitted))  # what is named leaves most of it besides
-        if fitted.terms and (lost or self._otherwise_explained(baseline.current, current, final)):
+        if fitted.terms and not lost:
+            fits = baseline.current, current, final
+            lost = explained_otherwise(fits, self.screen, self.known, self.on_progress)
+        if fitted.terms and lost:
             current, fitted, steps = baseline.current, final, ()
         last = self.tested(current, self.screen(fitted))
         named = fitted.terms and share <= policy.left_over_blocks and not predicts_no_better(final, fitted)
@@ -327,12 +330,6 @@ class BlockJudge(Judge[SimulatedFit]):
         share = max(share, missed_still(final, fitted) if steps else 0.0)
         over = LeftOver(last.unexplained, last.p_value, share)
         return Selection(self, final, baseline.screening, steps, chosen, fitted, last, over)
-
-    def _otherwise_explained(self, before: SimulatedFit, named: SimulatedFit, linear: SimulatedFit) -> bool:
-        described = hold_that_explains(linear, self.screen, self.on_progress, named)
-        if described is None and self.screen(named).p_value < self.problem.policy.level:
-            described = contact_turned_round(linear, self.known, self.on_progress)
-        return described is not None or constant_explains(before, named, self.on_progress)
 
     def rival_in_time(self, steps: Sequence[SelectionStep[SimulatedFit]]) -> Candidate[SimulatedFit] | None:
         """Return the best candidate that goes with time, where amplitude and time are confounded."""

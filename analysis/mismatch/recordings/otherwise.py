@@ -8,7 +8,8 @@ from typing import get_args
 
 from analysis.mismatch.account import Otherwise
 from analysis.mismatch.problem import OnProgress
-from analysis.mismatch.recordings.blocks import mean_of
+from analysis.mismatch.recordings.blocks import likelihood_ratio, mean_of
+from analysis.mismatch.recordings.costs import cost_of
 from analysis.mismatch.recordings.fit import SimulatedFit, fit, problem_of
 from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.recorded import CHOOSE
@@ -21,6 +22,28 @@ CONSTANTS = 2  # that are tried with other values where the rig as described mis
 HOPELESS = 1.5  # times the mean square of what is named, from which a rough fit will not come down to that
 TURNED = 3  # laws that are fitted in a contact whose bodies are named in the other order
 AS_WELL = 4.0  # mean square over that of what is named, up to which another constant explains as well
+
+
+def explained_otherwise(
+    fits: tuple[SimulatedFit, SimulatedFit, SimulatedFit],
+    screened: Callable[[SimulatedFit], Screening],
+    known: Sequence[Mechanism],
+    on_progress: OnProgress,
+) -> bool:
+    """Whether the rig described otherwise explains as well as what is named.
+
+    Parameters
+    ----------
+    fits
+        The linear rig's that the selection began with, that of what is named, and the linear rig's final one.
+    screened
+        What gives the scores of all mechanisms beside a fit.
+    """
+    before, named, linear = fits
+    described = hold_that_explains(linear, screened, on_progress, named)
+    if described is None and (screened(named).p_value < linear.problem.policy.level or _bends_in_contact(named)):
+        described = contact_turned_round(linear, known, on_progress, named)
+    return described is not None or constant_explains(before, named, on_progress)
 
 
 def constant_explains(linear: SimulatedFit, named: SimulatedFit, on_progress: OnProgress) -> bool:
@@ -73,11 +96,12 @@ def hold_that_explains(
 
 
 def contact_turned_round(
-    linear: SimulatedFit, known: Sequence[Mechanism], on_progress: OnProgress
+    linear: SimulatedFit, known: Sequence[Mechanism], on_progress: OnProgress, named: SimulatedFit | None = None
 ) -> Otherwise[SimulatedFit] | None:
     """Return what explains with the bodies of a preloaded contact named in the other order; None where nothing does.
 
-    Whether its deformation is its approach follows from that order and from which way the sensors count.
+    Whether its deformation is its approach follows from that order and from which way the sensors count. It explains no
+    worse than what is ``named``, for which free parameters cost.
     """
     problem, laws = linear.problem, [m for m in known if isinstance(m, ForceLaw) and m.preloaded]
     rig, elements = problem.rig, problem.arrangement.elements
@@ -96,7 +120,21 @@ def contact_turned_round(
         for name, score in list(best.items())[:TURNED]:
             found = joined_to(other, begun, score)
             found = fit(other, found.terms, found, fine=True)
-            if screen(other, found, known).p_value >= problem.policy.level:
-                law = name.replace("_", " ")
-                return Otherwise(f"names the bodies of the {e.name} in the other order: it is {law} there", found)
+            if screen(other, found, known).p_value >= problem.policy.level and not _worse(found, named):
+                said = f"names the bodies of the {e.name} in the other order: it is {name.replace('_', ' ')} there"
+                return Otherwise(said, found, e)
     return None
+
+
+def _bends_in_contact(fitted: SimulatedFit) -> bool:
+    """Whether a preloaded contact bears a force that no law of contacts has, as one turned round would seem to."""
+    elements = fitted.problem.arrangement.elements
+    laws = [(t.mechanism, t.place) for t in fitted.terms]
+    return any(isinstance(m, ForceLaw) and not m.preloaded and any(elements[i].preload for i in at) for m, at in laws)
+
+
+def _worse(found: SimulatedFit, named: SimulatedFit | None) -> bool:
+    if named is None:
+        return False
+    more = sum(cost_of(found, t) for t in found.terms) - sum(cost_of(named, t) for t in named.terms)
+    return likelihood_ratio(named, found, min(found, named, key=lambda f: f.scatter)) < more

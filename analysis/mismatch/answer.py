@@ -318,15 +318,15 @@ class Answer:
     far_off
         Whether the rig as declared misses most of the motion, so that its own constants must be wrong.
     fitted
-        What a simulated rig needs to become the twin of this one; None where nothing explains the recordings better
-        than the linear rig.
+        What a simulated rig needs to become the twin; None where nothing explains better than the linear rig.
     decay
         Of a free decay of one body: frequency and damping against amplitude.
     set_aside
         Impacts, or samples, that took no part.
     worse_than_zero
-        That the linear rig predicts the recordings worse than zero does, and what to leave free; empty where it does
-        not.
+        That the linear rig predicts the recordings worse than zero does, and what to leave free; else empty.
+    otherwise
+        What the rig file would have to do for nothing to be left, such as ``says 'recording: {hold: zero}'``.
     """
 
     recordings: tuple[RecordingFile, ...]
@@ -347,3 +347,4 @@ class Answer:
     decay: tuple[AtAmplitude, ...] = ()
     set_aside: tuple[SetAside, ...] = ()
     worse_than_zero: str = ""
+    otherwise: str = ""

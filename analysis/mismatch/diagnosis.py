@@ -215,7 +215,7 @@ def answer_of(account: Account[Any], recordings: Sequence[RecordingFile] = ()) -
     location = account.location(named, otherwise) if found else None
     remainder = _remainder(account, verdict)
     if verdict == "unexplained" and location is not None:
-        statement = location.why if far_off else remainder.statement
+        statement = location.why if far_off or otherwise is not None else remainder.statement
         remainder = replace(remainder, where=location, statement=statement)
     return Answer(
         recordings=tuple(recordings),
@@ -235,6 +235,7 @@ def answer_of(account: Account[Any], recordings: Sequence[RecordingFile] = ()) -
         fitted=account.fitted(),
         decay=account.decay,
         worse_than_zero=account.worse_than_zero,
+        otherwise="" if otherwise is None else otherwise.said,
     )
 
 

@@ -86,6 +86,10 @@ def verdict_sentence(answer: Answer) -> str:
 def _verdict(answer: Answer) -> str:
     linear, recorded, chance = linear_rig(answer), what_was_recorded(answer), p_words(answer.p_value)
     begin = linear[0].upper() + linear[1:]
+    if answer.otherwise:
+        return (
+            f"{begin} does not explain {recorded} ({chance}). It leaves nothing once the rig file {answer.otherwise}."
+        )
     if answer.far_off:
         return (
             f"{begin} misses most of the motion: check its stiffness and mass, their units and the channels, or say "

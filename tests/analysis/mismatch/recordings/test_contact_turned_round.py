@@ -7,6 +7,7 @@ import pytest
 
 from analysis.mismatch.diagnosis import diagnose_recordings
 from daq.exchange import Recording
+from mesotap.answers.diagnosis_text import verdict_sentence
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.mechanisms.catalogue import catalogue, variants
 from tests.analysis.mismatch.recordings.described_rigs import motion, noise_input
@@ -46,6 +47,7 @@ def test_the_answer_says_that_the_bodies_of_a_contact_are_named_in_the_other_ord
     assert answer.location.element == "pair"
     assert "names the bodies of the pair in the other order: it is hertz stiffness there" in answer.location.why
     assert answer.next_experiment is None
+    assert "the bodies of the pair in the other order" in verdict_sentence(answer)
 
 
 @pytest.mark.slow

@@ -245,22 +245,27 @@ def _print_mechanism(m: Named, console: Console) -> None:
         console.print(f"    {escape(name)} = {with_ends(v.value, v.low, v.high)} {escape(unit(v.unit))}".rstrip())
 
 
+def _in(name: str) -> str:
+    """Return a unit to stand behind a number; nothing where none is declared."""
+    return f" {escape(unit(name))}" if name else ""
+
+
 def _print_held_out(answer: Answer, console: Console) -> None:
-    fit, of = answer.fit, escape(unit(answer.fit.unit))
+    fit, of = answer.fit, _in(answer.fit.unit)
     after = "" if fit.heldout_rms_after is None else f", with what was left out {fit.heldout_rms_after:.5g}"
     console.print(
-        f"  {fit.heldout_segments} held-out segments: rms {fit.heldout_rms_before:.5g} {of} by "
+        f"  {fit.heldout_segments} held-out segments: rms {fit.heldout_rms_before:.5g}{of} by "
         f"{linear_rig(answer)} with its constants refitted{after}; noise {fit.noise_rms:.5g}"
     )
     for c in fit.channels:
         then = "" if c.heldout_rms_after is None else f", then {c.heldout_rms_after:.4g}"
         console.print(
-            f"    {escape(c.channel)}: {c.heldout_rms_before:.4g}{then} {escape(unit(c.unit))}; "
+            f"    {escape(c.channel)}: {c.heldout_rms_before:.4g}{then}{_in(c.unit)}; "
             f"noise {c.noise_rms:.4g}; what cannot be predicted is {c.heldout_over_noise:.3g} times as large as noise"
         )
     for name, (before, later) in fit.stretches.items():
         then = "" if later is None else f", then {later:.4g}"
-        console.print(f"    {escape(name)}: {before:.4g}{then} {of}")
+        console.print(f"    {escape(name)}: {before:.4g}{then}{of}")
     if fit.steady_error is not None:
         before, later = fit.steady_error
         then = "" if later is None else f", then {100 * later:.3g} %"

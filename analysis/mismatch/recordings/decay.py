@@ -45,8 +45,9 @@ def along_words(decay: Sequence[AtAmplitude], unit: str) -> str:
     if not decay:
         return ""
     first, last = decay[0], decay[-1]
+    to = f"{last.amplitude:.3g} {unit}".rstrip()
     return (
-        f" Along the decay from {first.amplitude:.3g} to {last.amplitude:.3g} {unit} the frequency goes from "
+        f" Along the decay from {first.amplitude:.3g} to {to} the frequency goes from "
         f"{first.frequency_hz:.5g} to {last.frequency_hz:.5g} Hz and the damping ratio from "
         f"{100 * first.damping_ratio:.3g} to {100 * last.damping_ratio:.3g} %."
     )

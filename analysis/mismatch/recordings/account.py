@@ -252,8 +252,10 @@ class BlockAccount(Account[SimulatedFit]):
     def described_otherwise(self) -> Otherwise[SimulatedFit] | None:
         """Return the rig with inputs held otherwise, or with a contact turned round, where it leaves nothing."""
         linear, judge = self.selection.baseline, self.judge
-        found = None if self.far_off else hold_that_explains(linear, judge.screen, judge.on_progress)
-        return found or contact_turned_round(linear, judge.known, judge.on_progress)
+        if id(linear) not in judge.described:  # it is asked before laws are learned, and for the answer
+            found = None if self.far_off else hold_that_explains(linear, judge.screen, judge.on_progress)
+            judge.described[id(linear)] = linear, found or contact_turned_round(linear, judge.known, judge.on_progress)
+        return judge.described[id(linear)][1]
 
     def location(self, named: Sequence[Named], otherwise: Otherwise[SimulatedFit] | None = None) -> Location:
         """Return where most of the linear rig's residual lies."""

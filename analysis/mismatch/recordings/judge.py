@@ -36,7 +36,7 @@ from analysis.mismatch.recordings.held_out import FinalFits
 from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.made_ready import made_ready
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
-from analysis.mismatch.recordings.otherwise import explained_otherwise
+from analysis.mismatch.recordings.otherwise import Described, explained_otherwise
 from analysis.mismatch.recordings.ranking import Ranking, from_starts, simplest, weight_of, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.reweighing import exchanged, without_idle_ones
@@ -69,6 +69,7 @@ class BlockJudge(Judge[SimulatedFit]):
     sweeps: tuple[Sweep, ...] = ()
     steady: SteadyFit | None = None
     screened: dict[tuple[int, int], tuple[SimulatedFit, Screening]] = field(default_factory=dict, compare=False)
+    described: dict[int, tuple[SimulatedFit, Described]] = field(default_factory=dict, compare=False)
     finals: FinalFits = field(default_factory=FinalFits, compare=False)
     fitted: FittedOnce = field(default_factory=FittedOnce, compare=False)
 

@@ -23,6 +23,8 @@ HOPELESS = 1.5  # times the mean square of what is named, from which a rough fit
 TURNED = 3  # laws that are fitted in a contact whose bodies are named in the other order
 AS_WELL = 4.0  # mean square over that of what is named, up to which another constant explains as well
 
+Described = Otherwise[SimulatedFit] | None
+
 
 def explained_otherwise(
     fits: tuple[SimulatedFit, SimulatedFit, SimulatedFit],
@@ -68,7 +70,7 @@ def hold_that_explains(
     screened: Callable[[SimulatedFit], Screening],
     on_progress: OnProgress,
     named: SimulatedFit | None = None,
-) -> Otherwise[SimulatedFit] | None:
+) -> Described:
     """Return the linear rig with inputs that do between samples what leaves nothing beyond noise; None if none does.
 
     And predicts the choosing blocks no worse than what is ``named``, or than the rig as described.
@@ -97,7 +99,7 @@ def hold_that_explains(
 
 def contact_turned_round(
     linear: SimulatedFit, known: Sequence[Mechanism], on_progress: OnProgress, named: SimulatedFit | None = None
-) -> Otherwise[SimulatedFit] | None:
+) -> Described:
     """Return what explains with the bodies of a preloaded contact named in the other order; None where nothing does.
 
     Whether its deformation is its approach follows from that order and from which way the sensors count. It explains no

@@ -28,7 +28,7 @@ FILTER_ORDER = 4
 EDGE_PERIODS = 3.0  # of the band's width that a filter's edge takes
 SILENT: Final = 0.03  # of a decay's largest deflection: nothing has happened yet
 LOUD_START, NEAR_LARGEST = 0.3, 0.7  # of a decay's largest deflection: it was ringing when it began, it is near that
-ONE_SIDED: Final = 8  # last samples, not compared: there a lagging channel is interpolated from one side
+ONE_SIDED: Final = 12  # last samples, not compared: there a lagging channel is interpolated from one side
 FEWEST = 400  # samples that a recording must have
 
 

@@ -137,7 +137,7 @@ def screen(problem: Problem[FitOf], fitted: FitOf, known: Iterable[Mechanism], r
     again = [problem.second_impact(fitted, m) for m in known if isinstance(m, SecondImpact) and problem.allows(m)]
     scores += [*rung, *again]
     cosines = inner / np.outer(np.sqrt(power), np.sqrt(power))
-    rest, rest_by_chance = _free(cosines, z, drawn, len(named), [t.mechanism for t in free], wide > 0)
+    rest, rest_by_chance = _free(cosines, z, drawn, len(named), [t.mechanism for t in free], scale)
     at = slice(len(named))
     signs = np.array([t.mechanism.one_signed for t in named], bool)
     chances = np.concatenate([_tail(drawn[at], signs[:, None]), rung_by_chance, rest_by_chance[None]])
@@ -212,6 +212,10 @@ class _Noise:
     def wider(self, drawn: Real) -> Real:
         """Return by how much scores (terms, draws) of noise spread more than those of white noise would."""
         return np.sqrt(np.maximum(np.mean(drawn**2, axis=1), 1.0)) if self.wide else np.ones(len(drawn))
+
+    def larger(self, drawn: Real, dof: int) -> float:
+        """Return by how much gains (draws,) in noise are larger on average than so many free numbers make them."""
+        return max(float(drawn.mean()) / max(dof, 1), 1.0) if self.wide else 1.0
 
     def chi_squared(self, gain: float) -> float:
         """Return a fall of the sum of squares as chi-squared."""
@@ -290,21 +294,21 @@ def _rung_scores(
         wider = float(noise.wider(drawn[None])[0])
         values = np.append(drawn, rest[-1] / size) / wider
         signed = np.where((values > 0) | (not t.mechanism.one_signed), values**2, 0.0)
-        gains = tests.gain[i] + signed
+        gains = tests.gain[i] / noise.larger(tests.gain[i, :-1], int(tests.dof[i])) + signed
+        dof = max(int(tests.dof[i]) + (0 if alone else 1), 1)
         gain = noise.chi_squared(gains[-1])
-        dof = int(tests.dof[i]) + (0 if alone else 1)
-        by_chance[i] = chi2.sf(gains[:-1], max(dof, 1))
+        by_chance[i] = chi2.sf(gains[:-1], dof)
         strength = rest[-1] / size**2
         error = math.nan if alone else noise.deviation * wider / size
         bounds = [amplitude_bound(*line) for line in tests.lines[i].T if line[1] > 0]
         loudest = max(bounds, default=math.nan)
-        p_value = float(chi2.sf(gain, max(dof, 1)))
+        p_value = float(chi2.sf(gain, dof))
         found.append(Score(t, gain, dof, float(strength), p_value, error, bound=loudest))
     return found, by_chance
 
 
 def _free(
-    cosines: Real, z: Real, drawn: Real, first: int, free: Sequence[Mechanism], wide: bool
+    cosines: Real, z: Real, drawn: Real, first: int, free: Sequence[Mechanism], noise: _Noise
 ) -> tuple[FreeForm, Real]:
     """Joint test of the free-form terms, which follow the named ones; ``drawn`` (terms, draws) are scores of noise.
 
@@ -316,7 +320,7 @@ def _free(
         strong = values > FREE_FLOOR
         across = vectors[:, strong].T / np.sqrt(values[strong])[:, None]
         dof, by_noise = int(strong.sum()), np.sum((across @ drawn[kept]) ** 2, axis=0)
-        more = max(float(by_noise.mean()) / max(dof, 1), 1.0) if wide else 1.0
+        more = noise.larger(by_noise, dof)
         return float(np.sum((across @ z[kept]) ** 2)) / more, dof, by_noise / more
 
     everything = first + np.arange(len(free))

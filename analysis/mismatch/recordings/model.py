@@ -14,9 +14,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from analysis.mismatch.linearised import Evaluation, Linearisation, Tangent, covariance
+from analysis.mismatch.recordings.input_noise import rms_of_inputs
 from analysis.mismatch.recordings.motion import Own, Place
 from analysis.mismatch.recordings.nearby import nearby
-from analysis.mismatch.recordings.noise import InputNoiseMade, NoiseModel, rms_of_inputs
+from analysis.mismatch.recordings.noise import InputNoiseMade, NoiseModel
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, level
 from analysis.mismatch.recordings.simulation import Simulation
 from sim_backend.arrays import Real

@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.fft import next_fast_len
 
-from analysis.mismatch.recordings.outliers import NORMAL_MEDIAN
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, UNUSED, Recorded, level
-from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.arrays import Complex, Real
 
 Left = tuple[Real, NDArray[np.bool_]]  # (c, n) residual, and (n,) which samples of it are used
@@ -23,14 +21,6 @@ Left = tuple[Real, NDArray[np.bool_]]  # (c, n) residual, and (n,) which samples
 MOST_CORRELATED: Final = 0.05  # correlation that still counts when independent samples are counted
 AUTOREGRESSION: Final = 16  # order of the noise model
 MEMORY: Final = 4096  # samples, in which noise is taken to have forgotten what was before
-PIECES: Final = 8  # of an input
-BANDS: Final = 16  # of its spectrum
-QUIET: Final = 4  # one of so many of them is quiet enough to show the input's noise
-ALIKE: Final = 2.0  # times the power of the quietest, up to which others are as quiet: of 75 lines it scatters by 16 %
-ROUNDING: Final = 1e-9  # of an input's largest value, below which what cannot be predicted is no noise
-MULTIPLE: Final = 1e-3  # of a quantum, by which a multiple of it may be off
-SELDOM: Final = 0.02  # share of samples with a step, of a staircase
-MOST_INPUT_NOISE: Final = 0.05  # of an input's rms, that is taken as noise and not as what drives
 COUNTS: Final = 0.01  # of a channel's residual, from which on the inputs' noise is taken out
 LEAST_WHITE: Final = 0.01  # of a channel's residual that is its own noise at least
 ROUNDED: Final = 1e-12  # of a signal's power, that rounding leaves white
@@ -197,48 +187,6 @@ def _beside(whole: Real, made: Real) -> Real:
 
 def _padded(samples: int) -> int:
     return 2 * int(next_fast_len(samples, real=True))
-
-
-def rms_of_inputs(rig: DescribedRig, recorded: Recorded) -> Real:
-    """Return (inputs,) the noise (rms) of each measured input, as declared or as it shows it; 0 where unknown."""
-    if recorded.free or recorded.band is not None:
-        return np.zeros(len(rig.drives))
-    declared = [drive.noise for drive in rig.drives]
-    found = (_quietest(u) if rms is None else rms for u, rms in zip(recorded.inputs, declared, strict=True))
-    return np.array(list(found), np.float64)
-
-
-def _quietest(u: Real) -> float:
-    """Return the noise (rms) of a measured input, from when least happens or from where its spectrum is lowest.
-
-    0 where that is much: an input that is noise itself does not tell how well it was measured. And of one that stands
-    exactly still, most of the time and for no rounding or but for a step now and then: it is what was asked for, and
-    its spectrum that of its steps and pulses.
-    """
-    moved = np.abs(np.diff(u))
-    quantum = float(min(moved[moved > 0], default=0.0))
-    if np.count_nonzero(moved) < SELDOM * u.size or (not np.median(moved) > 0 and not _rounded(moved, quantum)):
-        return 0.0
-    window = np.hanning(u.size)
-    power = np.abs(np.fft.rfft((u - u.mean()) * window)) ** 2 / np.sum(window**2)
-    bands = np.array([float(np.median(band)) for band in np.array_split(power[1:], BANDS)])
-    pieces = np.array([innovation_rms(piece - piece.mean()) for piece in np.array_split(u, PIECES)])
-    still = float(np.median(moved)) / (NORMAL_MEDIAN * math.sqrt(2)) or quantum / math.sqrt(12)
-    found = math.sqrt(_of_the_quiet(bands) / math.log(2)), math.sqrt(_of_the_quiet(pieces**2)), still
-    least = min(f for f in found if f > 0)
-    return least if ROUNDING * np.abs(u).max() < least < MOST_INPUT_NOISE * np.std(u) else 0.0
-
-
-def _rounded(moved: Real, quantum: float) -> bool:
-    """Whether steps (n,) are multiples of one quantum, as of a converter."""
-    counts = moved / quantum
-    return bool(np.abs(counts - np.round(counts)).max() < MULTIPLE)
-
-
-def _of_the_quiet(powers: Real) -> float:
-    """Return the mean of the powers that are alike to the lowest ones: of these alone it would be too low."""
-    lowest = float(np.sort(powers)[: powers.size // QUIET].mean())
-    return float(powers[powers <= ALIKE * lowest].mean())
 
 
 @dataclass(frozen=True, slots=True)

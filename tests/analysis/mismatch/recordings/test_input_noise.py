@@ -10,8 +10,8 @@ import pytest
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import SimulatedFit, fit, problem_of
+from analysis.mismatch.recordings.input_noise import rms_of_inputs
 from analysis.mismatch.recordings.model import made_by_input_noise
-from analysis.mismatch.recordings.noise import rms_of_inputs
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.score_test import screen
 from mesotap.configuration.rig_files import parse_rig

@@ -2,8 +2,8 @@
 
 A force cell's noise is in what a rig is simulated with and not in what drove it. At frequencies where the force has
 nothing else, the best fit would be a rig that does not answer there, and a mechanism that takes response away seems to
-explain. What a mechanism would do is therefore computed from the expectation of the input given what was measured; the
-residual, with all its noise, is correlated with that: an instrumental variable, as system identification calls it.
+explain. What a mechanism would do is therefore computed from the expectation of the input given what was measured,
+while the residual keeps all of the noise: system identification calls that an instrumental variable.
 """
 
 from __future__ import annotations

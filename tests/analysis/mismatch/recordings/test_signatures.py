@@ -59,7 +59,7 @@ def test_trials_together_make_what_each_makes_alone(driven: bool, beside: bool) 
 
     expected, own = [], begun.own[0]
     for term in terms:
-        other = begun.simulation.with_terms((*begun.terms, term), begun.values)
+        other = compared.simulation.with_terms((*begun.terms, term), begun.values)
         state = replace(other.own(begun.state(0)), memory=other.own(begun.state(0)).memory * 0)
         shown, at = other.run(other.begin(), state, 0)
         expected.append(alone((shown - problem.recordings[0].outputs[:, at]) / problem.recordings[0].unit[:, None]))

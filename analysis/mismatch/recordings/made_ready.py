@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from analysis.mismatch.recordings.blocks import fitted_where_odd
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, linear_fit
+from analysis.mismatch.recordings.input_noise import with_likeliest_inputs
 from analysis.mismatch.recordings.ranking import share_that_tells
 from analysis.mismatch.recordings.recorded import Recorded
 from analysis.mismatch.recordings.second_impact import fitted_where_struck
@@ -21,6 +22,7 @@ def made_ready(problem: SimulatedRecordings, known: Sequence[Mechanism]) -> Simu
     """
     linear = linear_fit(problem)
     linear = _fitted_to(without_wrong_samples(linear), linear)
+    linear = _fitted_to(with_likeliest_inputs(linear), linear)
     recordings = linear.problem.recordings
     struck = any(isinstance(m, SecondImpact) and linear.problem.allows(m) for m in known) and not linear.far_off()
     recordings = fitted_where_struck(linear) if struck else recordings

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from analysis.mismatch.linearised import Evaluation, Linearisation, Tangent, covariance
-from analysis.mismatch.recordings.input_noise import rms_of_inputs
+from analysis.mismatch.recordings.input_noise import drawn, rms_of_inputs
 from analysis.mismatch.recordings.motion import Own, Place
 from analysis.mismatch.recordings.nearby import nearby
 from analysis.mismatch.recordings.noise import InputNoiseMade, NoiseModel
@@ -70,7 +70,8 @@ def made_by_input_noise(
         return None
     share = 1.0 if simulation.jumps else SMALL_DRAW
     left, _ = residual(simulation, x, own, number, samples=samples)
-    errors = np.random.default_rng(DRAWS_SEED).standard_normal((DRAWS, *recorded.inputs.shape)) * noise[:, None]
+    normal = np.random.default_rng(DRAWS_SEED).standard_normal((DRAWS, *recorded.inputs.shape))
+    errors = drawn(recorded, noise, normal)
 
     def made(error: Real) -> Real:
         noisy = simulation.with_inputs(number, recorded.inputs + share * error)

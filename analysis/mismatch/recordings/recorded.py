@@ -71,6 +71,8 @@ class Recorded:
         How long the rig had been free before the first sample, as far as the recording tells.
     wrong
         Samples that were wrong by themselves.
+    measured
+        Inputs as they were measured, where noise was taken off them.
     """
 
     source: str
@@ -88,6 +90,7 @@ class Recorded:
     every: int = 1
     rang_s: float = 0.0
     wrong: tuple[WrongSample, ...] = ()
+    measured: Real | None = None
 
     @property
     def samples(self) -> int:

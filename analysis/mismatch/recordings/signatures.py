@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from analysis.mismatch.parameters import Term, lines_of
 from analysis.mismatch.problem import Columns, Rung
-from analysis.mismatch.recordings.input_noise import likeliest, rms_of_inputs
 from analysis.mismatch.recordings.inputs import at_rest_between_pulses
 from analysis.mismatch.recordings.model import (
     DRAWS,
@@ -51,9 +50,7 @@ class _Compared:
         size = recorded.fitted.stop - recorded.fitted.start
         self.count = math.ceil(problem.looked_at * size) if self.plain else size
         # the noise of a force cell is in the residual: in what a mechanism does to it, it would look like the mechanism
-        noise = rms_of_inputs(fitted.simulation.rig, recorded)
-        likely = (at_rest_between_pulses(likeliest(u, rms)) for u, rms in zip(recorded.inputs, noise, strict=True))
-        inputs = np.array(list(likely)).reshape(recorded.inputs.shape)
+        inputs = np.array([at_rest_between_pulses(u) for u in recorded.inputs]).reshape(recorded.inputs.shape)
         self.simulation = fitted.simulation.with_inputs(number, inputs)
         self.own = fitted.own[number]
         self.off, self.at = residual(fitted.simulation, fitted.x, self.own, number, samples=self.count)

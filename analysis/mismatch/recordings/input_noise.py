@@ -34,6 +34,7 @@ ROUNDING: Final = 1e-9  # of an input's largest value, below which what cannot b
 MULTIPLE: Final = 1e-3  # of a quantum, by which a multiple of it may be off
 SELDOM: Final = 0.02  # share of samples with a step, of a staircase
 MOST_INPUT_NOISE: Final = 0.05  # of an input's rms, that is taken as noise and not as what drives
+# the following were chosen on the sound rigs of decision 174
 MOST_TAKEN_OFF: Final = 0.5  # likewise, where the rig does not answer it
 SMOOTHED: Final = 25  # lines of a spectrum, over which its power is taken to be even
 FORETOLD: Final = 200  # samples before and after an input, that are foretold

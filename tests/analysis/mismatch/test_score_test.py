@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import Columns, Problem
@@ -18,7 +18,8 @@ from analysis.mismatch.recordings.fit import problem_of as recordings_of
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.ring_downs import signatures
 from analysis.mismatch.ring_downs.fit import RingDownFit, fit
-from analysis.mismatch.score_test import Score, Screening, effective_number, screen
+from analysis.mismatch.ringing_tests import RingingTests
+from analysis.mismatch.score_test import Score, Screening, _Noise, _rung_scores, effective_number, screen
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.mechanisms.catalogue import catalogue, variants
 from tests.analysis.mismatch.recordings.described_rigs import motion, noise_input, recorded
@@ -167,3 +168,18 @@ def test_independent_tests_count_as_many_as_they_are_and_repeated_ones_as_one(te
     assert effective_number(chances) == pytest.approx(tests, rel=0.05)
     assert effective_number(np.repeat(chances[:1], 12, axis=0)) == pytest.approx(1, rel=0.05)
     assert effective_number(np.zeros((tests, 0))) == tests
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_gains_of_free_amplitudes_count_as_chi_squared_where_noise_makes_three_times_as_much(wide: bool) -> None:
+    """Of what rings at a resonance draws of the noise make more than of white noise: their p-values stay uniform."""
+    draws, dof, larger = 4000, 6, 3.0 if wide else 1.0
+    tests = RingingTests([0], 0, draws)
+    tests.dof[0] = dof
+    tests.gain[0] = np.append(larger * np.random.default_rng(4).chisquare(dof, draws), larger * 20.0)
+    (score,), by_chance = _rung_scores(
+        [Term(listed("mains_hum"), {}, (0,))], tests, np.zeros(0), _Noise(True, 1.0, 1000, wide)
+    )
+    assert score.gain == pytest.approx(20.0, rel=0.05)
+    assert score.p_value == pytest.approx(chi2.sf(20.0, dof), rel=0.3)
+    assert np.mean(by_chance < 0.05) == pytest.approx(0.05, abs=0.012)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -62,14 +62,28 @@ def ratio_in(part: int, before: SimulatedFit, after: SimulatedFit, best: Simulat
     Where that is as good as noise, residuals are whitened as this noise asks: of slow noise a few samples count as
     independent, and what is fast beside it would be lost in them.
     """
-    whitened = as_noise(best)
+    whitened = best.as_noise
     left = [mean_of(f.by_block(part, best if whitened else None)) for f in (before, after)]
     return independent_samples(best, part, whitened) * math.log(left[0] / max(factor * left[1], 1e-300))
 
 
-def as_noise(fitted: SimulatedFit) -> bool:
-    """Whether what a fit leaves is as good as noise: not much more than what cannot be predicted of it."""
-    return fitted.scatter < fitted.problem.policy.unlike_noise
+def of_least_noise(
+    fits: Iterable[SimulatedFit], weight: Callable[[SimulatedFit], float] = lambda _: 1.0
+) -> SimulatedFit:
+    """Return the fit that leaves least, with weights on mean squares; of those as good as noise, what is unpredicted.
+
+    What inputs' noise makes hides in what is left what is small and told well by several channels.
+    """
+    fits = list(fits)
+    nearest = min(fits, key=lambda f: weight(f) * f.scatter)
+    if not nearest.as_noise:
+        return nearest
+    return min((f for f in fits if f.as_noise), key=lambda f: weight(f) * _unpredicted(f))
+
+
+def _unpredicted(fitted: SimulatedFit) -> float:
+    each = [math.log(fitted.noise(i).unpredicted) for i in range(len(fitted.own))]
+    return math.exp(np.average(each, weights=[rows.size for rows in fitted.residuals]))
 
 
 def mean_of(losses: Sequence[float]) -> float:
@@ -119,9 +133,9 @@ def predicts_no_better(before: SimulatedFit, after: SimulatedFit) -> bool:
     worse.
     """
     once = bool(after.terms) and all(isinstance(t.mechanism, SecondImpact) for t in after.terms)
-    if as_noise(after) and not once:
+    if after.as_noise and not once:
         return _falls_too_little(HELD, before, after)
-    held = before.by_block(HELD, after) if as_noise(after) else ()
+    held = before.by_block(HELD, after) if after.as_noise else ()
     if held:
         ratio = math.sqrt(mean_of(after.by_block(HELD, after)) / mean_of(held))
     else:
@@ -139,7 +153,7 @@ def chooses_no_worse(before: SimulatedFit, after: SimulatedFit) -> bool:
     )
     if ratio_in(CHOOSE, before, after, after) > -after.problem.policy.parameter_cost * parameters:
         return True
-    return as_noise(after) and not _falls_too_little(CHOOSE, before, after)
+    return after.as_noise and not _falls_too_little(CHOOSE, before, after)
 
 
 def _falls_too_little(part: int, before: SimulatedFit, after: SimulatedFit) -> bool:
@@ -149,7 +163,7 @@ def _falls_too_little(part: int, before: SimulatedFit, after: SimulatedFit) -> b
 
 def untold_words(before: SimulatedFit, after: SimulatedFit) -> str:
     """Say that what was held out does not tell two fits apart, where noise hides what makes the difference."""
-    if not as_noise(after):
+    if not after.as_noise:
         return ""
     _, made, by_chance = fall_in(HELD, before, after)
     if not 0 < made < by_chance:
@@ -165,7 +179,7 @@ def fall_in(part: int, before: SimulatedFit, after: SimulatedFit) -> tuple[float
     third (`SelectionPolicy.level`). The blocks scatter by their noise, the fit by that of what it was fitted to.
     """
     fall = made = 0.0
-    count, best = {part: 0, FIT: 0}, min(before, after, key=lambda f: f.scatter)
+    count, best = {part: 0, FIT: 0}, of_least_noise((before, after))
     for number, recorded in enumerate(after.problem.recordings):
         (first, at), (last, _) = before.off(number), after.off(number)
         held = recorded.part[at] == part

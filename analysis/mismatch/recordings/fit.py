@@ -21,7 +21,7 @@ from analysis.mismatch.policy import POLICY, SelectionPolicy
 from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Problem
 from analysis.mismatch.recordings.model import DRAWS, Point, SimulationModel, residual
 from analysis.mismatch.recordings.motion import Own, continued
-from analysis.mismatch.recordings.noise import NoiseModel, mostly_missed, noise_of
+from analysis.mismatch.recordings.noise import NoiseModel, mostly_missed
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, duration, level
 from analysis.mismatch.recordings.second_impact import second_impact_score
 from analysis.mismatch.recordings.signatures import columns_of
@@ -58,6 +58,8 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
         Whether residuals are compared with what mechanisms do as they are, and not whitened.
     looked_at
         Share of each recording, from its beginning, that fits look at which only rank rivals.
+    noise
+        Mean square of residuals that are noise: what cannot be predicted, and what noise of the inputs makes.
     """
 
     rig: DescribedRig
@@ -71,6 +73,7 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
     rivals: tuple[tuple[Mapping[str, float], tuple[Real, ...]], ...] = ()
     plain: bool = False
     looked_at: float = 1.0
+    noise: float = 1.0
 
     @property
     def arrangement(self) -> Arrangement:  # type: ignore[override]
@@ -101,16 +104,6 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
     def one_decay(self) -> bool:
         """Whether amplitude and time go together in all there is: one free decay."""
         return len(self.recordings) == 1 and self.recordings[0].free
-
-    def weighed(self, by: SimulatedFit) -> SimulatedRecordings:
-        """Return the problem with residuals in units of the noise that a fit leaves, and its constants and states.
-
-        A loud recording has little noise beside what it shows and a faint one much, and so have channels.
-        """
-        units = (noise_of(r, *by.error(i)) for i, r in enumerate(self.recordings))
-        recordings = tuple(replace(r, unit=unit) for r, unit in zip(self.recordings, units, strict=True))
-        states = tuple(by.state(i) for i in range(len(by.own)))
-        return replace(self, recordings=recordings, constants=by.values, states=states)
 
     def starts(self) -> list[SimulatedRecordings]:
         """Return it from each of the starting points that spectra hardly tell apart, the likeliest first."""
@@ -215,6 +208,11 @@ class SimulatedFit(Fit):
         """Return (2n,) the state of the rig's own bodies where fitting of a recording begins."""
         n, m, own = len(self.problem.arrangement.bodies), self.simulation.n, self.own[number].state
         return np.concatenate([own[:n], own[m : m + n]])
+
+    @property
+    def as_noise(self) -> bool:
+        """Whether what is left is as good as noise: not much more than that would be."""
+        return self.scatter < self.problem.policy.unlike_noise * self.problem.noise
 
     @property
     def missed(self) -> float:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Final
 
 from analysis.mismatch.free_form import free_places, joint_term
-from analysis.mismatch.recordings.blocks import as_noise, mean_of
+from analysis.mismatch.recordings.blocks import mean_of
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit
 from analysis.mismatch.recordings.recorded import CHOOSE
 from sim_backend.force_law import SLOTS
@@ -27,6 +27,6 @@ def free_share(base: SimulatedFit, current: SimulatedFit, problem: SimulatedReco
     if not added:
         return 0.0
     found = fit(replace(problem, looked_at=1.0), (*current.terms, *added), current)
-    noise = current if as_noise(current) else None
+    noise = current if current.as_noise else None
     before, best, free = (mean_of(f.by_block(CHOOSE, noise)) for f in (base, current, found))
     return max(best - free, 0.0) / max(before - min(free, best), 1e-300)

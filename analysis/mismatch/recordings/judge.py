@@ -18,11 +18,11 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.blocks import (
-    as_noise,
     chooses_no_worse,
     likelihood_ratio,
     mean_of,
     missed_still,
+    of_least_noise,
     over_noise,
     predicts_no_better,
     ratio_in,
@@ -153,9 +153,7 @@ class BlockJudge(Judge[SimulatedFit]):
             patient = self._fitted_to_the_end(scores[0].term.mechanism)
             fitted_from = partial(self._joined_once, begun, to_beat=math.inf if patient else to_beat)
             # once all is explained, no further start where one has led nowhere
-            fits.append(
-                from_starts(scores, fitted_from, to_beat if nearest.scatter < policy.unlike_noise else math.inf)
-            )
+            fits.append(from_starts(scores, fitted_from, to_beat if nearest.as_noise else math.inf))
             nearest = min(nearest, fits[-1][1], key=lambda f: f.objective)
         fits = begun_from_another(self.problem, begun, fits)
         if not begun.terms:
@@ -170,7 +168,7 @@ class BlockJudge(Judge[SimulatedFit]):
 
     def _ranking(self, current: SimulatedFit, screening: Screening) -> Ranking:
         """Return which mechanisms earn a fit beside what stands."""
-        policy, unlike_noise = self.problem.policy, current.scatter > self.problem.policy.unlike_noise
+        policy, unlike_noise = self.problem.policy, not current.as_noise
         # where most of what is missed is noise, a fit gains what its score says
         near_linear = policy.promising_by_blocks if unlike_noise else policy.close
         promising = near_linear if current.missed < NEAR_LINEAR else 0.0
@@ -199,7 +197,7 @@ class BlockJudge(Judge[SimulatedFit]):
         """
         if not fits:
             return []
-        best = min((f for _, f in fits), key=lambda f: weight_of(f) * f.scatter)
+        best = of_least_noise((f for _, f in fits), weight_of)
         found: list[Candidate[SimulatedFit]] = []
         for score, fitted in fits:
             evidence = likelihood_ratio(state.current, fitted, best, weight_of(fitted))
@@ -273,7 +271,7 @@ class BlockJudge(Judge[SimulatedFit]):
             left = self.screen(candidate.fit, self._further(candidate.fit))
             if left.p_value >= policy.level or left.unexplained < policy.left_over_blocks * candidate.evidence:
                 return True
-        by_chance = as_noise(state.current) and candidate.evidence <= by_more
+        by_chance = state.current.as_noise and candidate.evidence <= by_more
         if gained <= max(policy.least_share * missed, 0.0) or by_chance:
             return False
         change = np.log(np.array(before) / np.array(after))

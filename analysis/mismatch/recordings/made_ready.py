@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from analysis.mismatch.recordings.blocks import fitted_where_odd
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, linear_fit
 from analysis.mismatch.recordings.input_noise import with_likeliest_inputs
+from analysis.mismatch.recordings.noise import noise_of
 from analysis.mismatch.recordings.ranking import share_that_tells
 from analysis.mismatch.recordings.recorded import Recorded
 from analysis.mismatch.recordings.second_impact import fitted_where_struck
 from analysis.mismatch.recordings.wrong_samples import without_wrong_samples
+from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import Mechanism, SecondImpact
 
 
@@ -27,7 +31,28 @@ def made_ready(problem: SimulatedRecordings, known: Sequence[Mechanism]) -> Simu
     struck = any(isinstance(m, SecondImpact) and linear.problem.allows(m) for m in known) and not linear.far_off()
     recordings = fitted_where_struck(linear) if struck else recordings
     linear = _fitted_to(fitted_where_odd(linear, recordings), linear)
-    return replace(linear.problem.weighed(linear), looked_at=share_that_tells(linear))
+    return replace(weighed(linear), looked_at=share_that_tells(linear))
+
+
+def weighed(by: SimulatedFit) -> SimulatedRecordings:
+    """Return a fit's problem with residuals in units of the noise that it leaves, and with its constants and states.
+
+    A loud recording has little noise beside what it shows and a faint one much, and so have channels.
+    """
+    units = [noise_of(r, *by.error(i)) for i, r in enumerate(by.problem.recordings)]
+    recordings = tuple(replace(r, unit=unit) for r, unit in zip(by.problem.recordings, units, strict=True))
+    states = tuple(by.state(i) for i in range(len(by.own)))
+    noise = 1 + _made_by_inputs(by, units)
+    return replace(by.problem, recordings=recordings, constants=by.values, states=states, noise=noise)
+
+
+def _made_by_inputs(fitted: SimulatedFit, units: Sequence[Real]) -> float:
+    """Return the mean square of what noise of the inputs makes and a fit leaves, in units (c,) of each recording."""
+    made = []
+    for number, (recorded, unit) in enumerate(zip(fitted.problem.recordings, units, strict=True)):
+        driven = fitted.noise(number).driven
+        made.append(0.0 if driven is None else float(np.mean(driven.power * (recorded.unit / unit) ** 2)))
+    return float(np.average(made, weights=[rows.size for rows in fitted.residuals]))
 
 
 def _fitted_to(recordings: Sequence[Recorded], linear: SimulatedFit) -> SimulatedFit:

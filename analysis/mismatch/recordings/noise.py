@@ -137,6 +137,8 @@ class InputNoise:
         Longest rows that it is for.
     share
         (c,) of what draws of that noise make, that is taken to be in the recording.
+    power
+        (c,) mean square of that, in units of the recording.
     white
         (c,) variance of the channels' own white noise, in units of the recording.
     roots
@@ -145,6 +147,7 @@ class InputNoise:
 
     samples: int
     share: Real
+    power: Real
     white: Real
     roots: Complex
 
@@ -167,7 +170,7 @@ class InputNoise:
         own /= np.sqrt(np.outer(white, white))
         sizes, vectors = np.linalg.eigh(own + np.eye(len(off)))
         roots = (vectors / np.sqrt(sizes)[:, None, :]) @ vectors.conj().transpose(0, 2, 1) / np.sqrt(white)
-        return cls(samples, share, white, roots)
+        return cls(samples, share, power * share**2, white, roots)
 
     def __call__(self, rows: Real) -> Real:
         """Return rows (..., c, n) without it, in units of the channels' own white noise."""
@@ -203,6 +206,13 @@ class NoiseModel:
         driven = None if made is None else InputNoise.of(made, samples, left)
         rows = left[0] if driven is None else driven(left[0])
         return cls(driven, Whitening.of(rows, left[1], floor_of(recorded)))
+
+    @property
+    def unpredicted(self) -> float:
+        """Mean square of what cannot be predicted of the noise, the geometric mean of the channels."""
+        channels = self.own.noise.size
+        driven = 0.0 if self.driven is None else float(np.mean(np.linalg.slogdet(self.driven.roots)[1]))
+        return math.exp(2 * (float(np.sum(np.log(self.own.noise))) - driven) / channels)
 
     def white(self, rows: Real) -> Real:
         """Return rows (..., c, n) whitened, of variance one where they are noise."""

@@ -67,7 +67,7 @@ def likelier_rig(
 
     best, nearest = linear, with_best(linear)
     for constants, states in problem.rivals:
-        if nearest.scatter < problem.policy.unlike_noise:
+        if nearest.as_noise:
             break
         other = fit(replace(problem, constants=constants, states=states), fine=True)
         near = with_best(other)
@@ -91,7 +91,7 @@ def begun_from_equal_rigs(
     if not laws:
         return fits
     best, begun = next(iter(laws.values()))
-    if linear.scatter > problem.policy.unlike_noise and screened(begun).p_value >= problem.policy.level:
+    if not linear.as_noise and screened(begun).p_value >= problem.policy.level:
         return fits
     near = linear.missed < NEAR_LINEAR
     found = {score.term.key: (score, fitted) for score, fitted in fits}

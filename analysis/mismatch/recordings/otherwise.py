@@ -8,7 +8,7 @@ from typing import get_args
 
 from analysis.mismatch.account import Otherwise
 from analysis.mismatch.problem import OnProgress
-from analysis.mismatch.recordings.blocks import likelihood_ratio, mean_of
+from analysis.mismatch.recordings.blocks import likelihood_ratio, mean_of, of_least_noise
 from analysis.mismatch.recordings.costs import cost_of
 from analysis.mismatch.recordings.fit import SimulatedFit, fit, problem_of
 from analysis.mismatch.recordings.joining import joined_to
@@ -139,4 +139,4 @@ def _worse(found: SimulatedFit, named: SimulatedFit | None) -> bool:
     if named is None:
         return False
     more = sum(cost_of(found, t) for t in found.terms) - sum(cost_of(named, t) for t in named.terms)
-    return likelihood_ratio(named, found, min(found, named, key=lambda f: f.scatter)) < more
+    return likelihood_ratio(named, found, of_least_noise((found, named))) < more

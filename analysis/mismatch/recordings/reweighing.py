@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from analysis.mismatch.recordings.blocks import likelihood_ratio
+from analysis.mismatch.recordings.blocks import likelihood_ratio, of_least_noise
 from analysis.mismatch.recordings.costs import cost_of
 from analysis.mismatch.recordings.fit import SimulatedFit, fit
 from analysis.mismatch.recordings.ranking import with_time
@@ -71,7 +71,7 @@ def _weighed(
         if c.fit is not None:
             term = next(t for t in c.fit.terms if t.key == c.score.term.key)
             fits[id(c)] = fit(problem, (*terms[:i], term, *terms[i + 1 :]), current, fine=True)
-    best = min(fits.values(), key=lambda f: f.scatter)
+    best = of_least_noise(fits.values())
     without = fit(problem, (*terms[:i], *terms[i + 1 :]), current, fine=True)
 
     def again(c: Tried) -> Tried:

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import Final
 
-from analysis.mismatch.recordings.blocks import likelihood_ratio, mean_of, missed_still
+from analysis.mismatch.recordings.blocks import likelihood_ratio, mean_of, missed_still, of_least_noise
 from analysis.mismatch.recordings.costs import cost_of
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge
@@ -81,7 +81,7 @@ def leads(one: Selection[SimulatedFit], other: Selection[SimulatedFit]) -> bool:
 def _lead(one: SimulatedFit, other: SimulatedFit) -> float:
     """Return the evidence of one fit over another, in samples as independent as those of what the better one leaves."""
     more = sum(cost_of(one, t) for t in one.terms) - sum(cost_of(other, t) for t in other.terms)
-    better = min(one, other, key=lambda f: f.scatter)
+    better = of_least_noise((one, other))
     return likelihood_ratio(other, one, better) - more
 
 

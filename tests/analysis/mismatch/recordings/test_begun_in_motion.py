@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import fit, linear_fit, problem_of
+from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.recorded import prepare
 from mesotap.configuration.rig_files import parse_rig
 from tests.analysis.mismatch.recordings.described_rigs import INPUT, RATE, SPRING, driven, recorded
@@ -62,7 +63,7 @@ def test_a_spring_that_relaxes_carries_what_was_before_the_recording(later: int)
     relaxation = listed("relaxation")
     with np.errstate(all="ignore"):
         problem = problem_of(rig, [prepared])
-        linear = linear_fit(problem.weighed(linear_fit(problem)))
+        linear = linear_fit(weighed(linear_fit(problem)))
         term = Term(relaxation, {"relaxing_stiffness_n_per_m": 300.0, "relaxation_time_s": 0.03}, (0,))
         found = fit(linear.problem, (term,), linear, fine=True)
     errors = np.sqrt(np.diag(found.term_covariances[0]))  # of the stiffness, of the logarithm of the time

@@ -20,6 +20,7 @@ from analysis.mismatch.recordings.blocks import (
 )
 from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
 from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, prepare
 from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate, State
@@ -41,7 +42,7 @@ def with_and_without(cubic: float, seed: int) -> tuple[SimulatedFit, SimulatedFi
     (law,) = family("tube_spring_cubic")
     with np.errstate(all="ignore"):
         first = problem_of(rig, [prepare(recording, rig)])
-        problem = first.weighed(linear_fit(first))
+        problem = weighed(linear_fit(first))
         linear = linear_fit(problem)
         term = Term(law, {"cubic_stiffness_n_per_m3": cubic or 1e4}, (0,))
         return linear, fit(problem, (term,), linear, fine=True)

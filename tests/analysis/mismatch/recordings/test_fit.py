@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit, problem_of
+from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.recorded import HELD, prepare
 from analysis.mismatch.score_test import screen
 from daq.exchange import Recording
@@ -78,7 +79,7 @@ def two_decays(seed: int) -> tuple[SimulatedRecordings, SimulatedFit]:
     random = np.random.default_rng(seed)
     noisy = [Recording(np.array([y + 1e-3 * random.normal(size=y.size)]), RATE, ("x",), "", "made") for y in data]
     problem = problem_of(rig, [prepare(r, rig) for r in noisy])
-    problem = problem.weighed(fit(problem, fine=True))
+    problem = weighed(fit(problem, fine=True))
     return problem, fit(problem, fine=True)
 
 
@@ -117,7 +118,7 @@ def test_noise_of_a_measured_input_is_no_missing_physics_and_widens_intervals() 
     for seed in range(10):
         noise = 0.02 * np.random.default_rng(seed).normal(size=u.size)
         problem = problem_of(rig, [prepare(recorded([u + noise, a], RATE, 0.005, 100 + seed), rig)])
-        problem = problem.weighed(fit(problem, fine=True))
+        problem = weighed(fit(problem, fine=True))
         found = fit(problem, fine=True)
         p.append(screen(problem, found, KNOWN).p_value)
         errors = np.sqrt(np.diag(found.covariance))

@@ -15,6 +15,7 @@ from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import fit, linear_fit, problem_of
 from analysis.mismatch.recordings.foot_or_mount import begun_from_another, mapped
+from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.score_test import Score
 from daq.exchange import Recording
@@ -110,7 +111,7 @@ def test_a_frame_that_is_stuck_is_begun_from_the_part_that_does_the_same() -> No
     rig = parse_rig(DRIVEN)
     with np.errstate(all="ignore"):
         first = problem_of(rig, [prepare(on_a_frame(), rig)])
-        linear = linear_fit(first.weighed(linear_fit(first)))
+        linear = linear_fit(weighed(linear_fit(first)))
         problem = linear.problem
         terms = []
         for mechanism, sizes in ((FRAME, (60.0, 2750.0, 1.0)), (PART, (0.0045, 36.0, 0.015))):

@@ -11,6 +11,7 @@ import pytest
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import SimulatedFit, fit, problem_of
 from analysis.mismatch.recordings.input_noise import rms_of_inputs
+from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.model import made_by_input_noise
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.score_test import screen
@@ -50,7 +51,7 @@ def pulls(draws: int) -> Real:
         problem = problem_of(rig, [prepare(recorded([noisy, acting(u, x, v)], RATE, 0.002, 50 + seed), rig)])
         start = {**problem.constants, **true, "offset of input 1": 0.0}
         problem = replace(problem, constants=start, states=(np.zeros(2),))
-        fitted = fit(problem.weighed(fit(problem, (term,), fine=True)), (term,), fine=True)
+        fitted = fit(weighed(fit(problem, (term,), fine=True)), (term,), fine=True)
         found.append(_pulls(fitted, {**true, **term.values}))
     return np.array(found)
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
 from analysis.mismatch.recordings.joining import BODY_SHARES, SHARES, joined_to, not_astray
+from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.score_test import Score
 from mesotap.configuration.rig_files import parse_rig
@@ -36,7 +37,7 @@ def linear() -> SimulatedFit:
     rig = parse_rig(SPRING + sensor("displacement", 0))
     with np.errstate(all="ignore"):
         first = problem_of(rig, [prepare(recorded([decay], 200.0, 1e-3), rig)])
-        return linear_fit(first.weighed(linear_fit(first)))
+        return linear_fit(weighed(linear_fit(first)))
 
 
 @pytest.mark.parametrize("times", [2.5, 4.0, 8.0])
@@ -69,7 +70,7 @@ def test_a_frame_that_would_give_way_too_much_is_begun_heavier() -> None:
     (frame,) = family("frame_compliance")
     with np.errstate(all="ignore"):
         first = problem_of(rig, [prepare(recorded([decay], 200.0, 1e-3), rig)])
-        linear = linear_fit(first.weighed(linear_fit(first)))
+        linear = linear_fit(weighed(linear_fit(first)))
         light = {q.name: v / 20 for q, v in zip(frame.parameters, (mass, stiffness, damping), strict=True)}
         term = Term(frame, light, (0,))
         begun = not_astray(linear.problem, linear, term)
@@ -96,7 +97,7 @@ def test_a_frame_that_puts_the_rig_out_of_phase_is_found_at_its_full_strength() 
     (kind,) = family("frame_compliance")
     with np.errstate(all="ignore"):
         first = problem_of(rig, [prepare(recorded([rows[0], rows[1]], 520.0, 1e-4), rig)])
-        linear = linear_fit(first.weighed(linear_fit(first)))
+        linear = linear_fit(weighed(linear_fit(first)))
         light = dict(zip(kind.body, (12.0, 5.0e6, 300.0), strict=True))
         found = joined_to(linear.problem, linear, Score(Term(kind, light, (0,)), 1e3, 3, 1.0, 0.0))
         # the test can fail: begun there without following the phase, or far heavier, the fit ends elsewhere

@@ -13,6 +13,7 @@ from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.blocks import missed_still, over_noise, predicts_no_better
 from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
+from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.recordings.signatures import weakened
 from analysis.mismatch.score_test import screen
@@ -155,7 +156,7 @@ def test_friction_in_a_decay_of_27_periods_is_found_from_afar_with_how_abruptly_
     begins = [Term(known["guide_friction"], {"friction_force_n": 3 * FRICTION, "rounding": w}, (0,)) for w in widths]
     firsts = [fit(problem, (*begun.terms, rubbing), begun, fine=True) for rubbing in begins]
     first = min(firsts, key=lambda f: f.objective)
-    found = fit(problem.weighed(first), first.terms, first, fine=True).terms[1].values
+    found = fit(weighed(first), first.terms, first, fine=True).terms[1].values
     assert found["friction_force_n"] == pytest.approx(FRICTION, rel=5e-3)
     if turns == BLUNT:
         assert found["rounding"] == pytest.approx(turns, rel=0.1)
@@ -172,7 +173,7 @@ def test_the_error_of_a_score_is_that_of_a_full_fit_where_a_named_law_is_like_th
     power = next(m for m in learned_mechanisms() if {q.name for q in m.parameters} == {"force_n", "rate_exponent"})
     (values, *_) = power.trials(problem.scale_of(begun, 0))
     terms = (*begun.terms, Term(power, values | {"force_n": 0.1, "rate_exponent": POWER}, (0,)))
-    problem = problem.weighed(fit(problem, terms, begun, fine=True))
+    problem = weighed(fit(problem, terms, begun, fine=True))
     named = fit(problem, terms, begun, fine=True)
     scores = screen(problem, named, [known["guide_friction"]]).scores
     score = min(scores, key=lambda s: s.term.values["rounding"])  # a blunt one is more like the rig's own damper

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analysis.mismatch.recordings.blocks import of_least_noise
 from analysis.mismatch.recordings.fit import linear_fit, problem_of
 from analysis.mismatch.recordings.input_noise import drawn, likeliest, rms_of_inputs, with_likeliest_inputs
 from analysis.mismatch.recordings.judge import BlockJudge
@@ -157,3 +158,26 @@ def test_noise_that_drives_is_none_of_the_input() -> None:
     recording = chain(120.0, 31, 0.0)
     recording.data[0] = np.random.default_rng(3).normal(size=recording.data.shape[1])
     assert rms_of_inputs(RIG, prepare(recording, RIG))[0] == 0.0
+
+
+@pytest.mark.slow
+def test_what_noise_of_the_force_makes_is_noise_and_a_sensor_beside_it_is_found_by_what_it_makes() -> None:
+    """Noise of the force makes 15 times as large residuals as a gain of 1.5 % does, but the same in all channels.
+
+    An attached part makes them a little smaller still, as it follows some of that noise.
+    """
+    recording = chain(182.0, 902, 0.03)
+    recording.data[1] *= 0.985
+    known = [m for m in variants(catalogue()) if m.id in ("channel_gain", "attached_mass")]
+    judge = BlockJudge.of(problem_of(RIG, [prepare(recording, RIG)]), known)
+    linear = screened_baseline(judge)
+    assert linear.current.scatter > 2 * judge.problem.policy.unlike_noise
+    assert linear.current.as_noise
+    first, second = judge.candidates(linear)[:2]
+    assert (first.mechanism.id, second.mechanism.id) == ("channel_gain", "attached_mass")
+    assert first.fit is not None
+    assert second.fit is not None
+    assert first.fit.scatter > second.fit.scatter
+    assert of_least_noise((first.fit, second.fit)) is first.fit
+    recording.data[1] *= 0.6 / 0.985
+    assert not BlockJudge.of(problem_of(RIG, [prepare(recording, RIG)]), known).baseline().as_noise

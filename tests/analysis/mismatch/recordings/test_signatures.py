@@ -7,6 +7,7 @@ import pytest
 
 from analysis.mismatch.recordings import signatures
 from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
+from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, prepare
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.arrays import Real
@@ -42,7 +43,7 @@ def fitted(driven: bool) -> SimulatedFit:
 @pytest.mark.parametrize("beside", [False, True])
 def test_trials_together_make_what_each_makes_alone(driven: bool, beside: bool) -> None:
     begun = fitted(driven)
-    problem = begun.problem.weighed(begun)
+    problem = weighed(begun)
     begun = linear_fit(problem)
     known = [m for m in variants(catalogue()) if problem.allows(m) and not isinstance(m, SecondImpact | Tones)]
     terms = problem.trials(begun, known)
@@ -73,7 +74,7 @@ def test_trials_together_make_what_each_makes_alone(driven: bool, beside: bool) 
 @pytest.mark.parametrize("driven", [False, True])
 def test_what_rings_together_is_what_rings_alone(driven: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     begun = fitted(driven)
-    problem = begun.problem.weighed(begun)
+    problem = weighed(begun)
     begun = linear_fit(problem)
     known = [m for m in variants(catalogue()) if isinstance(m, AddedBody | Tones) and problem.allows(m)]
     terms = problem.trials(begun, known)

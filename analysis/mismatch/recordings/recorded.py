@@ -186,7 +186,7 @@ def _relative_to_the_base(outputs: Real, inputs: Real, rig: DescribedRig) -> Rea
     for drive, row in zip(rig.drives, inputs, strict=True):
         base += gains[drive.gain] * row if drive.base else 0.0
     share = np.array([gains[s.gain] if s.absolute else 0.0 for s in rig.seen])
-    return np.asarray(outputs - np.outer(share, base))
+    return outputs - np.outer(share, base) if np.any(share) else outputs  # else the base's gain may be unknown
 
 
 def _refuse_what_sessions_tell(rig: DescribedRig, source: str) -> None:

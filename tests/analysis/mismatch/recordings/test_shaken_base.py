@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import functools
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from analysis.mismatch.diagnosis import diagnose_recordings
+from analysis.mismatch.recordings.fit import linear_fit, problem_of
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.recordings.start_check import frame_remark
 from analysis.session import AnalysisError
@@ -41,6 +43,18 @@ def shaken() -> Recording:
 def test_the_acceleration_of_the_base_is_subtracted_from_absolute_channels() -> None:
     given, relative = (prepare(shaken(), parse_rig(rig)).outputs for rig in (RIG, ABSOLUTE))
     assert np.allclose(given - relative, shaken().data[0][-given.shape[1] :], rtol=1e-12)
+
+
+def test_the_gain_of_a_shaken_base_may_be_unknown_where_sensors_show_motion_relative_to_it() -> None:
+    """It had made the recording one of no numbers, which ended in a traceback."""
+    recording = shaken()
+    base, absolute = recording.data
+    rig = parse_rig(RIG.replace("base_acceleration: true", "base_acceleration: true, gain: unknown"))
+    fitted = linear_fit(
+        problem_of(rig, [prepare(replace(recording, data=np.array([base / 9.3, absolute - base])), rig)])
+    )
+    assert fitted.values["gain of input 1"] == pytest.approx(9.3, rel=2e-3)
+    assert fitted.values["stiffness of spring"] == pytest.approx(OMEGA**2, rel=2e-3)
 
 
 @pytest.mark.slow

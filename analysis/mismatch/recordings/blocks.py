@@ -113,10 +113,21 @@ def held_out_rms(fitted: SimulatedFit) -> tuple[Real, dict[str, Real], int]:
 
 
 def noise_rms(fitted: SimulatedFit) -> Real:
-    """Return (channels,) the rms of what cannot be predicted of a fit's errors where they are not held out."""
-    found = [noise_of(r, *fitted.error(i)) for i, r in enumerate(fitted.problem.recordings)]
-    lengths = [r.fitted.stop - r.fitted.start for r in fitted.problem.recordings]
+    """Return (channels,) the rms of noise in a fit's errors: of what cannot be predicted of them where they are seen.
+
+    Where inputs have noise, of what that makes and the channels' own.
+    """
+    recordings = fitted.problem.recordings
+    found = [_noise_in(fitted, i, r) for i, r in enumerate(recordings)]
+    lengths = [r.fitted.stop - r.fitted.start for r in recordings]
     return np.asarray(np.sqrt(np.average(np.array(found) ** 2, axis=0, weights=lengths)), np.float64)
+
+
+def _noise_in(fitted: SimulatedFit, number: int, recorded: Recorded) -> Real:
+    driven = fitted.noise(number).driven
+    if driven is None:
+        return noise_of(recorded, *fitted.error(number))
+    return np.asarray(recorded.unit * np.sqrt(driven.power + driven.white), np.float64)
 
 
 def over_noise(fitted: SimulatedFit) -> float:

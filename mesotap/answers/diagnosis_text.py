@@ -77,7 +77,7 @@ def verdict_sentence(answer: Answer) -> str:
     if answer.worse_than_zero:
         return answer.worse_than_zero if answer.far_off else f"{answer.worse_than_zero} {_verdict(answer)}"
     if not count:
-        samples = " Samples that are wrong by themselves are set aside." if answer.set_aside else ""
+        samples = " Samples that cannot be the rig's own motion are set aside." if answer.set_aside else ""
         return f"{_verdict(answer)}{samples}"
     what = "One tap shows what no other does and is" if count == 1 else f"{count} taps show what no other does and are"
     return f"{_verdict(answer)} {what} set aside."

@@ -22,7 +22,7 @@ from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Pr
 from analysis.mismatch.recordings.model import DRAWS, Point, SimulationModel, residual
 from analysis.mismatch.recordings.motion import Own, continued
 from analysis.mismatch.recordings.noise import NoiseModel, mostly_missed
-from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, duration, level
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, level
 from analysis.mismatch.recordings.second_impact import second_impact_score
 from analysis.mismatch.recordings.signatures import columns_of
 from analysis.mismatch.recordings.simulation import Simulation
@@ -137,7 +137,8 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
         seen = self.arrangement.bodies.index(self.arrangement.sensors[0].row[0][0])
         return Scale(
             reach, speed, static, max(stiffness * reach, moved), (modes.min(), max(self.highest_hz, modes.max())),
-            max(map(duration, self.recordings)), float(mass[seen]), SHOWN * min(r.rate_hz for r in self.recordings),
+            max(r.samples / r.rate_hz for r in self.recordings), float(mass[seen]),
+            SHOWN * min(r.rate_hz for r in self.recordings),
         )  # fmt: skip
 
     def reach_of(self, fitted: SimulatedFit, place: int) -> tuple[float, float]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
 from analysis.mismatch.recordings.blocks import fitted_where_odd
-from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, linear_fit
+from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, linear_fit, problem_of
+from analysis.mismatch.recordings.impact_over import after_the_impact, is_free
 from analysis.mismatch.recordings.input_noise import with_likeliest_inputs
 from analysis.mismatch.recordings.noise import noise_of
 from analysis.mismatch.recordings.ranking import share_that_tells
@@ -18,13 +20,15 @@ from analysis.mismatch.recordings.wrong_samples import without_wrong_samples
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import Mechanism, SecondImpact
 
+LATER: Final = 3  # times that decays begin later, while they do not yet begin free
+
 
 def made_ready(problem: SimulatedRecordings, known: Sequence[Mechanism]) -> SimulatedRecordings:
     """Return a problem whose recordings hold no samples that are wrong by themselves, in units of their noise.
 
     Where something happens once it is fitted, not held out.
     """
-    linear = linear_fit(problem)
+    linear = _begun_free(linear_fit(problem))
     linear = _fitted_to(without_wrong_samples(linear), linear)
     linear = _fitted_to(with_likeliest_inputs(linear), linear)
     recordings = linear.problem.recordings
@@ -32,6 +36,18 @@ def made_ready(problem: SimulatedRecordings, known: Sequence[Mechanism]) -> Simu
     recordings = fitted_where_struck(linear) if struck else recordings
     linear = _fitted_to(fitted_where_odd(linear, recordings), linear)
     return replace(weighed(linear), looked_at=share_that_tells(linear))
+
+
+def _begun_free(linear: SimulatedFit) -> SimulatedFit:
+    """Return the fit to decays that begin when impacts are over; the same where beginning later does not cure them."""
+    begun, problem = linear, linear.problem
+    for _ in range(LATER):
+        recordings = after_the_impact(begun)
+        if all(new is old for new, old in zip(recordings, begun.problem.recordings, strict=True)):
+            break
+        anew = problem_of(problem.rig, recordings)
+        begun = linear_fit(replace(anew, policy=problem.policy, budget=problem.budget))
+    return begun if is_free(begun) else linear
 
 
 def weighed(by: SimulatedFit) -> SimulatedRecordings:

@@ -71,6 +71,8 @@ class Recorded:
         How long the rig had been free before the first sample, as far as the recording tells.
     wrong
         Samples that were wrong by themselves.
+    struck
+        Samples left out as the rig was still struck after its largest deflection.
     measured
         Inputs as they were measured, where noise was taken off them.
     """
@@ -90,6 +92,7 @@ class Recorded:
     every: int = 1
     rang_s: float = 0.0
     wrong: tuple[WrongSample, ...] = ()
+    struck: int = 0
     measured: Real | None = None
 
     @property
@@ -175,8 +178,8 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
         if outputs.shape[1] < FEWEST // 2 + 2 * edge:
             raise AnalysisError(f"{source}: too little is left of the recording after its largest deflection")
     rows = np.ascontiguousarray(outputs), np.ascontiguousarray(inputs)
-    divided = _divided(source, (rate, first / rate), rows, (band, edge), rig)
-    return replace(divided, every=factor, rang_s=rang, wrong=wrong)
+    found = divided(source, (rate, first / rate), rows, (band, edge), rig)
+    return replace(found, every=factor, rang_s=rang, wrong=wrong)
 
 
 def _relative_to_the_base(outputs: Real, inputs: Real, rig: DescribedRig) -> Real:
@@ -272,7 +275,7 @@ def _free_from(outputs: Real) -> int:
     return int(np.argmax(level >= NEAR_LARGEST if begun else level)) + 1
 
 
-def _divided(
+def divided(
     source: str,
     clock: tuple[float, float],
     rows: tuple[Real, Real],
@@ -329,15 +332,8 @@ def _longest(free: NDArray[np.bool_]) -> slice:
     """Return the longest run of True, cut to what is simulated in fitting."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], free.astype(np.int8), [0]])))
     runs = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    if not runs:
-        return slice(0, 0)
-    first, last = max(runs, key=lambda r: r[1] - r[0])
+    first, last = max(runs, key=lambda r: r[1] - r[0], default=(0, 0))
     return slice(first, min(last, first + LONGEST_STRETCH))
-
-
-def duration(recorded: Recorded) -> float:
-    """Return the length in seconds."""
-    return recorded.samples / recorded.rate_hz
 
 
 def level(recorded: Recorded) -> Real:

@@ -154,7 +154,7 @@ def _as_good_as_noise(rows: Real, used: NDArray[np.bool_], fitted: SimulatedFit)
 
 
 def set_aside(fitted: SimulatedFit) -> tuple[SetAside, ...]:
-    """Return what is said of the samples that were put right, by recording and channel.
+    """Return what is said of the samples that were put right, by recording and channel, and of those left out.
 
     What an impact that is named shows as it strikes is no motion of the rig either; that is not told.
     """
@@ -162,6 +162,10 @@ def set_aside(fitted: SimulatedFit) -> tuple[SetAside, ...]:
     for recorded, own in zip(fitted.problem.recordings, fitted.own, strict=True):
         struck = [recorded.start_s + float(t) for t in own.impact[:1]]
         beside = (CLOSE + 1) / recorded.rate_hz
+        if recorded.struck:
+            until = f"{recorded.struck} samples after its largest deflection the rig was still struck"
+            said = f"{Path(recorded.source).name}: {until}; the decay is taken from {recorded.start_s:.6g} s on."
+            found.append(SetAside(recorded.source, "", said))
         for number, seen in enumerate(fitted.problem.rig.seen):
             blow = SHORT_BLOW if seen.sensor.quantity == "acceleration" else ""
             wrong = [w for w in recorded.wrong if w.channel == number and not _beside(w.time_s, struck, beside)]

@@ -175,7 +175,7 @@ def test_constants_that_end_far_from_what_was_declared_are_told_with_the_verdict
 
 def test_samples_that_were_put_right_are_told_in_words() -> None:
     answer = replace(ANSWER, set_aside=(SetAside("run.csv, channel x", "", "One sample, at 1.5 s."),))
-    assert verdict_sentence(answer).endswith("Samples that are wrong by themselves are set aside.")
+    assert verdict_sentence(answer).endswith("Samples that cannot be the rig's own motion are set aside.")
     assert "taps" not in verdict_sentence(answer)
 
 

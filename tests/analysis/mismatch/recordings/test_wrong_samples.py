@@ -86,7 +86,7 @@ def test_a_sound_rig_with_one_wrong_sample_is_consistent_and_the_sample_told(
     assert said.name == f"driven.csv, channel {'ab'[channel]}"
     assert f"at {sample / RATE:.6g} s" in said.statement
     assert float(said.statement.split("(")[1].split()[0]) == pytest.approx(abs(size), rel=0.2)
-    assert "wrong by themselves" in verdict_sentence(answer)
+    assert "cannot be the rig's own motion" in verdict_sentence(answer)
     assert diagnosis_json(answer, 1.0)["set_aside"][0]["segment"] == said.name
 
 

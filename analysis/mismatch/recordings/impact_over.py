@@ -1,0 +1,61 @@
+"""Free decays in which the impact has not ended at their largest deflection: they begin once it has.
+
+A soft hammer touches for some milliseconds, and what an accelerometer shows may be largest while it does. The rig is
+not free then: a simulation from a free state misses the first samples by far more than the following ones.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+from analysis.mismatch.recordings.recorded import FEWEST, Recorded, divided
+
+if TYPE_CHECKING:
+    from analysis.mismatch.recordings.fit import SimulatedFit
+
+FIRST: Final = 8  # samples of a decay that are held against the following ones
+AFTER: Final = 100  # of these
+MORE: Final = 4.0  # times the mean square of the following ones, whitened, that the first ones have at least
+BY_CHANCE: Final = 1e-6  # and with which probability by chance at most
+MOST_LATER: Final = 0.1  # of a recording, by which it may begin later
+
+
+def after_the_impact(linear: SimulatedFit) -> tuple[Recorded, ...]:
+    """Return the recordings that the linear rig was fitted to; decays in which it was still struck begin later.
+
+    By as long again as the rig took from silence to its largest deflection.
+    """
+    return tuple(_after(linear, number, r) for number, r in enumerate(linear.problem.recordings))
+
+
+def _excess(linear: SimulatedFit, number: int) -> float:
+    """Return the mean square of the first samples over that of the following ones, whitened; 1 where by chance."""
+    white = linear.noise(number).white(linear.off(number)[0])
+    first, then = white[:, :FIRST], white[:, FIRST : FIRST + AFTER]
+    ratio = float(np.mean(first**2) / max(float(np.mean(then**2)), 1e-300))
+    return ratio if float(f_distribution.sf(ratio, first.size, then.size)) < BY_CHANCE else 1.0
+
+
+def _after(linear: SimulatedFit, number: int, recorded: Recorded) -> Recorded:
+    later = math.ceil(recorded.rang_s * recorded.rate_hz)
+    left = recorded.samples - later
+    if not recorded.free or recorded.band is not None or later < 1 or recorded.stretches:
+        return recorded
+    if later > MOST_LATER * recorded.samples or left < FEWEST or _excess(linear, number) < MORE:
+        return recorded
+    begun = recorded.start_s + later / recorded.rate_hz
+    rows = np.ascontiguousarray(recorded.outputs[:, later:]), np.ascontiguousarray(recorded.inputs[:, later:])
+    cut = divided(recorded.source, (recorded.rate_hz, begun), rows, (None, 0), linear.problem.rig)
+    rang = recorded.rang_s + later / recorded.rate_hz
+    wrong = tuple(w for w in recorded.wrong if w.time_s >= begun)
+    return replace(cut, every=recorded.every, rang_s=rang, wrong=wrong, struck=recorded.struck + later)
+
+
+def is_free(linear: SimulatedFit) -> bool:
+    """Whether no decay is missed by more at its beginning than afterwards."""
+    return all(_excess(linear, i) < MORE for i, r in enumerate(linear.problem.recordings) if r.free)

@@ -26,6 +26,7 @@ NAMED = "practice sessions 1 to 6, and sessions with unlisted effects that were 
 PROMISED = "47 sessions of prove, seed 2611, and 17 with unlisted effects, seed 4122"
 SEARCHED = "21 sessions of prove, seed 2711: two effects, outside the list, struck from it"
 STRONG = "an independently simulated session with cubic springs as stiff at the peak as at rest"
+BLIND = "23 rigs with nothing hidden, prove --rigs, seed 570083, and two with a motion that no input shows"
 UNLISTED = "sessions with unlisted effects made while the families were built"
 
 
@@ -111,6 +112,9 @@ class SelectionPolicy:
         "1",
         RECORDED,
         141,
+    )
+    slow_over_noise: float = _chosen(
+        2.0, "held-out errors over noise, from which on they must have the colour of a sensor's noise", "1", BLIND, 176
     )
     left_over_blocks: float = _chosen(
         0.05, "share of what the linear rig missed that a free force may still take away", "1", RECORDED, 50

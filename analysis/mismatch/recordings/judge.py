@@ -35,6 +35,7 @@ from analysis.mismatch.recordings.free_force import free_share
 from analysis.mismatch.recordings.held_out import FinalFits
 from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.made_ready import made_ready
+from analysis.mismatch.recordings.noise_colour import p_of_colour
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
 from analysis.mismatch.recordings.otherwise import Described, explained_otherwise
 from analysis.mismatch.recordings.ranking import Ranking, from_starts, simplest, weight_of, with_time
@@ -131,10 +132,11 @@ class BlockJudge(Judge[SimulatedFit]):
         return self.screened[key][1]
 
     def tested(self, fitted: SimulatedFit, screening: Screening) -> Screening:
-        """Return a screening whose p-value counts the errors on held-out blocks of the final fit of a model."""
-        share = self.problem.policy.held_out_share
-        beyond = self.finals.errors(self.finals.of(fitted)).p_value
-        return replace(screening, p_value=min(screening.p_value / (1 - share), beyond / share, 1.0))
+        """Return a screening whose p-value counts the final fit's errors on held-out blocks, and the colour of them."""
+        share, final = self.problem.policy.held_out_share, self.finals.of(fitted)
+        beyond = self.finals.errors(final).p_value, *p_of_colour(final)
+        p_value = min(screening.p_value / (1 - share * len(beyond)), min(beyond) / share, 1.0)
+        return replace(screening, p_value=p_value)
 
     def exhausted(self) -> bool:
         """A recording is simulated as long as it takes."""

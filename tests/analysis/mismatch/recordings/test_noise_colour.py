@@ -1,0 +1,81 @@
+"""What a fit leaves has the colour of a sensor's noise, or it rings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from analysis.mismatch.recordings.fit import SimulatedFit, linear_fit, problem_of
+from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.noise_colour import p_of_colour, p_of_sensor_noise
+from analysis.mismatch.recordings.recorded import prepare
+from analysis.mismatch.selection import screened_baseline
+from daq.exchange import Recording
+from mesotap.configuration.rig_files import parse_rig
+from sim_backend.arrays import Real
+from sim_backend.mechanisms.catalogue import catalogue, variants
+from tests.analysis.mismatch.recordings.described_rigs import (
+    INPUT,
+    OMEGA,
+    RATE,
+    SAMPLES,
+    SPRING,
+    driven,
+    motion,
+    sensor,
+)
+
+RIG = parse_rig(SPRING + INPUT + sensor("displacement"))
+
+
+def beside(noise: Real) -> SimulatedFit:
+    """Return the linear rig's fit to a driven mass whose displacement has this beside it, over its rms."""
+    u, x, _ = driven()
+    data = np.array([u, x + x.std() * noise])
+    return linear_fit(problem_of(RIG, [prepare(Recording(data, RATE, ("u", "x"), "", "made"), RIG)]))
+
+
+def first_order(correlated: float, seed: int) -> Real:
+    """Return noise of unit variance whose neighbouring samples are correlated so much."""
+    white = np.random.default_rng(seed).normal(size=SAMPLES + 500)
+    return signal.lfilter([np.sqrt(1 - correlated**2)], [1, -correlated], white)[500:]
+
+
+@pytest.mark.slow
+def test_noise_of_sensors_is_found_to_be_that_as_often_as_it_says() -> None:
+    random = np.random.default_rng(3)
+    found = []
+    for seed in range(24):
+        white, slow = np.exp(random.uniform(-7, -3)), np.exp(random.uniform(-7, -3))
+        noise = white * np.random.default_rng([seed, 1]).normal(size=SAMPLES)
+        found.append(p_of_sensor_noise(beside(noise + slow * first_order(random.uniform(0.2, 0.98), seed))))
+    assert np.mean(np.array(found) < 0.1) <= 0.29  # of 24: of more than 7 the probability is 0.002
+    assert min(found) > 1e-4
+
+
+@pytest.mark.parametrize("share", [0.02, 0.05])
+def test_what_rings_is_no_noise_of_a_sensor(share: float) -> None:
+    ringing = signal.lfilter(
+        [1], np.poly(0.995 * np.exp([0.4j, -0.4j])).real, np.random.default_rng(2).normal(size=SAMPLES)
+    )
+    fitted = beside(share * ringing / ringing.std() + 1e-3 * np.random.default_rng(4).normal(size=SAMPLES))
+    assert p_of_colour(fitted)[0] < 1e-9
+
+
+def test_it_counts_only_where_errors_are_far_over_what_cannot_be_predicted() -> None:
+    assert p_of_colour(beside(0.01 * np.random.default_rng(6).normal(size=SAMPLES))) == ()
+
+
+@pytest.mark.slow
+def test_a_force_that_no_input_shows_is_not_taken_for_noise() -> None:
+    """An autoregression foretold it: nothing was left beyond noise, with held-out errors of eight times that."""
+    u, _, _ = driven()
+    t = np.arange(SAMPLES) / RATE
+    wandering = 2 * np.pi * 14 * t + np.cumsum(0.05 * np.random.default_rng(8).normal(size=SAMPLES))
+    pushed = 100 * u + 15 * np.sin(wandering)
+    x, _ = motion(lambda s, x, v: s - OMEGA**2 * x - 0.08 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, pushed)
+    noisy = x + 2e-3 * x.std() * np.random.default_rng(9).normal(size=SAMPLES)
+    recording = Recording(np.array([u, noisy]), RATE, ("u", "x"), "", "made")
+    judge = BlockJudge.of(problem_of(RIG, [prepare(recording, RIG)]), variants(catalogue()))
+    assert screened_baseline(judge).screening.p_value < 1e-9

@@ -19,7 +19,7 @@ from scipy.ndimage import uniform_filter1d
 
 from analysis.mismatch.recordings.noise import Whitening, innovation_rms
 from analysis.mismatch.recordings.outliers import NORMAL_MEDIAN
-from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, of_the_base
 from analysis.mismatch.rig_description import DescribedRig
 from sim_backend.arrays import Real, Whole
 
@@ -159,8 +159,9 @@ def with_likeliest_inputs(linear: SimulatedFit) -> tuple[Recorded, ...]:
 
 def _with_likeliest(linear: SimulatedFit, number: int, recorded: Recorded) -> Recorded:
     if recorded.measured is not None:
-        known = np.any(rms_of_inputs(linear.problem.rig, recorded))
-        return recorded if known else replace(recorded, inputs=recorded.measured, measured=None)
+        if np.any(rms_of_inputs(linear.problem.rig, recorded)):
+            return recorded
+        return replace(_driven_by(recorded.measured, recorded, linear.problem.rig), measured=None)
     noise = _shown(linear.problem.rig, recorded, recorded.inputs, [MOST_TAKEN_OFF] * len(recorded.inputs))
     if not np.any(noise):
         return recorded
@@ -169,7 +170,13 @@ def _with_likeliest(linear: SimulatedFit, number: int, recorded: Recorded) -> Re
     absent = [i for i, share in zip(changed, _answered(linear, number, found, changed), strict=True) if share < ABSENT]
     inputs = recorded.inputs.copy()
     inputs[absent] = found[absent]
-    return replace(recorded, inputs=inputs, measured=recorded.inputs) if absent else recorded
+    return _driven_by(inputs, recorded, linear.problem.rig) if absent else recorded
+
+
+def _driven_by(inputs: Real, recorded: Recorded, rig: DescribedRig) -> Recorded:
+    """Return a recording with other inputs, and with these taken off channels that show the base's acceleration too."""
+    outputs = recorded.outputs + of_the_base(recorded.inputs - inputs, rig)
+    return replace(recorded, inputs=inputs, outputs=outputs, measured=recorded.inputs)
 
 
 def _answered(linear: SimulatedFit, number: int, found: Real, changed: Whole) -> Real:
@@ -182,11 +189,14 @@ def _answered(linear: SimulatedFit, number: int, found: Real, changed: Whole) ->
         inputs = recorded.inputs.copy()
         inputs[i] = found[i]
         other = replace(linear, simulation=linear.simulation.with_inputs(number, inputs))
-        rows.append(noise.white(off - other.off(number)[0])[:, used].ravel())
+        shown = of_the_base(inputs - recorded.inputs, linear.problem.rig)[:, at] / recorded.unit[:, None]
+        rows.append(noise.white(off - other.off(number)[0] - shown)[:, used].ravel())
     if not rows:
         return np.zeros(0)
-    shares = np.linalg.lstsq(np.array(rows).T, noise.white(off)[:, used].ravel(), rcond=None)[0]
-    return np.asarray(1 - shares, np.float64)
+    change, left = np.array(rows), noise.white(off)[:, used].ravel()
+    # what makes less than the noise tells nothing: then none was answered (a standard error of 1 about that)
+    normal = change @ change.T + np.eye(len(rows))
+    return np.asarray(-np.linalg.solve(normal, change @ (left - change.sum(axis=0))), np.float64)
 
 
 def drawn(recorded: Recorded, noise: Real, normal: Real) -> Real:

@@ -18,7 +18,7 @@ from analysis.mismatch.recordings.input_noise import drawn, rms_of_inputs
 from analysis.mismatch.recordings.motion import Own, Place
 from analysis.mismatch.recordings.nearby import nearby
 from analysis.mismatch.recordings.noise import InputNoiseMade, NoiseModel
-from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, level
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, level, of_the_base
 from analysis.mismatch.recordings.simulation import Simulation
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody
@@ -69,13 +69,14 @@ def made_by_input_noise(
     if not np.any(noise):
         return None
     share = 1.0 if simulation.jumps else SMALL_DRAW
-    left, _ = residual(simulation, x, own, number, samples=samples)
+    left, at = residual(simulation, x, own, number, samples=samples)
     normal = np.random.default_rng(DRAWS_SEED).standard_normal((DRAWS, *recorded.inputs.shape))
     errors = drawn(recorded, noise, normal)
 
     def made(error: Real) -> Real:
         noisy = simulation.with_inputs(number, recorded.inputs + share * error)
-        return np.asarray((residual(noisy, x, own, number, samples=samples)[0] - left) / share, np.float64)
+        shown = of_the_base(error, simulation.rig)[:, at] / recorded.unit[:, None]  # what was taken off the channels
+        return np.asarray((residual(noisy, x, own, number, samples=samples)[0] - left) / share + shown, np.float64)
 
     return np.array(side_by_side(made, [(error,) for error in errors]))
 

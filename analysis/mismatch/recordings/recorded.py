@@ -133,7 +133,7 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
     outputs = np.array([recording.data[_column(recording, s.channel)] for s in rig.seen])
     inputs = np.array([recording.data[_column(recording, d.channel)] for d in rig.drives])
     inputs = inputs.reshape(len(rig.drives), recording.data.shape[1])
-    outputs = _relative_to_the_base(outputs, inputs, rig)
+    outputs = outputs - of_the_base(inputs, rig)
     if np.any(np.std(outputs, axis=1) == 0):
         raise AnalysisError(f"{source}: a channel of {rig.name} is constant: it shows nothing")
     n = outputs.shape[1]
@@ -182,14 +182,14 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
     return replace(found, every=factor, rang_s=rang, wrong=wrong)
 
 
-def _relative_to_the_base(outputs: Real, inputs: Real, rig: DescribedRig) -> Real:
-    """Return the channels (c, n) without the acceleration of the base, which absolute ones show as well."""
+def of_the_base(inputs: Real, rig: DescribedRig) -> Real:
+    """Return (c, n) the acceleration of the base, from inputs (inputs, n), in the channels that show it as well."""
     gains = {p.name: p.value for p in rig.arrangement.parameters}
-    base = np.zeros(outputs.shape[1])
-    for drive, row in zip(rig.drives, inputs, strict=True):
-        base += gains[drive.gain] * row if drive.base else 0.0
     share = np.array([gains[s.gain] if s.absolute else 0.0 for s in rig.seen])
-    return outputs - np.outer(share, base) if np.any(share) else outputs  # else the base's gain may be unknown
+    base = np.zeros(inputs.shape[1])
+    for drive, row in zip(rig.drives, inputs, strict=True):
+        base += gains[drive.gain] * row if drive.base and np.any(share) else 0.0  # else the gain may be unknown
+    return np.outer(share, base)
 
 
 def _refuse_what_sessions_tell(rig: DescribedRig, source: str) -> None:

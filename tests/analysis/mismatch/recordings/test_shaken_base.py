@@ -11,6 +11,8 @@ import pytest
 
 from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.mismatch.recordings.fit import linear_fit, problem_of
+from analysis.mismatch.recordings.input_noise import with_likeliest_inputs
+from analysis.mismatch.recordings.model import made_by_input_noise
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.recordings.start_check import frame_remark
 from analysis.session import AnalysisError
@@ -55,6 +57,33 @@ def test_the_gain_of_a_shaken_base_may_be_unknown_where_sensors_show_motion_rela
     )
     assert fitted.values["gain of input 1"] == pytest.approx(9.3, rel=2e-3)
     assert fitted.values["stiffness of spring"] == pytest.approx(OMEGA**2, rel=2e-3)
+
+
+def noisy(share: float) -> Recording:
+    """Return what `shaken` does, the base measured with noise of this share of its rms, the body with none."""
+    recording = shaken()
+    base, absolute = recording.data
+    absolute = absolute - 0.01 * absolute.std() * np.random.default_rng(2).normal(size=absolute.size)
+    return replace(recording, data=np.array([base + share * np.random.default_rng(5).normal(size=base.size), absolute]))
+
+
+def test_noise_of_the_base_is_in_absolute_channels_as_it_is_taken_off_them() -> None:
+    rig = parse_rig(ABSOLUTE.replace("base_acceleration: true", "base_acceleration: true, noise: 0.03"))
+    fitted = linear_fit(problem_of(rig, [prepare(noisy(0.03), rig)]))
+    made = made_by_input_noise(fitted.simulation, fitted.x, fitted.own[0], 0)
+    assert made is not None
+    assert np.sqrt(np.mean(made**2)) == pytest.approx(np.sqrt(np.mean(fitted.off(0)[0] ** 2)), rel=0.1)
+
+
+def test_what_the_base_likeliest_did_is_taken_off_absolute_channels() -> None:
+    """Beyond 40 Hz the base does nothing: what is measured there is noise, and in the channel as it is taken off."""
+    rig, clean = parse_rig(ABSOLUTE), prepare(noisy(0.0), parse_rig(ABSOLUTE)).outputs
+    measured = prepare(noisy(0.1), rig)
+    (likeliest,) = with_likeliest_inputs(linear_fit(problem_of(rig, [measured])))
+    assert likeliest.measured is not None
+    off = [np.std((r.outputs - clean)[:, 30:-30]) for r in (measured, likeliest)]
+    assert off[0] == pytest.approx(0.1, rel=0.05)
+    assert off[1] < 0.75 * off[0]
 
 
 @pytest.mark.slow

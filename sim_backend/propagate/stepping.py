@@ -372,34 +372,6 @@ def _carry_jumping(run, sees, hit, divided, out):  # type: ignore[no-untyped-def
     _carry(run, sees, hit, divided, out, True)
 
 
-@uncounted()
-def _carry_linearly(run, hit, out):  # type: ignore[no-untyped-def]
-    """Carry a motion along in which no element has an extra force: every step is exact and a whole one."""
-    states, sampled = out
-    jump, hit_at = hit
-    known, found, matrix, size = run.known, run.found, run.matrix, len(jump)
-    for j in range(size):
-        states[0, j] = known[j]
-    for at in range(1, (len(states) - 1) * sampled + 1):
-        _inputs(run, (at - 1) // run.held, 0.0, 1.0)
-        for i in range(size):
-            total = 0.0
-            for j in range(len(known)):
-                total += matrix[0, i, j] * known[j]
-            found[i] = total
-        for i in range(size):
-            known[i] = found[i]
-        if at == hit_at:
-            for j in range(size):
-                known[j] += jump[j]
-        if at % sampled == 0:
-            for j in range(size):
-                states[at // sampled, j] = known[j]
-        if not abs(known[0]) < RUNAWAY:
-            states[(at - 1) // sampled + 1 :] = np.nan
-            break
-
-
 @njit([_SIGNATURE], cache=True, nogil=True)
 def carried(rigs, laws, start, clock, given, impact, tolerance, division, follows):  # type: ignore[no-untyped-def]
     """Return forces, bends and states of `Motion`; ``division`` (runs, any) is filled in, or followed (one by all)."""
@@ -426,9 +398,7 @@ def carried(rigs, laws, start, clock, given, impact, tolerance, division, follow
         )  # fmt: skip
         hit, out = (impact.jump[i] * scale, impact.step[i]), (forces[i], bends[i], states[i], clock.sampled)
         divided = division[i if len(division) > 1 else 0], follows, tolerance
-        if elements == 0 and samples > 0 and not follows and division.shape[1] == 0:
-            _carry_linearly(run, hit, (states[i], clock.sampled))
-        elif jumping:
+        if jumping:
             _carry_jumping(run, sees, hit, divided, out)
         else:
             _carry_smoothly(run, sees, hit, divided, out)

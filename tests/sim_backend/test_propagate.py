@@ -107,24 +107,6 @@ def test_a_given_parabola_moves_a_free_mass_by_its_double_integral() -> None:
     np.testing.assert_allclose(found, (3.0 * t**2 / 2 + 200.0 * t**3 / 6 + 5e4 * t**4 / 12) / 2, atol=1e-14)
 
 
-@pytest.mark.parametrize(("held", "sampled"), [(1, 1), (4, 4), (1, 3)])
-def test_a_rig_without_extra_forces_moves_as_beside_an_element_that_has_none(held: int, sampled: int) -> None:
-    """Such a rig has a loop of its own."""
-    (mass, damping, stiffness), random, steps = TWO, np.random.default_rng(4), 120
-    inputs = random.normal(size=(2, 1, 2, steps // held))
-    bend = random.normal(size=(1, 2, steps // held))
-    hit = Impact(np.array([50]), np.array([[0.0, 0.0, 1e-3, -2e-3]]))
-    clock, start = Clock(np.zeros(1), 1e-5, steps, sampled), np.array([[1e-7, -1e-7, 1e-3, 0.0]])
-
-    def states(rows: np.ndarray) -> np.ndarray:
-        rigs = Rigs(mass[None], damping[None], stiffness[None], rows[None], np.eye(2)[None])
-        return propagate(rigs, NOTHING, start, clock, Given(*inputs, bend, held), hit).states
-
-    alone, beside = states(np.zeros((0, 2))), states(np.array([[1.0, -1.0]]))
-    np.testing.assert_allclose(alone, beside, rtol=0, atol=1e-12 * np.abs(beside).max())
-    assert np.abs(beside[0, -1]).max() > 1e-3
-
-
 def energy(states: np.ndarray) -> np.ndarray:
     """Energy of `TWO` without damping, its contact of Hertz."""
     mass, _, stiffness = TWO
@@ -202,9 +184,6 @@ def test_what_runs_away_ends_in_no_numbers() -> None:
     found = propagate(rigs, laws, np.array([[0.0, 0.0, 1.0, 0.0]]), Clock(np.zeros(1), 1e-4, 500, 1))
     assert np.isnan(found.states[0, -1]).all()
     assert np.isnan(found.forces[0, 0, -1])
-    free = rigs._replace(rows=np.zeros((1, 0, 2)))
-    found = propagate(free, NOTHING, np.array([[0.0, 0.0, 1.0, 0.0]]), Clock(np.zeros(1), 1e-4, 500, 1))
-    assert np.isnan(found.states[0, -1]).all()
 
 
 def test_more_laws_than_can_act_together_are_refused() -> None:

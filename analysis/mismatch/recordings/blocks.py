@@ -76,7 +76,7 @@ def of_least_noise(
     """
     fits = list(fits)
     nearest = min(fits, key=lambda f: weight(f) * f.scatter)
-    if not nearest.as_noise:
+    if not nearest.as_noise or nearest.problem.noise <= 1:
         return nearest
     return min((f for f in fits if f.as_noise), key=lambda f: weight(f) * _unpredicted(f))
 

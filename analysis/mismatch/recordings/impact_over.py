@@ -28,7 +28,8 @@ MOST_LATER: Final = 0.1  # of a recording, by which it may begin later
 def after_the_impact(linear: SimulatedFit) -> tuple[Recorded, ...]:
     """Return the recordings that the linear rig was fitted to; decays in which it was still struck begin later.
 
-    By as long again as the rig took from silence to its largest deflection.
+    By as long again as the rig took from silence to its largest deflection; where there is no silence before, nothing
+    tells that it was struck.
     """
     return tuple(_after(linear, number, r) for number, r in enumerate(linear.problem.recordings))
 
@@ -44,7 +45,8 @@ def _excess(linear: SimulatedFit, number: int) -> float:
 def _after(linear: SimulatedFit, number: int, recorded: Recorded) -> Recorded:
     later = math.ceil(recorded.rang_s * recorded.rate_hz)
     left = recorded.samples - later
-    if not recorded.free or recorded.band is not None or later < 1 or recorded.stretches:
+    seen = (recorded.start_s - recorded.rang_s) * recorded.rate_hz >= 1  # there is silence before
+    if not seen or not recorded.free or recorded.band is not None or later < 1 or recorded.stretches:
         return recorded
     if later > MOST_LATER * recorded.samples or left < FEWEST or _excess(linear, number) < MORE:
         return recorded

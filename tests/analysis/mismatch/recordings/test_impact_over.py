@@ -78,6 +78,15 @@ def test_what_is_struck_for_long_is_seen_and_what_is_struck_briefly_stays_as_it_
     assert cut.rang_s == pytest.approx(whole.rang_s + cut.struck / RATE)
 
 
+def test_a_recording_without_silence_before_begins_where_it_did() -> None:
+    """What is missed by more at the beginning of a decay may be the rig: nothing tells that it was struck."""
+    whole = struck(8e-4)
+    begun = Recording(whole.data[:, round(STRUCK_S * RATE) :], RATE, whole.names, "", "decay")
+    linear = linear_fit(problem_of(RIG, [prepare(begun, RIG)]))
+    assert not is_free(linear)
+    assert after_the_impact(linear)[0] is linear.problem.recordings[0]
+
+
 @pytest.mark.slow
 def test_hum_beside_a_long_tap_is_named_alone_and_the_tap_told() -> None:
     """The end of the tap had been an attached part of 2e-10 kg beside the hum (0.80)."""

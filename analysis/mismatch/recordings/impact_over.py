@@ -42,13 +42,16 @@ def _excess(linear: SimulatedFit, number: int) -> float:
     return ratio if float(f_distribution.sf(ratio, first.size, then.size)) < BY_CHANCE else 1.0
 
 
+def _may_be_struck(recorded: Recorded) -> bool:
+    """Whether it is a decay with silence before it that was neither filtered nor divided by hand."""
+    silence = (recorded.start_s - recorded.rang_s) * recorded.rate_hz >= 1
+    return recorded.free and silence and recorded.band is None and not recorded.stretches
+
+
 def _after(linear: SimulatedFit, number: int, recorded: Recorded) -> Recorded:
     later = math.ceil(recorded.rang_s * recorded.rate_hz)
-    left = recorded.samples - later
-    seen = (recorded.start_s - recorded.rang_s) * recorded.rate_hz >= 1  # there is silence before
-    if not seen or not recorded.free or recorded.band is not None or later < 1 or recorded.stretches:
-        return recorded
-    if later > MOST_LATER * recorded.samples or left < FEWEST or _excess(linear, number) < MORE:
+    too_late = later > MOST_LATER * recorded.samples or recorded.samples - later < FEWEST
+    if not _may_be_struck(recorded) or later < 1 or too_late or _excess(linear, number) < MORE:
         return recorded
     begun = recorded.start_s + later / recorded.rate_hz
     rows = np.ascontiguousarray(recorded.outputs[:, later:]), np.ascontiguousarray(recorded.inputs[:, later:])
@@ -59,5 +62,5 @@ def _after(linear: SimulatedFit, number: int, recorded: Recorded) -> Recorded:
 
 
 def is_free(linear: SimulatedFit) -> bool:
-    """Whether no decay is missed by more at its beginning than afterwards."""
-    return all(_excess(linear, i) < MORE for i, r in enumerate(linear.problem.recordings) if r.free)
+    """Whether no decay that may have been struck is missed by more at its beginning than afterwards."""
+    return all(_excess(linear, i) < MORE for i, r in enumerate(linear.problem.recordings) if _may_be_struck(r))

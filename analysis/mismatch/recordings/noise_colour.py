@@ -36,7 +36,8 @@ def p_of_colour(fitted: SimulatedFit) -> tuple[float, ...]:
 def p_of_sensor_noise(fitted: SimulatedFit) -> float:
     """Return the p-value of what a fit leaves being noise whose spectrum goes one way, in each channel.
 
-    What noise of the inputs makes is taken out first. No less than it says; 1 where recordings are too short to tell.
+    What noise of the inputs makes is taken out first. Of such noise it is as small as it says, or less often; 1 where
+    recordings are too short to tell.
     """
     total, dof = 0.0, 0
     for number, recorded in enumerate(fitted.problem.recordings):

@@ -78,13 +78,17 @@ def test_what_is_struck_for_long_is_seen_and_what_is_struck_briefly_stays_as_it_
     assert cut.rang_s == pytest.approx(whole.rang_s + cut.struck / RATE)
 
 
-def test_a_recording_without_silence_before_begins_where_it_did() -> None:
+def test_a_recording_without_silence_before_begins_where_it_did_and_one_beside_it_when_it_is_free() -> None:
     """What is missed by more at the beginning of a decay may be the rig: nothing tells that it was struck."""
     whole = struck(8e-4)
     begun = Recording(whole.data[:, round(STRUCK_S * RATE) :], RATE, whole.names, "", "decay")
-    linear = linear_fit(problem_of(RIG, [prepare(begun, RIG)]))
-    assert not is_free(linear)
-    assert after_the_impact(linear)[0] is linear.problem.recordings[0]
+    linear = linear_fit(problem_of(RIG, [prepare(begun, RIG), prepare(whole, RIG)]))
+    first, second = after_the_impact(linear)
+    assert first is linear.problem.recordings[0]
+    assert second.struck > 0
+    left_out = [r.struck for r in made_ready(linear.problem, ()).recordings]
+    assert left_out[0] == 0
+    assert left_out[1] > 0
 
 
 @pytest.mark.slow

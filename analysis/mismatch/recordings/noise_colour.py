@@ -28,8 +28,11 @@ FEWEST: Final = 4  # bands that tell anything
 
 
 def p_of_colour(fitted: SimulatedFit) -> tuple[float, ...]:
-    """Return the p-value of `p_of_sensor_noise` where held-out errors are far over noise; nothing elsewhere."""
-    far = over_noise(fitted) > fitted.problem.policy.slow_over_noise
+    """Return the p-value of `p_of_sensor_noise` where held-out errors are far over noise; nothing elsewhere.
+
+    Nothing either where most of the motion is missed: that is the rig's description, and no law is looked for.
+    """
+    far = over_noise(fitted) > fitted.problem.policy.slow_over_noise and not fitted.far_off()
     return (p_of_sensor_noise(fitted),) if far else ()
 
 

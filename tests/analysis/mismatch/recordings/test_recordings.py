@@ -183,7 +183,6 @@ def test_a_stiffness_that_settles_with_time_is_named_as_such() -> None:
     assert found.mechanisms[0].parameters["settling_time_s"].value == pytest.approx(4, rel=0.1)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("stiffness", [1e-12, 5.0, 15.79, 157_910.0])
 def test_a_rig_described_far_from_the_one_recorded_is_not_consistent(stiffness: float) -> None:
     t = np.arange(3000) / 1000

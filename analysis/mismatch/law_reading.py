@@ -277,9 +277,9 @@ def _group(fitted: Any, learned: Term) -> int:
 
 
 def _loads(fitted: Any) -> Sequence[float]:
-    """Return the loads, N; recordings of a described rig have none."""
+    """Return the loads, N; in recordings of a described rig there is one, its preload."""
     experiment = getattr(fitted.problem, "experiment", None)
-    return getattr(experiment, "loads_n", (0.0,))
+    return (fitted.problem.rig.preload_n,) if experiment is None else experiment.loads_n
 
 
 def _rest(fitted: Any, term: Term, group: int, moved: Mapping[str, float] | None = None) -> AtRest:

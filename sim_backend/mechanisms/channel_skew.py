@@ -60,7 +60,9 @@ MECHANISM = ChannelDistortion(
     component="sensor chain",
     summary="one channel is sampled earlier or later than the others",
     source="multiplexed converter",
-    parameters=(Quantity(NAME, "samples", -5.0, 5.0, "lag of B behind A; below zero, B is ahead: sampled later"),),
+    parameters=(
+        Quantity(NAME, "samples", -5.0, 5.0, "lag of the channel (of the tester B behind A); below zero it is ahead"),
+    ),
     strength=NAME,
     trials=lambda scale: [{NAME: 1e-2}],
     distort=distort,

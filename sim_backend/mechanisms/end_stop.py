@@ -17,11 +17,11 @@ def force_law(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
 MECHANISM = ForceLaw(
     id="end_stop",
     component="contact",
-    summary="stiffness that begins or ends at a deflection",
+    summary="stiffness that begins or ends at a deflection, on one side",
     source="bilinear stiffness: gap, stop, loss of contact",
     parameters=(
         Quantity(STIFFNESS, "N/m", -1e25, 1e25, "stiffness beyond the gap"),
-        Quantity(GAP, "m", -1e25, 1e25, "deflection at which it begins"),
+        Quantity(GAP, "m", -1e25, 1e25, "deflection at which it begins; on the other side below zero"),
     ),
     strength=STIFFNESS,
     trials=lambda scale: [

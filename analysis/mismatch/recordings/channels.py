@@ -47,13 +47,22 @@ def told_by(term: Term, recorded: Recorded, recordings: Sequence[Recorded]) -> S
     return recordings if term.values.get("of_session", 1.0) else [recorded]
 
 
-def distort(shown: Real, terms: Sequence[Term], recorded: Recorded, recordings: Sequence[Recorded]) -> None:
-    """Make of the channels (c, n) of a recording what the terms make of them; of a motion that ran away nothing."""
+def distort(shown: Real, terms: Sequence[Term], recorded: Recorded, recordings: Sequence[Recorded], at: slice) -> None:
+    """Make of some samples of the channels (c, n) what the terms make of them; of a motion that ran away nothing.
+
+    An accelerometer on a shaken rig bends or delays the base's acceleration as well.
+    """
     for term in terms if np.all(np.isfinite(shown)) else ():
         m, rows = term.mechanism, list(term.place)
         if isinstance(m, ChannelDistortion) and m.of == "sensor":
-            peaks = peaks_of([r.outputs[rows] for r in told_by(term, recorded, recordings)])
-            shown[rows] = m.distort(shown[rows], {**term.values, **peaks, "thinned": recorded.every}, recorded.rate_hz)
+            values = {**term.values, **peaks_of([_whole(r, rows) for r in told_by(term, recorded, recordings)])}
+            base = 0.0 if recorded.base is None else recorded.base[rows, at]
+            shown[rows] = m.distort(shown[rows] + base, {**values, "thinned": recorded.every}, recorded.rate_hz) - base
+
+
+def _whole(recorded: Recorded, rows: Sequence[int]) -> Real:
+    """Return channels (c, n) as sensors showed them, with the base's acceleration."""
+    return recorded.outputs[rows] + (0.0 if recorded.base is None else recorded.base[rows])
 
 
 def memories(terms: Sequence[Term], free: bool) -> list[tuple[int, int]]:

@@ -176,7 +176,8 @@ def _with_likeliest(linear: SimulatedFit, number: int, recorded: Recorded) -> Re
 def _driven_by(inputs: Real, recorded: Recorded, rig: DescribedRig) -> Recorded:
     """Return a recording with other inputs, and with these taken off channels that show the base's acceleration too."""
     outputs = recorded.outputs + of_the_base(recorded.inputs - inputs, rig)
-    return replace(recorded, inputs=inputs, outputs=outputs, measured=recorded.inputs)
+    base = None if recorded.base is None else of_the_base(inputs, rig)
+    return replace(recorded, inputs=inputs, outputs=outputs, measured=recorded.inputs, base=base)
 
 
 def _answered(linear: SimulatedFit, number: int, found: Real, changed: Whole) -> Real:

@@ -75,6 +75,8 @@ class Recorded:
         Samples left out as the rig was still struck after its largest deflection.
     measured
         Inputs as they were measured, where noise was taken off them.
+    base
+        (channels, n) the base's acceleration that was taken off channels that show it, too; None where none does.
     """
 
     source: str
@@ -94,6 +96,7 @@ class Recorded:
     wrong: tuple[WrongSample, ...] = ()
     struck: int = 0
     measured: Real | None = None
+    base: Real | None = None
 
     @property
     def samples(self) -> int:
@@ -179,7 +182,8 @@ def prepare(recording: Recording, rig: DescribedRig) -> Recorded:
             raise AnalysisError(f"{source}: too little is left of the recording after its largest deflection")
     rows = np.ascontiguousarray(outputs), np.ascontiguousarray(inputs)
     found = divided(source, (rate, first / rate), rows, (band, edge), rig)
-    return replace(found, every=factor, rang_s=rang, wrong=wrong)
+    base = of_the_base(rows[1], rig) if any(s.absolute for s in rig.seen) else None
+    return replace(found, every=factor, rang_s=rang, wrong=wrong, base=base)
 
 
 def of_the_base(inputs: Real, rig: DescribedRig) -> Real:

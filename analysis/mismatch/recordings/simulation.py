@@ -190,12 +190,12 @@ class Simulation:
             for i, one in enumerate(read.one_by_one):
                 earlier = moved[i].begun_earlier(*self.arrangement.matrices(one), recorded.rate_hz)
                 rows = shown_by(self.rig.seen, self.arrangement, one, earlier)
-                distort(rows, read.terms[i], recorded, self.recordings)
+                distort(rows, read.terms[i], recorded, self.recordings, at)
                 shown[i] = rows[:, rows.shape[1] - (last - first) :]
         else:
             shown = shown_by(self.rig.seen, self.arrangement, read.constants, moved)
             for rows, terms in zip(shown, read.terms if distorted else (), strict=False):
-                distort(rows, terms, recorded, self.recordings)
+                distort(rows, terms, recorded, self.recordings, at)
         for i, rows in enumerate(shown):
             own = read.own[i]
             if first == recorded.fitted.start and own.memory.size:

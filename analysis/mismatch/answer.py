@@ -40,10 +40,7 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class ContactAtRest:
-    """Contact at one load in the limit of no motion.
-
-    k_c (N/m), c_c (N s/m), and zeta2: the damping ratio that they give the contact mode of Eq. 9.
-    """
+    """Contact at one load in the limit of no motion: k_c (N/m), c_c (N s/m), and zeta2, which they give by Eq. 9."""
 
     load_n: float
     stiffness: Estimate
@@ -277,18 +274,20 @@ class FittedRig:
     Attributes
     ----------
     constants
-        With 95 % intervals: infinite ones where the recordings do not determine them, of no width where they were not
-        fitted.
+        With 95 % intervals: infinite where recordings do not determine them, of no width where they were not fitted.
     contact
         At each load.
     off
-        By how many declared standard errors constants are off what was declared, where that is much:
-        it was declared wrongly, or the constant stands in for something.
+        By how many declared standard errors constants are off what was declared, where that is much: it was declared
+        wrongly, or the constant stands in for something.
+    also
+        Other values of constants with which every channel shows exactly the same.
     """
 
     constants: Mapping[str, Interval]
     contact: tuple[ContactAtRest, ...] = ()
     off: Mapping[str, float] = field(default_factory=dict)
+    also: tuple[Mapping[str, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -240,7 +240,8 @@ def _next(found: NextExperiment | None) -> dict[str, Any] | None:
 
 
 def _fitted(fitted: FittedRig) -> dict[str, Any]:
-    return {"rig": _constants(fitted), "loads": _contact(fitted), "off_declared": dict(fitted.off)}
+    found = {"rig": _constants(fitted), "loads": _contact(fitted), "off_declared": dict(fitted.off)}
+    return found | ({"also": [dict(one) for one in fitted.also]} if fitted.also else {})
 
 
 def _constants(fitted: FittedRig) -> dict[str, Any]:

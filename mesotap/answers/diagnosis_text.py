@@ -10,6 +10,7 @@ from analysis.mismatch.answer import (
     TESTER,
     TESTER_SCALES,
     Answer,
+    FittedRig,
     LawKind,
     Named,
     NextExperiment,
@@ -211,6 +212,8 @@ def print_answer(answer: Answer, console: Console) -> None:
         shown = f"{all_there_is:.2f}" if all_there_is >= HUNDREDTH else probability_words(all_there_is)
         console.print(f"  that this is all there is: {shown}")
     _print_held_out(answer, console)
+    for said in () if answer.fitted is None else same_shown_words(answer.fitted):
+        console.print(f"  {escape(said)}")
     if answer.rivals:
         console.print(_rivals(answer))
         if said := unlisted_words(answer):
@@ -222,6 +225,18 @@ def print_answer(answer: Answer, console: Console) -> None:
     then = answer.next_experiment
     if then is not None:
         console.print(f"  next: {escape(next_words(answer, then))} {escape(then.why)}")
+
+
+def same_shown_words(fitted: FittedRig) -> list[str]:
+    """Say with which other constants every channel shows the same."""
+    return [
+        "Every channel shows the same with "
+        + ", ".join(
+            f"{name} {significant(value, 5)}{_in(fitted.constants[name].unit)}" for name, value in other.items()
+        )
+        + ": these recordings do not tell which of both it is."
+        for other in fitted.also
+    ]
 
 
 def next_words(answer: Answer, then: NextExperiment) -> str:

@@ -15,6 +15,7 @@ from analysis.mismatch.recordings.reasons import reason
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.selection import SelectionStep
 from mesotap.answers.diagnosis_page import Evidence, Picture, Table
+from mesotap.answers.diagnosis_text import same_shown_words
 from mesotap.answers.rounding import between, significant
 from mesotap.report import figures
 from sim_backend.arrangement import Parameter
@@ -78,6 +79,7 @@ def _constants(account: BlockAccount) -> Table:
         "for the rig with what is named above, and are too narrow where something remains unexplained. Declared: ± is "
         "twice the standard uncertainty of the description."
     )
+    caption = " ".join([caption, *([] if fitted is None else same_shown_words(fitted))])
     return Table(caption, ("Constant", "Value", "95 % interval", "Unit", "Declared"), tuple(rows), (0, 2, 3, 4))
 
 

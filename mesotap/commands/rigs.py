@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from analysis.mismatch.recordings.determined import Undetermined, undetermined, unknown
 from analysis.mismatch.recordings.first_look import first_look
+from analysis.mismatch.recordings.other_constants import SameShown, undetermined_between
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.recordings.start_check import HELPS, NOISE, StartCheck, frame_remark, start_check
 from analysis.mismatch.rig_description import DescribedRig
@@ -82,19 +83,22 @@ def check_rig(file: Path, recordings: Sequence[Path], json: Path | None, console
     rig = load_rig(file)
     with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
         left_open = undetermined(rig)
+        between = None if left_open else undetermined_between(rig)
         read = [believed(import_recording(file, rate_hz=rig.rate_hz)) for file in recordings]
         unusual = [said for one in read for said in (*recording_remarks(one, rate=False), *rig_remarks(rig, one))]
         show_remarks(unusual, console)
         started = _started(rig, read) if read else None
     lines = [f"{file}: valid; {_counted(rig)}", *(u.statement for u in left_open)]
-    if not left_open:
+    if between is not None:
+        lines.append(between.statement)
+    elif not left_open:
         lines.append("every unknown constant can be told from such channels")
     if started is not None:
         with threadpool_limits(limits=1, user_api="blas"), np.errstate(all="ignore"):
             lines += [*_of_start(started), *filter(None, [frame_remark(rig, read)])]
     for line in lines:
         console.print(escape(line), highlight=False, soft_wrap=True)
-    write_json(json, _content(left_open, started) | ({"remarks": unusual} if unusual else {}))
+    write_json(json, _content(left_open, between, started) | ({"remarks": unusual} if unusual else {}))
 
 
 def _started(rig: DescribedRig, recordings: Sequence[Recording]) -> StartCheck:
@@ -140,13 +144,17 @@ def _of_start(found: StartCheck) -> list[str]:
     return lines
 
 
-def _content(left_open: Sequence[Undetermined], started: StartCheck | None) -> dict[str, Any]:
+def _content(
+    left_open: Sequence[Undetermined], between: SameShown | None, started: StartCheck | None
+) -> dict[str, Any]:
     content: dict[str, Any] = {
         "undetermined": [
             {"name": u.name, "with": dict(zip(u.with_it, u.powers, strict=True)), "statement": u.statement}
             for u in left_open
         ]
     }
+    if between is not None:
+        content["same_shown_by"] = {"factors": dict(between.factors), "statement": between.statement}
     if started is not None:
         content |= {"missed": started.missed, "weak": started.weak, "better_unknown": started.freed}
     return content

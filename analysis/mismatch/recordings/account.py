@@ -22,6 +22,7 @@ from analysis.mismatch.recordings.impact_size import said_of, struck
 from analysis.mismatch.recordings.impact_size import together as size_of
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.next_experiment import next_experiment
+from analysis.mismatch.recordings.other_constants import other_values
 from analysis.mismatch.recordings.otherwise import contact_turned_round, hold_that_explains
 from analysis.mismatch.recordings.ranking import lead_of, with_time
 from analysis.mismatch.recordings.reasons import decided, elsewhere, not_tried, reason, with_what_else
@@ -337,4 +338,6 @@ class BlockAccount(Account[SimulatedFit]):
             for k, v in values.items()
             if k in units
         }
-        return FittedRig(known, off=far_off(values, self.described.arrangement.parameters))
+        told = any(isinstance(t.mechanism, ForceLaw | AddedBody) for t in best.terms)  # may show which rig it is
+        also = () if told or self.far_off else tuple(other_values(self.described, values))
+        return FittedRig(known, off=far_off(values, self.described.arrangement.parameters), also=also)

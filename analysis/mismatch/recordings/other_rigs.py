@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from analysis.mismatch.recordings.determined import DRAWS, SEED, flat_directions, shown_by, unknown
 from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit
 from analysis.mismatch.recordings.joining import joined_to
+from analysis.mismatch.recordings.other_constants import WIDE, same_shown
 from analysis.mismatch.recordings.ranking import with_time
 from analysis.mismatch.recordings.spectral_model import SpectralModel, Unknowns
 from analysis.mismatch.recordings.start_values import with_first_states
@@ -35,7 +36,6 @@ LEAST_DAMPING: Final = 0.3  # of the mean, of any element: one without could not
 OWN: Final = 0.05  # share of a direction that is no common factor of all forces, from which on motions change in it
 EQUAL: Final = 1e-16  # of the sum of squares of all that is shown, that is rounding
 CORRECTIONS: Final = 20
-WIDE: Final = 0.3  # rate over the mean mode at which all that is shown fades, so that resonances are wide
 LAWS, PLACES = 2, 3  # best laws that are fitted from each rig, in so many of the places where they promise most
 LIKELIER: Final = 0.5  # of what is left from the rig that was fitted, below which another one takes its place
 
@@ -135,13 +135,14 @@ def _places(scores: Sequence[Score]) -> list[Score]:
 def equal_constants(rig: DescribedRig, values: Mapping[str, float]) -> list[dict[str, float]]:
     """Return constants of linear rigs whose channels show the same, in steps along what they do not determine.
 
-    The same but for damping, where an element has next to none.
+    The same but for damping, where an element has next to none. Where nothing can change little by little, others that
+    show the same (`same_shown`).
     Nothing where they determine everything, or all but a factor of all forces.
     """
     names, random = [p.name for p in unknown(rig)], np.random.default_rng(SEED)
     flat = min((len(flat_directions(rig, names, random)) for _ in range(DRAWS)), default=0) if names else 0
     if not flat:
-        return []
+        return same_shown(rig, values)
     unknowns = Unknowns(rig, 1.0)
     damping = [p.name for p in unknowns.bent if p.unit == "N s/m"]
     least = LEAST_DAMPING * float(np.mean([values[name] for name in damping])) if damping else 0.0

@@ -30,6 +30,15 @@ def test_the_verdict_names_what_is_left_out_with_its_probability() -> None:
     assert "nothing is left beyond noise (p = 0.4)" in said
 
 
+def test_other_constants_that_show_the_same_are_said_and_written() -> None:
+    assert ANSWER.fitted is not None
+    twice = replace(ANSWER, fitted=replace(ANSWER.fitted, also=({"m1": 0.214},)))
+    shown = io.StringIO()
+    print_answer(twice, Console(file=shown, width=200))
+    assert "Every channel shows the same with m1 0.21400 kg" in shown.getvalue()
+    assert diagnosis_json(twice, 1.0)["fitted"]["also"] == [{"m1": 0.214}]
+
+
 def test_two_p_values_of_a_verdict_that_nothing_is_missing_say_what_each_tests() -> None:
     sound = replace(ANSWER, verdict="consistent", mechanisms=(), p_value=0.98)
     assert "nothing is left beyond noise (p = 0.98; recordings and load cell)" in verdict_sentence(sound)

@@ -77,6 +77,21 @@ def test_what_these_sensors_cannot_tell_is_said_without_a_recording(tmp_path):
     assert "best the mass of b" in " ".join(found.stdout.split())
 
 
+def test_other_constants_that_show_the_same_are_told(tmp_path):
+    file = tmp_path / "rig.yaml"
+    file.write_text(
+        "bodies: {a: 1, b: 0.6}\njoints: [{name: foot, between: [a, ground]}, {name: neck, between: [b, a]}]\n"
+        "inputs: [{channel: u, base_acceleration: true}]\nsensors: [{channel: x, of: b, shows: acceleration}]\n"
+    )
+    found = run("rig", "check", file, "--json", tmp_path / "out.json")
+    said = " ".join(found.stdout.split())
+    assert "can have another set of values, far from the first one, with which all channels show the same" in said
+    assert "every unknown constant can be told" not in said
+    assert set(json.loads((tmp_path / "out.json").read_text())["same_shown_by"]["factors"]) == {
+        "stiffness of foot", "damping of foot", "stiffness of neck", "damping of neck",
+    }  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("columns", "options", "sentence"),
     [
@@ -155,8 +170,8 @@ def test_a_rig_that_is_worse_than_predicting_zero_is_told_so_first_with_what_to_
     rig.write_text(WRONG_GAIN.replace("joints", "springs").replace("ground]", "ground], stiffness: 50000"))
     found = run("diagnose", driven, "--rig", rig, "--json", answer, "--report", page)
     assert found.exit_code == 0
-    said = " ".join(found.stdout.split())
-    assert said.startswith("The linear rig as described is worse than predicting zero")
+    first = next(line for line in found.stdout.splitlines() if not line.startswith("diagnosing:"))
+    assert first.startswith("The linear rig as described is worse than predicting zero")
     content = json.loads(answer.read_text())
     assert (content["verdict"], content["fit"]["far_off"]) == ("unexplained", True)
     assert content["fit"]["worse_than_zero"].split(".")[0] in " ".join(

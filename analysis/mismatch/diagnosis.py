@@ -259,10 +259,15 @@ def _named(account: Account[Any], chosen: Any, number: int) -> Named:
 
 
 def _remainder(account: Account[Any], verdict: Verdict) -> Remainder:
-    """Return what the recordings hold beyond the model that the answer claims made them."""
+    """Return what the recordings hold beyond the model that the answer claims made them.
+
+    Where nothing explains: beyond what explains most, or beyond the linear rig where that leaves nothing and is still
+    not named.
+    """
     selection, policy = account.selection, account.selection.problem.policy
     model, screening, share = selection.baseline, selection.screening, 0.0 if verdict == "consistent" else 1.0
-    if verdict != "consistent" and selection.accepted:
+    refused = verdict == "unexplained" and selection.last_screening.p_value >= policy.level
+    if verdict != "consistent" and selection.accepted and not refused:
         model, screening, share = selection.best, selection.last_screening, selection.left.share
     left, p_value = screening.unexplained, 0.0 if account.far_off else screening.p_value
     beyond = p_value < policy.level and verdict != "consistent"

@@ -116,6 +116,9 @@ class SelectionPolicy:
     slow_over_noise: float = _chosen(
         2.0, "held-out errors over noise, from which on they must have the colour of a sensor's noise", "1", BLIND, 176
     )
+    mostly_left: float = _chosen(
+        0.5, "share of the linear rig's held-out mean square, far over noise, that no name may leave", "1", BLIND, 178
+    )
     left_over_blocks: float = _chosen(
         0.05, "share of what the linear rig missed that a free force may still take away", "1", RECORDED, 50
     )

@@ -323,12 +323,14 @@ class BlockJudge(Judge[SimulatedFit]):
         if fitted.terms and lost:
             current, fitted, steps = baseline.current, final, ()
         last = self.tested(current, self.screen(fitted))
-        named = fitted.terms and share <= policy.left_over_blocks and not predicts_no_better(final, fitted)
-        chosen = fitted if named else None
+        still = missed_still(final, fitted) if steps else 0.0
+        mostly = still > policy.mostly_left and min(p_of_colour(fitted), default=1.0) < policy.level
+        taken_away = share <= policy.left_over_blocks and not mostly
+        chosen = fitted if fitted.terms and taken_away and not predicts_no_better(final, fitted) else None
         if not share and steps:  # so little that forces of any shape were not fitted: their score test tells
             gained = likelihood_ratio(baseline.current, current, current)
             share = last.unexplained / max(gained + last.unexplained, 1e-300)
-        share = max(share, missed_still(final, fitted) if steps else 0.0)
+        share = min(max(share, still), 1.0)
         over = LeftOver(last.unexplained, last.p_value, share)
         return Selection(self, final, baseline.screening, steps, chosen, fitted, last, over)
 

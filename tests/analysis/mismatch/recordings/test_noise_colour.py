@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -9,8 +11,8 @@ from scipy import signal
 from analysis.mismatch.recordings.fit import SimulatedFit, linear_fit, problem_of
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.noise_colour import p_of_colour, p_of_sensor_noise
-from analysis.mismatch.recordings.recorded import prepare
-from analysis.mismatch.selection import screened_baseline
+from analysis.mismatch.recordings.recorded import CHOOSE, prepare
+from analysis.mismatch.selection import Candidate, SelectionStep, State, screened_baseline
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.arrays import Real
@@ -67,15 +69,38 @@ def test_it_counts_only_where_errors_are_far_over_what_cannot_be_predicted() -> 
     assert p_of_colour(beside(0.01 * np.random.default_rng(6).normal(size=SAMPLES))) == ()
 
 
-@pytest.mark.slow
-def test_a_force_that_no_input_shows_is_not_taken_for_noise() -> None:
-    """An autoregression foretold it: nothing was left beyond noise, with held-out errors of eight times that."""
+def pushed_unseen(knock: float = 0.0) -> Recording:
+    """Return a driven mass that an unmeasured force of wandering frequency pushes, too; and a knock (N)."""
     u, _, _ = driven()
     t = np.arange(SAMPLES) / RATE
     wandering = 2 * np.pi * 14 * t + np.cumsum(0.05 * np.random.default_rng(8).normal(size=SAMPLES))
     pushed = 100 * u + 15 * np.sin(wandering)
+    pushed[SAMPLES // 3 :][:8] += knock
     x, _ = motion(lambda s, x, v: s - OMEGA**2 * x - 0.08 * OMEGA * v, [0.0, 0.0], SAMPLES, RATE, pushed)
     noisy = x + 2e-3 * x.std() * np.random.default_rng(9).normal(size=SAMPLES)
-    recording = Recording(np.array([u, noisy]), RATE, ("u", "x"), "", "made")
-    judge = BlockJudge.of(problem_of(RIG, [prepare(recording, RIG)]), variants(catalogue()))
+    return Recording(np.array([u, noisy]), RATE, ("u", "x"), "", "made")
+
+
+@pytest.mark.slow
+def test_a_force_that_no_input_shows_is_not_taken_for_noise() -> None:
+    """An autoregression foretold it: nothing was left beyond noise, with held-out errors of eight times that."""
+    judge = BlockJudge.of(problem_of(RIG, [prepare(pushed_unseen(), RIG)]), variants(catalogue()))
     assert screened_baseline(judge).screening.p_value < 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mechanism", ["knock", "tube_spring_cubic"])
+def test_what_leaves_most_of_it_is_not_named(mechanism: str) -> None:
+    judge = BlockJudge.of(problem_of(RIG, [prepare(pushed_unseen(400.0), RIG)]), variants(catalogue()))
+    baseline = screened_baseline(judge)
+    score = next(s for s in baseline.screening.scores if s.term.mechanism.id == mechanism)
+    fitted = judge.fitted_alone(baseline.current, [score])
+    assert fitted is not None
+    accepted = Candidate(score, fitted, 100.0, losses=fitted.by_block(CHOOSE))
+    step = SelectionStep(baseline.current, baseline.screening, (accepted,), accepted)
+    state = State(fitted, judge.screen(fitted), (step,))
+    found = judge.outcome(baseline, state)
+    assert (found.chosen, found.best.terms[0].mechanism.id) == (None, mechanism)
+    assert 0.5 < found.left.share <= 1
+    allowing = judge.knowing(judge.known, replace(judge.problem.policy, mostly_left=1.1))
+    assert allowing.outcome(baseline, state).chosen is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from analysis.mismatch.answer import Answer
+from analysis.mismatch.diagnosis import answer_of as written_of
 from analysis.mismatch.diagnosis import diagnose_recordings
+from analysis.mismatch.recordings.account import BlockAccount
 from analysis.mismatch.rig_description import DescribedRig
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
@@ -79,6 +82,16 @@ def test_a_cubic_spring_seen_by_its_velocity_under_a_measured_force_is_named_alo
     assert found.mechanisms[0].indistinguishable_from == ()
     assert found.fit.heldout_rms_after is not None
     assert found.fit.heldout_rms_after < 0.03 * found.fit.heldout_rms_before
+
+
+@pytest.mark.slow
+def test_what_is_not_named_though_it_leaves_nothing_is_left(u: Real) -> None:
+    """A verdict that nothing explains had stood beside "nothing beyond noise is left"."""
+    found = diagnose_recordings([duffing(u)], parse_rig(SPRING + INPUT + sensor("velocity")), KNOWN[:1])
+    assert found.answer.remainder.p_value > 0.01
+    refused = written_of(BlockAccount(replace(found.selection, chosen=None)))
+    assert refused.verdict == "unexplained"
+    assert (refused.remainder.share, refused.remainder.p_value) == (1.0, refused.p_value)
 
 
 @pytest.mark.long

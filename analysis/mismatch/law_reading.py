@@ -20,6 +20,8 @@ from analysis.mismatch.free_form import RATE, STATIC, free_law
 from analysis.mismatch.intervals import NORMAL_95, intervals
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import Fit
+from analysis.mismatch.recordings.constants import constants_covariance
+from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.score_test import Score
 from sim_backend.arrays import Real
 from sim_backend.force_law import MEMORY
@@ -306,16 +308,25 @@ def _by_constants(read: _Read, group: int, d: Real, v: Real, middle: Real) -> Re
     fitted = read.fitted
     if not _rest(fitted, read.term, group).preload:
         return np.zeros(d.size)
-    rig, each = fitted.constants.names()
-    places = [*range(len(rig)), *(len(rig) + group * len(each) + i for i in range(len(each)))]
+    names, spread = _spread_of_constants(fitted, group)
     values = fitted.constants.at(group)
-    slopes = np.zeros((len(places), d.size))
-    for slope, name in zip(slopes, [*rig, *each], strict=True):
+    slopes = np.zeros((len(names), d.size))
+    for slope, name in zip(slopes, names, strict=True):
         step = STEP * abs(values[name])
         if step > 0:
             moved = _rest(fitted, read.term, group, {name: values[name] + step})
             slope[:] = (_forces(read.term, moved, d, v) - middle) / step
-    return _deviation(slopes, fitted.covariance[np.ix_(places, places)])
+    own = np.any(slopes != 0, axis=1)  # what else there is may not be determined
+    return _deviation(slopes[own], spread[np.ix_(own, own)])
+
+
+def _spread_of_constants(fitted: Any, group: int) -> tuple[Sequence[str], Real]:
+    """Return the names of the rig's constants at a load and the (k, k) covariance of their values."""
+    if isinstance(fitted, SimulatedFit):
+        return constants_covariance(fitted)
+    rig, each = fitted.constants.names()
+    places = [*range(len(rig)), *(len(rig) + group * len(each) + i for i in range(len(each)))]
+    return [*rig, *each], fitted.covariance[np.ix_(places, places)]
 
 
 def _deviation(slopes: Real, covariance: Real) -> Real:

@@ -1,11 +1,14 @@
-"""95 % intervals of a described rig's constants as recordings have them."""
+"""Intervals and covariance of a described rig's constants as recordings have them."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from analysis.mismatch.intervals import NORMAL_95
 from analysis.mismatch.recordings.fit import SimulatedFit
+from sim_backend.arrays import Real
 
 LARGEST_LOGARITHM = 50.0
 """Half of an interval in the logarithm from which on nothing is determined: a factor of 1e21."""
@@ -37,3 +40,11 @@ def constant_intervals(fitted: SimulatedFit) -> dict[str, tuple[float, float]]:
             low, high = value - abs(p.scale) * reach, value + abs(p.scale) * reach
         found[p.name] = (max(low, p.low), min(high, p.high))
     return found
+
+
+def constants_covariance(fitted: SimulatedFit) -> tuple[list[str], Real]:
+    """Return the names of the rig's constants that were fitted, and the (k, k) covariance of their values."""
+    values = fitted.values
+    found = [(k, p) for k, p in enumerate(fitted.simulation.parameters) if p.scope == "rig" and p.name in values]
+    places, scale = [k for k, _ in found], [values[p.name] if p.log else p.scale for _, p in found]
+    return [p.name for _, p in found], fitted.covariance[np.ix_(places, places)] * np.outer(scale, scale)

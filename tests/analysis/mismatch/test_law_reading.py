@@ -28,7 +28,11 @@ def read(term: Term) -> _Read:
     values = {p.name: 1.0 for p in RIG.parameters}
     constants = SimpleNamespace(at=lambda group: values, names=lambda: ((), ()))
     fitted = SimpleNamespace(
-        terms=(term,), term_covariances=(spread,), constants=constants, arrangement=RIG, problem=SimpleNamespace()
+        terms=(term,),
+        term_covariances=(spread,),
+        constants=constants,
+        arrangement=RIG,
+        problem=SimpleNamespace(rig=SimpleNamespace(preload_n=0.0)),
     )
     return _Read(fitted, 0, 0.0, {})  # type: ignore[arg-type]
 

@@ -145,7 +145,8 @@ def free_law(term: Term, rig: Arrangement, scale: Scale, names: Sequence[str]) -
     loaded = rig.elements[term.place[0]].preload
     scales = {"deformation": scale.deformation, "rate": scale.rate, "duration": scale.duration_s}
     load = {AT_LOAD: term.values[AT_LOAD], IN_LOAD: term.values.get(IN_LOAD, 0.0)} if loaded else {}
-    mechanism = _any_force(rig.elements[term.place[0]].component, names, loaded)
+    of_load = bool(loaded) and any(q.name == IN_LOAD for q in term.mechanism.parameters)
+    mechanism = _any_force(rig.elements[term.place[0]].component, names, of_load)
     return Term(mechanism, dict.fromkeys(names, SHARE * scale.force) | scales | load, term.place)
 
 

@@ -51,7 +51,7 @@ class LearnedEarly:
         learner, self.problem = _learner(selection), selection.problem
         self.begun = _screened(learner, selection)
         self.first = learner.candidates(self.begun)
-        single = learner.knowing(learned_mechanisms(), replace(learner.problem.policy, most_terms=1))
+        single = learner.knowing(learner.known, replace(learner.problem.policy, most_terms=1))
         found = select(single, self.begun, self.first)
         selection.judge.training.budget.spent = 0.0
         return _beside(found, selection) if _explains(found) and not _behind(found, selection) else None
@@ -159,7 +159,9 @@ def _learner(selection: Selection[Any], to_beat: Any = None) -> Judge[Any]:
     judge.training.budget.spent = 0.0
     # a single force without a name is one of the families: it is no reason to name none of them
     anyhow = replace(selection.problem.policy, unnamed=math.inf)
-    return judge.knowing(learned_mechanisms(), anyhow, to_beat=to_beat)
+    experiment = getattr(selection.problem, "experiment", None)  # recordings of a described rig have one load
+    one_load = experiment is None or len(set(experiment.loads_n)) == 1
+    return judge.knowing(learned_mechanisms(one_load), anyhow, to_beat=to_beat)
 
 
 def _screened(learner: Judge[Any], selection: Selection[Any]) -> State[Any]:

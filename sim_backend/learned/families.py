@@ -26,6 +26,7 @@ from sim_backend.learned.forms import (
     Kind,
     LearnedForce,
     Symmetry,
+    at_one_load,
     number,
     over,
     power_text,
@@ -337,6 +338,8 @@ _MADE: tuple[Made, ...] = (
 )  # fmt: skip
 FAMILIES: tuple[Form, ...] = tuple(make(place) for place, make in enumerate(_MADE))
 """All families, by their number."""
+_ALL = tuple(m for form in FAMILIES for m in form.mechanisms)
+_AT_ONE_LOAD = tuple(map(at_one_load, _ALL))
 
 
 def form_of(values: Values) -> Form:
@@ -355,6 +358,6 @@ def form_named(key: str) -> Form:
     return {form.key: form for form in FAMILIES}[key]
 
 
-def learned_mechanisms() -> list[Mechanism]:
-    """Return the mechanisms of all families."""
-    return [m for form in FAMILIES for m in form.mechanisms]
+def learned_mechanisms(one_load: bool = False) -> list[Mechanism]:
+    """Return the mechanisms of all families; where there is ``one_load``, none that goes with a power of it."""
+    return list(_AT_ONE_LOAD if one_load else _ALL)

@@ -144,6 +144,17 @@ def held(mechanism: Mechanism, names: Sequence[str]) -> Mechanism:
     return replace(mechanism, parameters=tuple(q for q in mechanism.parameters if q.name not in names))
 
 
+def at_one_load(mechanism: Mechanism) -> Mechanism:
+    """Return a mechanism without an exponent of the load, which a single load does not tell."""
+    if all(q.name != IN_LOAD for q in mechanism.parameters):
+        return mechanism
+
+    def trials(scale: Scale) -> list[dict[str, float]]:
+        return [{**t, IN_LOAD: 0.0} for t in mechanism.trials(scale) if t[IN_LOAD] == LOADS[0]]
+
+    return held(replace(mechanism, trials=trials), (IN_LOAD,))
+
+
 def references(scale: Scale) -> dict[str, float]:
     """Return what a law is counted in: the typical motion, and the load."""
     load = scale.static * scale.force / scale.deformation

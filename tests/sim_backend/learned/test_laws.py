@@ -121,6 +121,17 @@ def test_every_family_has_a_number_a_key_and_a_formula_of_its_own() -> None:
                     assert all(q.low <= values[q.name] <= q.high for q in mechanism.parameters)
 
 
+def test_at_one_load_no_law_has_an_exponent_of_it() -> None:
+    at_once = learned_mechanisms(one_load=True)
+    assert len(at_once) == len(learned_mechanisms())
+    assert all(q.name != "load_exponent" for m in at_once for q in m.parameters)
+    for mechanism in at_once:
+        for bench in benches():
+            tried = mechanism.trials(bench.scale)
+            assert len({tuple(sorted(values.items())) for values in tried}) == len(tried)
+            assert all("(P" not in mechanism.statement(values, "pad") for values in tried)
+
+
 def test_a_small_law_has_an_effect_in_proportion_to_its_strength() -> None:
     tried = 0
     for mechanism in learned_mechanisms():

@@ -52,6 +52,8 @@ def test_without_hertz_its_law_is_learned_under_the_preload() -> None:
     exponent = law.exponents["deflection"]
     assert exponent is not None
     assert exponent.low < 1.5 < exponent.high
+    assert law.exponents["load"] is None
+    assert "load_exponent" not in answer.mechanisms[0].parameters
     assert law.table is not None
     assert np.all(law.table.low <= law.table.force_n)
     assert np.all(np.isfinite(law.table.low))

@@ -75,7 +75,8 @@ def with_learned(selection: Selection[Any], early: LearnedEarly | None = None) -
     Nothing is learned where the linear rig leaves nothing beyond noise, nor where what is named leaves too little for a
     law to come near to replacing it. What is named counts as less likely the nearer a learned law comes to that. Of
     recordings whose noise is not known, what is named is contested only where it leaves something beyond it and errors
-    clearly over it, and gives way only to laws that do not: a real rig's law is never quite that of any formula.
+    clearly over it, or is a body that leaves something, and gives way only to laws that do not: a real rig's law is
+    never quite that of any formula.
 
     Parameters
     ----------
@@ -87,7 +88,7 @@ def with_learned(selection: Selection[Any], early: LearnedEarly | None = None) -
     judge, policy = selection.judge, selection.problem.policy
     named = selection.chosen
     noise_known = selection.problem.noise_known
-    if selection.p_value >= policy.level or (named is not None and not noise_known and not judge.doubtful(selection)):
+    if selection.p_value >= policy.level or (named is not None and not noise_known and not judge.contested(selection)):
         return selection
     explained = judge.evidence_of(selection)
     least = max(policy.unnamed, policy.learned_share * explained)
@@ -100,14 +101,14 @@ def with_learned(selection: Selection[Any], early: LearnedEarly | None = None) -
         begun, first = _screened(learner, selection), None
     else:
         begun, first = early.begun, early.first
-    found = _found(learner, begun, selection, explained, first)
+    found = _found(learner, begun, selection, first)
     if found is None or not _learned(found) or (named is None and _behind(found, selection)):
         return selection
     if named is None:
         return _beside(found, selection)
     if not noise_known and not _explains(found):
         return selection
-    lead = judge.evidence_of(found) - explained
+    lead = judge.lead(found, selection)
     if lead > least:
         return _beside(found, selection)
     unnamed = max(selection.left.unnamed, policy.unnamed * lead / least)
@@ -118,7 +119,6 @@ def _found(
     learner: Judge[Any],
     begun: State[Any],
     selection: Selection[Any],
-    explained: float,
     first: tuple[Candidate[Any], ...] | None,
 ) -> Selection[Any] | None:
     """Return learned laws in place of the last name, else alone, else beside what is named; None if none comes near.
@@ -131,7 +131,7 @@ def _found(
         if found is not None:
             return found
     first = learner.candidates(begun) if first is None else first
-    hopeless = _single(named) and max((c.evidence for c in first if c.fit is not None), default=-math.inf) < explained
+    hopeless = _single(named) and selection.judge.hopeless(first, selection)
     found = None if hopeless else select(learner, begun, first)
     if named is None:
         missing = found is not None and found.chosen is None
@@ -196,8 +196,7 @@ def _behind(found: Selection[Any], listed: Selection[Any]) -> bool:
 
     Where the noise is not known it is what a fit leaves, and one that explains little can leave nothing beyond it.
     """
-    judge = listed.judge
-    return not listed.problem.noise_known and judge.evidence_of(found) < judge.evidence_of(listed)
+    return not listed.problem.noise_known and listed.judge.lead(found, listed) < 0
 
 
 def _most_lead(named: Any) -> float:
@@ -231,5 +230,6 @@ def _beside(found: Selection[Any], listed: Selection[Any]) -> Selection[Any]:
     others = [c for c in listed.steps[0].candidates if c.fit is not None and c.id not in ids]
     scores = sorted((*first.screening.scores, *listed.screening.scores), key=lambda s: -s.gain)
     first = replace(first, screening=replace(first.screening, scores=tuple(scores)))
-    fitted = sorted((*first.candidates, *others), key=lambda c: (c.fit is None, -c.evidence))
-    return replace(found, steps=(replace(first, candidates=tuple(fitted)), *found.steps[1:]))
+    fitted = listed.judge.together(first.before, (*first.candidates, *others))
+    accepted = first.accepted and next((c for c in fitted if c.score is first.accepted.score), first.accepted)
+    return replace(found, steps=(replace(first, candidates=fitted, accepted=accepted), *found.steps[1:]))

@@ -200,12 +200,29 @@ class Judge(ABC, Generic[FitOf]):
         """Return the evidence of a fit over one before that has so many parameters less."""
 
     def doubtful(self, selection: Selection[FitOf]) -> bool:
-        """Whether what is named leaves so much that a learned law contests it."""
+        """Whether what is named leaves so much that it may be something else."""
         return selection.left.p_value < self.problem.policy.level
+
+    def contested(self, selection: Selection[FitOf]) -> bool:
+        """Whether a learned law contests what is named."""
+        return self.doubtful(selection)
 
     @abstractmethod
     def evidence_of(self, selection: Selection[FitOf]) -> float:
         """Return the evidence of all mechanisms that a selection accepted, over the linear rig."""
+
+    def lead(self, found: Selection[FitOf], other: Selection[FitOf]) -> float:
+        """Return the evidence of what one selection accepted over what another one did."""
+        return self.evidence_of(found) - self.evidence_of(other)
+
+    def together(self, before: FitOf, candidates: tuple[Candidate[FitOf], ...]) -> tuple[Candidate[FitOf], ...]:
+        """Return the candidates of a step with evidence that compares, the best first; those without a fit last."""
+        return tuple(sorted(candidates, key=lambda c: (c.fit is None, -c.evidence)))
+
+    def hopeless(self, candidates: Sequence[Candidate[FitOf]], named: Selection[FitOf]) -> bool:
+        """Whether no candidate that was fitted explains as much as what is named."""
+        best = max((c.evidence for c in candidates if c.fit is not None), default=-math.inf)
+        return best < self.evidence_of(named)
 
     @abstractmethod
     def to_the_end(self, fitted: FitOf) -> FitOf:

@@ -168,6 +168,23 @@ def _friction(place: int) -> Form:
     )  # fmt: skip
 
 
+def _growing_friction(place: int) -> Form:
+    def text(v: Values) -> str:
+        grown = power_text("d", v[AT_DEFLECTION], "m", v[IN_DEFLECTION], False)
+        return f"{number(v[FORCE])} N * {grown} * sign(v){times_load(v)}"
+
+    form = Form(
+        number=place, key="growing_friction", name="a friction that grows with the deflection", kind="rate",
+        symmetry="odd", conservative=False, text=text, exponents={"deflection": IN_DEFLECTION},
+    )  # fmt: skip
+    own = (Quantity(IN_DEFLECTION, "1", *ANY, "deflection exponent of the force"),)
+    begins = [{IN_DEFLECTION: 1.0}]
+    return form.with_forces(
+        laws.growing_friction, own, begins, lambda v: (v[IN_DEFLECTION], 0.0, v[AT_DEFLECTION], v[AT_RATE]), OF_RATE,
+        jumps=True,
+    )  # fmt: skip
+
+
 def _hysteresis(place: int) -> Form:
     def text(v: Values) -> str:
         yields = f"abs(z)**{number(v[CORNER])} * ({number(1 - v[ASYMMETRY])} + {number(v[ASYMMETRY])} * sign(z * v))"
@@ -335,6 +352,7 @@ _MADE: tuple[Made, ...] = (
     _clock,
     _resonance,
     _power_of_approach,
+    _growing_friction,
 )  # fmt: skip
 FAMILIES: tuple[Form, ...] = tuple(make(place) for place, make in enumerate(_MADE))
 """All families, by their number."""

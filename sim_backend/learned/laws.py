@@ -16,6 +16,7 @@ STRENGTH, FIRST, SECOND, OF_D, OF_V, ODD_D, ODD_V = range(REST, REST + 7)
 LARGEST_EXPONENT = 50.0  # of an exponential: beyond, a trial step of a fit has gone astray
 PARTS = 4  # of a step, in which hysteresis is followed
 AT_ONCE = 0.02  # of the reference rate, within which friction changes its sign
+SHARPLY = 1e-4  # likewise, of one that grows with the deflection and is as sharp when a motion has faded
 
 
 @njit(cache=True)
@@ -70,6 +71,12 @@ def friction(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
     """Dry friction w (1 + b e^-(v/V_s)^2) against the rate, V_s = s V (Stribeck)."""
     y = v / p[OF_V]
     return force + p[STRENGTH] * math.tanh(y / AT_ONCE) * (1.0 + p[FIRST] * math.exp(-((y / p[SECOND]) ** 2)))
+
+
+@law
+def growing_friction(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
+    """w |d/D|^n against the rate, whatever its size (Reid, J. R. Aeronaut. Soc. 60 (1956) 283, with n = 1)."""
+    return force + p[STRENGTH] * _power(d / p[OF_D], p[FIRST], 0.0) * math.tanh(v / p[OF_V] / SHARPLY)
 
 
 @law

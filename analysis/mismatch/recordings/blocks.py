@@ -214,6 +214,16 @@ def missed_still(before: SimulatedFit, after: SimulatedFit) -> float:
     return float(np.mean(beyond / held_out_rms(before)[0] ** 2))
 
 
+def share_by_scores(before: SimulatedFit, after: SimulatedFit, unexplained: float) -> float:
+    """Return the share of what one fit misses that another one leaves, by a chi-squared ``unexplained`` that is left.
+
+    Where so little is left that no forces of any shape were fitted. Whitening hides what is far over noise: there
+    `missed_still` tells.
+    """
+    gained = max(likelihood_ratio(before, after, after), 0.0)
+    return unexplained / max(gained + unexplained, 1e-300)
+
+
 def together(fitted: SimulatedFit, rms: Real) -> float:
     """Return the rms (channels,) of all channels that have the first one's unit as one."""
     seen = fitted.problem.rig.seen

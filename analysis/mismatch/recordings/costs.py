@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import Final
+
+import numpy as np
 
 from analysis.mismatch.parameters import Term
+from analysis.mismatch.recordings.blocks import likelihood_ratio, of_least_noise
 from analysis.mismatch.recordings.fit import SimulatedFit
 from sim_backend.mechanisms.kinds import AddedBody
+
+HARMONICS: Final = (2, 3)  # of a mode, that a law that is not linear makes most of
+COINCIDES: Final = 0.005  # of a harmonic, within which a mode is taken for it (case of decision 180: 2e-4)
 
 
 def cost_of(fitted: SimulatedFit, term: Term) -> float:
@@ -29,3 +36,23 @@ def _resonances(fitted: SimulatedFit, term: Term) -> float:
     scale, omega = fitted.problem.scale_of(fitted, term.place[0]), math.sqrt(stiffness / mass)
     width = max(damping / mass / omega, 2 * math.pi / (omega * scale.duration_s))
     return math.log(max(scale.shown_hz * scale.duration_s, 1.0)) / width
+
+
+def lead_of(one: SimulatedFit, other: SimulatedFit) -> float:
+    """Return the evidence of one fit over another, in samples as independent as those of what the better one leaves."""
+    more = sum(cost_of(one, t) for t in one.terms) - sum(cost_of(other, t) for t in other.terms)
+    return likelihood_ratio(other, one, of_least_noise((one, other))) - more
+
+
+def rings_at_a_harmonic(fitted: SimulatedFit) -> bool:
+    """Whether a body that a free rig was given puts a mode at a multiple of another one's frequency.
+
+    A law that is not linear makes harmonics, and a part that rings by itself makes up for them.
+    """
+    free = any(r.free for r in fitted.problem.recordings)
+    if not free or not any(isinstance(t.mechanism, AddedBody) for t in fitted.terms):
+        return False
+    mass, _, stiffness = fitted.arrangement.matrices(fitted.values)
+    modes = np.sqrt(np.abs(np.linalg.eigvals(stiffness / mass[:, None])))
+    ratios = np.divide.outer(modes, modes[modes > 0])
+    return any(bool(np.any(np.abs(ratios / n - 1) < COINCIDES)) for n in HARMONICS)

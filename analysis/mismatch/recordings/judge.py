@@ -22,12 +22,12 @@ from analysis.mismatch.recordings.blocks import (
     likelihood_ratio,
     mean_of,
     missed_still,
-    of_least_noise,
     over_noise,
     predicts_no_better,
     ratio_in,
+    share_by_scores,
 )
-from analysis.mismatch.recordings.costs import cost_of
+from analysis.mismatch.recordings.costs import lead_of, rings_at_a_harmonic
 from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit, linear_fit
 from analysis.mismatch.recordings.fitted_once import FittedOnce
 from analysis.mismatch.recordings.foot_or_mount import begun_from_another
@@ -38,15 +38,15 @@ from analysis.mismatch.recordings.made_ready import made_ready
 from analysis.mismatch.recordings.noise_colour import p_of_colour
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
 from analysis.mismatch.recordings.otherwise import Described, explained_otherwise
-from analysis.mismatch.recordings.ranking import Ranking, from_starts, simplest, weight_of, with_time
+from analysis.mismatch.recordings.ranking import Ranking, from_starts, simplest, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
-from analysis.mismatch.recordings.reweighing import exchanged, without_idle_ones
+from analysis.mismatch.recordings.reweighing import exchanged, weighed_together, without_idle_ones
 from analysis.mismatch.recordings.sharper import sharper
-from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_sweeps
+from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_again, fit_sweeps
 from analysis.mismatch.recordings.wrong_samples import without_wrong_samples
 from analysis.mismatch.score_test import Score, Screening, screen
 from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of, started
-from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism, SecondImpact
+from sim_backend.mechanisms.kinds import AddedBody, Mechanism, SecondImpact
 
 HOPELESS = 4.0  # times the best objective so far, from which a competing fit is given up
 
@@ -60,8 +60,7 @@ class BlockJudge(Judge[SimulatedFit]):
     Attributes
     ----------
     sweeps
-        Steady responses of the same rig, in which amplitude is at work without time; ``steady`` is the linear rig's
-        fit to them.
+        Steady responses of the same rig, amplitude without time; ``steady`` is the linear rig's fit to them.
     """
 
     problem: SimulatedRecordings
@@ -108,6 +107,28 @@ class BlockJudge(Judge[SimulatedFit]):
         """Whether what is named leaves something beyond noise, and errors far over it."""
         policy = self.problem.policy
         return selection.left.p_value < policy.level and over_noise(selection.best) > policy.doubtful_over_noise
+
+    def contested(self, selection: Selection[SimulatedFit]) -> bool:
+        """Whether a learned law contests what is named: bodies, which make up for much, if they leave anything.
+
+        And where they ring at a multiple of one of the rig's modes, as what a law that is not linear makes.
+        """
+        body = any(isinstance(t.mechanism, AddedBody) for t in selection.best.terms)
+        left = body and selection.left.p_value < self.problem.policy.level
+        return left or rings_at_a_harmonic(selection.best) or self.doubtful(selection)
+
+    def lead(self, found: Selection[SimulatedFit], other: Selection[SimulatedFit]) -> float:
+        """Return the evidence of one selection over another, of samples as independent as the better one leaves."""
+        return lead_of(found.best, other.best)
+
+    def together(self, before: SimulatedFit, candidates: Candidates) -> Candidates:
+        """Weigh candidates that were fitted at different times by samples as independent as the best one leaves."""
+        weighed = weighed_together(before, [(c.score, c.fit) for c in candidates if c.fit is not None])
+        return (*weighed, *(c for c in candidates if c.fit is None))
+
+    def hopeless(self, candidates: Sequence[Candidate[SimulatedFit]], named: Selection[SimulatedFit]) -> bool:
+        """Whether no candidate that was fitted explains as much as what is named."""
+        return all(lead_of(c.fit, named.best) < 0 for c in candidates if c.fit is not None)
 
     def evidence_of(self, selection: Selection[SimulatedFit]) -> float:
         """Return the evidence of all that a selection accepted."""
@@ -160,13 +181,13 @@ class BlockJudge(Judge[SimulatedFit]):
         fits = begun_from_another(self.problem, begun, fits)
         if not begun.terms:
             fits = begun_from_equal_rigs(self.problem, begun, fits, self.screen)
-        found = [(c.score, c.fit) for c in self._judged(state, fits) if c.fit is not None]
+        found = [(c.score, c.fit) for c in weighed_together(state.current, fits) if c.fit is not None]
         in_time = [i for i, (score, _) in enumerate(found) if self._told_in_any_case(score.term.mechanism)]
         hopeless = HOPELESS * min((f.scatter for _, f in found), default=math.inf)
         finer = {i for i in range(min(policy.polished, len(found))) if found[i][1].scatter < hopeless} | {*in_time[:1]}
         fits = [(score, self._polished(f) if i in finer else f) for i, (score, f) in enumerate(found)]
         unfitted: Candidates = tuple(Candidate(s[0], None, -math.inf) for s in ranking.scores[ranking.finalists :])
-        return (*self._judged(state, fits), *unfitted)
+        return (*weighed_together(state.current, fits), *unfitted)
 
     def _ranking(self, current: SimulatedFit, screening: Screening) -> Ranking:
         """Return which mechanisms earn a fit beside what stands."""
@@ -189,23 +210,6 @@ class BlockJudge(Judge[SimulatedFit]):
     def _told_in_any_case(self, mechanism: Mechanism) -> bool:
         """Whether a mechanism goes with time where time and amplitude are confounded: its full fit is compared."""
         return self.problem.one_decay and with_time(mechanism)
-
-    def _judged(
-        self, state: State[SimulatedFit], fits: Sequence[tuple[Score, SimulatedFit]]
-    ) -> list[Candidate[SimulatedFit]]:
-        """Return candidates, the best first, by the likelihood ratio of all that is not held out.
-
-        What happens once, in a block that is fitted, no choosing block can show.
-        """
-        if not fits:
-            return []
-        best = of_least_noise((f for _, f in fits), weight_of)
-        found: list[Candidate[SimulatedFit]] = []
-        for score, fitted in fits:
-            evidence = likelihood_ratio(state.current, fitted, best, weight_of(fitted))
-            evidence -= cost_of(fitted, fitted.terms[-1])
-            found.append(Candidate(score, fitted, evidence, losses=fitted.by_block(CHOOSE)))
-        return sorted(found, key=lambda c: -c.evidence)
 
     def _joined_once(self, current: SimulatedFit, score: Score, to_beat: float = math.inf) -> SimulatedFit:
         def joined() -> SimulatedFit:
@@ -251,10 +255,7 @@ class BlockJudge(Judge[SimulatedFit]):
 
     def with_terms(self, terms: Sequence[Term]) -> SteadyFit:
         """Return the fit of mechanisms to the sweeps, from the values they have; time changes nothing there."""
-        acting = [t for t in terms if isinstance(t.mechanism, ForceLaw) and not t.mechanism.with_time]
-        if not acting and self.steady is not None:
-            return self.steady
-        return fit_sweeps(self.problem.rig, self.sweeps, acting)
+        return fit_again(self.problem.rig, self.sweeps, terms, self.steady)
 
     def _better(self, state: State[SimulatedFit], candidate: Candidate[SimulatedFit]) -> bool:
         """Whether choosing blocks got better by more than chance, and by enough of what the linear rig missed.
@@ -306,7 +307,7 @@ class BlockJudge(Judge[SimulatedFit]):
         """Return the selection: what goes with time may win, forces of any shape are tried beside it."""
         policy, steps, current = self.problem.policy, state.steps, state.current
         rival = self.rival_in_time(steps)
-        if rival is not None and rival.fit is not None and self._time_wins(current, rival):
+        if rival and rival.fit is not None and self._time_wins(current, rival):
             current, steps = rival.fit, (replace(steps[0], accepted=rival),)
         current, steps = exchanged(*without_idle_ones(current, steps))
         share = 0.0
@@ -318,8 +319,7 @@ class BlockJudge(Judge[SimulatedFit]):
         final, fitted = map(self.finals.of, (baseline.current, current))
         lost = bool(self.finals.worse_than_zero(final, fitted))  # what is named leaves most of it besides
         if fitted.terms and not lost:
-            fits = baseline.current, current, final
-            lost = explained_otherwise(fits, self.screen, self.known, self.on_progress)
+            lost = explained_otherwise((baseline.current, current, final), self.screen, self.known, self.on_progress)
         if fitted.terms and lost:
             current, fitted, steps = baseline.current, final, ()
         last = self.tested(current, self.screen(fitted))
@@ -327,10 +327,7 @@ class BlockJudge(Judge[SimulatedFit]):
         mostly = still > policy.mostly_left and min(p_of_colour(fitted), default=1.0) < policy.level
         taken_away = share <= policy.left_over_blocks and not mostly
         chosen = fitted if fitted.terms and taken_away and not predicts_no_better(final, fitted) else None
-        if not share and steps:  # so little that forces of any shape were not fitted: their score test tells
-            gained = likelihood_ratio(baseline.current, current, current)
-            share = last.unexplained / max(gained + last.unexplained, 1e-300)
-        share = min(max(share, still), 1.0)
+        share = max(share, still) or (share_by_scores(baseline.current, current, last.unexplained) if steps else 0.0)
         over = LeftOver(last.unexplained, last.p_value, share)
         return Selection(self, final, baseline.screening, steps, chosen, fitted, last, over)
 

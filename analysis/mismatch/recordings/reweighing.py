@@ -2,19 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from analysis.mismatch.recordings.blocks import likelihood_ratio, of_least_noise
 from analysis.mismatch.recordings.costs import cost_of
 from analysis.mismatch.recordings.fit import SimulatedFit, fit
-from analysis.mismatch.recordings.ranking import with_time
+from analysis.mismatch.recordings.ranking import weight_of, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
+from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate, SelectionStep
 
 OTHERS = 2  # that are fitted in the place of an accepted mechanism
 
 Steps = tuple[SelectionStep[SimulatedFit], ...]
 Tried = Candidate[SimulatedFit]
+
+
+def weighed_together(before: SimulatedFit, fits: Sequence[tuple[Score, SimulatedFit]]) -> list[Tried]:
+    """Return candidates, the best first, by the likelihood ratio of all that is not held out.
+
+    What happens once, in a block that is fitted, no choosing block can show.
+    """
+    if not fits:
+        return []
+    best = of_least_noise((f for _, f in fits), weight_of)
+    found: list[Tried] = []
+    for score, fitted in fits:
+        evidence = likelihood_ratio(before, fitted, best, weight_of(fitted)) - cost_of(fitted, fitted.terms[-1])
+        found.append(Candidate(score, fitted, evidence, losses=fitted.by_block(CHOOSE)))
+    return sorted(found, key=lambda c: -c.evidence)
 
 
 def without_idle_ones(current: SimulatedFit, steps: Steps) -> tuple[SimulatedFit, Steps]:

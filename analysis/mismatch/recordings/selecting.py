@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 from typing import Final
 
-from analysis.mismatch.recordings.blocks import likelihood_ratio, mean_of, missed_still, of_least_noise
-from analysis.mismatch.recordings.costs import cost_of
+from analysis.mismatch.recordings.blocks import mean_of, missed_still
+from analysis.mismatch.recordings.costs import lead_of
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.recorded import HELD
@@ -75,14 +75,7 @@ def _with_exact_inputs(judge: BlockJudge, found: Selection[SimulatedFit]) -> Blo
 
 def leads(one: Selection[SimulatedFit], other: Selection[SimulatedFit]) -> bool:
     """Whether one selection names what explains certainly better than what another one names."""
-    return one.chosen is not None and _lead(one.best, other.best) >= one.problem.policy.certain_by_blocks
-
-
-def _lead(one: SimulatedFit, other: SimulatedFit) -> float:
-    """Return the evidence of one fit over another, in samples as independent as those of what the better one leaves."""
-    more = sum(cost_of(one, t) for t in one.terms) - sum(cost_of(other, t) for t in other.terms)
-    better = of_least_noise((one, other))
-    return likelihood_ratio(other, one, better) - more
+    return one.chosen is not None and lead_of(one.best, other.best) >= one.problem.policy.certain_by_blocks
 
 
 def _first_names(found: Selection[SimulatedFit], first: str) -> set[str]:

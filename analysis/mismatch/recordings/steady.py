@@ -104,6 +104,12 @@ def harmonic(term: Term, amplitude: float, omega: float) -> complex:
     return complex(2 / POINTS * np.sum(force[last] * np.exp(-1j * angle[last])))
 
 
+def fit_again(rig: DescribedRig, sweeps: Sequence[Sweep], terms: Sequence[Term], linear: SteadyFit | None) -> SteadyFit:
+    """Return the fit of what is at work without time; the ``linear`` one where nothing is."""
+    acting = [t for t in terms if isinstance(t.mechanism, ForceLaw) and not t.mechanism.with_time]
+    return linear if linear is not None and not acting else fit_sweeps(rig, sweeps, acting)
+
+
 def fit_sweeps(rig: DescribedRig, sweeps: Sequence[Sweep], terms: Sequence[Term] = ()) -> SteadyFit:
     """Fit stiffness, damping, gain and the mechanisms' parameters to two of three sweeps."""
     fitted = [s for i, s in enumerate(sweeps) if i % HELD_OUT_EVERY != HELD_OUT_EVERY - 1]

@@ -84,6 +84,7 @@ def test_one_decay_of_a_bolted_beam_leaves_amplitude_and_time_confounded(decay, 
     assert "different strength" in answer["next_experiment"]["why"]
     assert answer["fit"]["heldout_rms_before"] == pytest.approx(0.5, abs=0.06)
     assert answer["fit"]["heldout_rms_after"] <= 0.10
+    assert answer["remainder"]["share"] < 0.05  # 0.84 had stood beside it
     along = [(p["amplitude"], p["frequency_hz"], p["damping_ratio"]) for p in answer["decay"]]
     assert along[0][2] > 0.0020 > 0.0015 > along[-1][2]
     assert along[0][1] < 80.45 < 80.58 < along[-1][1]

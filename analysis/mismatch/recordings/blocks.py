@@ -62,9 +62,17 @@ def ratio_in(part: int, before: SimulatedFit, after: SimulatedFit, best: Simulat
     Where that is as good as noise, residuals are whitened as this noise asks: of slow noise a few samples count as
     independent, and what is fast beside it would be lost in them.
     """
-    whitened = best.as_noise
-    left = [mean_of(f.by_block(part, best if whitened else None)) for f in (before, after)]
-    return independent_samples(best, part, whitened) * math.log(left[0] / max(factor * left[1], 1e-300))
+    count, (first, last) = _left_in(part, before, after, best)
+    return count * math.log(first / max(factor * last, 1e-300))
+
+
+def _left_in(
+    part: int, before: SimulatedFit, after: SimulatedFit, best: SimulatedFit
+) -> tuple[float, tuple[float, float]]:
+    """Return how many independent samples a part's blocks hold, and what two fits leave in them; see `ratio_in`."""
+    noise = best if best.as_noise else None
+    left = mean_of(before.by_block(part, noise)), mean_of(after.by_block(part, noise))
+    return independent_samples(best, part, noise is not None), left
 
 
 def of_least_noise(
@@ -220,7 +228,10 @@ def share_by_scores(before: SimulatedFit, after: SimulatedFit, unexplained: floa
     Where so little is left that no forces of any shape were fitted. Whitening hides what is far over noise: there
     `missed_still` tells.
     """
-    gained = max(likelihood_ratio(before, after, after), 0.0)
+    gained = 0.0
+    for part in (FIT, CHOOSE):
+        count, (first, last) = _left_in(part, before, after, after)
+        gained += count * max(first / max(last, 1e-300) - 1, 0.0)  # chi-squared: its logarithm grows much slower
     return unexplained / max(gained + unexplained, 1e-300)
 
 

@@ -49,7 +49,7 @@ def test_a_law_that_explains_less_than_what_is_listed_takes_no_place(
 ) -> None:
     """A second impact in one of three decays, at its best, was given up for a resonance that explained less."""
     evidence = {"law": law, "listed": 50.0}
-    judge = SimpleNamespace(evidence_of=lambda selection: evidence[selection.name])
+    judge = SimpleNamespace(lead=lambda found, other: evidence[found.name] - evidence[other.name])
     problem = SimpleNamespace(noise_known=noise_known)
     found: Any
     listed_ones: Any

@@ -16,6 +16,7 @@ from analysis.mismatch.recordings.blocks import (
     mean_of,
     predicts_no_better,
     ratio_in,
+    share_by_scores,
     untold_words,
 )
 from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
@@ -55,6 +56,16 @@ def test_evidence_of_a_law_that_is_not_there_is_chi_squared() -> None:
     assert abs(np.mean(found) - 1.0) < 3 * math.sqrt(2 / len(found))
     assert max(found) < 13.0  # its probability is 3e-4
     assert min(found) > -1e-3
+
+
+def test_what_is_left_is_a_share_of_mean_squares() -> None:
+    """As much left as the noise holds by itself is noise over all that the linear rig leaves, however large that is."""
+    linear, bent = with_and_without(1e7, 1)
+    before, after = (mean_of(f.by_block(FIT, bent)) for f in (linear, bent))
+    count = sum(independent_samples(bent, part, True) for part in (FIT, CHOOSE))
+    assert before > 10 * after
+    assert share_by_scores(linear, bent, count) == pytest.approx(after / before, rel=0.3)
+    assert share_by_scores(linear, bent, 0.0) == 0.0
 
 
 def test_what_is_fast_counts_beside_slow_noise() -> None:

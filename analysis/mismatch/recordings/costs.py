@@ -1,4 +1,4 @@
-"""What a mechanism pays of the evidence for what was free: its parameters, and where its resonance was found."""
+"""What a mechanism pays of the evidence, which of two fits leads, and bodies that stand for harmonics."""
 
 from __future__ import annotations
 

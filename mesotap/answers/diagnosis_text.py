@@ -212,7 +212,7 @@ def print_answer(answer: Answer, console: Console) -> None:
         shown = f"{all_there_is:.2f}" if all_there_is >= HUNDREDTH else probability_words(all_there_is)
         console.print(f"  that this is all there is: {shown}")
     _print_held_out(answer, console)
-    for said in () if answer.fitted is None else same_shown_words(answer.fitted):
+    for said in () if answer.fitted is None else same_shown_words(answer.fitted, bool(answer.mechanisms)):
         console.print(f"  {escape(said)}")
     if answer.rivals:
         console.print(_rivals(answer))
@@ -227,16 +227,17 @@ def print_answer(answer: Answer, console: Console) -> None:
         console.print(f"  next: {escape(next_words(answer, then))} {escape(then.why)}")
 
 
-def same_shown_words(fitted: FittedRig) -> list[str]:
-    """Say with which other constants every channel shows the same."""
-    return [
-        "Every channel shows the same with "
-        + ", ".join(
-            f"{name} {significant(value, 5)}{_in(fitted.constants[name].unit)}" for name, value in other.items()
+def same_shown_words(fitted: FittedRig, named: bool) -> list[str]:
+    """Say with which other constants every channel shows the same, and that what is ``named`` may differ with them."""
+    found = []
+    for other in fitted.also:
+        units = {name: _in(fitted.constants[name].unit) for name in other}
+        listed = ", ".join(f"{name} {significant(value, 5)}{units[name]}" for name, value in other.items())
+        then = "; what is named may be of another size with these" if named else ""
+        found.append(
+            f"Every channel shows the same with {listed}: these recordings do not tell which of both it is{then}."
         )
-        + ": these recordings do not tell which of both it is."
-        for other in fitted.also
-    ]
+    return found
 
 
 def next_words(answer: Answer, then: NextExperiment) -> str:

@@ -79,7 +79,9 @@ def _constants(account: BlockAccount) -> Table:
         "for the rig with what is named above, and are too narrow where something remains unexplained. Declared: ± is "
         "twice the standard uncertainty of the description."
     )
-    caption = " ".join([caption, *([] if fitted is None else same_shown_words(fitted))])
+    caption = " ".join(
+        [caption, *([] if fitted is None else same_shown_words(fitted, account.selection.chosen is not None))]
+    )
     return Table(caption, ("Constant", "Value", "95 % interval", "Unit", "Declared"), tuple(rows), (0, 2, 3, 4))
 
 

@@ -14,13 +14,14 @@ import numpy as np
 from scipy.stats import f as f_distribution
 
 from analysis.mismatch.recordings.recorded import FEWEST, Recorded, divided
+from sim_backend.arrays import Real
 
 if TYPE_CHECKING:
     from analysis.mismatch.recordings.fit import SimulatedFit
 
 FIRST: Final = 8  # samples of a decay that are held against the following ones
 AFTER: Final = 100  # of these
-MORE: Final = 4.0  # times the mean square of the following ones, whitened, that the first ones have at least
+MORE: Final = 4.0  # times the mean square of the following ones, as it is and whitened, that the first ones have
 BY_CHANCE: Final = 1e-6  # and with which probability by chance at most
 MOST_LATER: Final = 0.1  # of a recording, by which it may begin later
 
@@ -35,11 +36,19 @@ def after_the_impact(linear: SimulatedFit) -> tuple[Recorded, ...]:
 
 
 def _excess(linear: SimulatedFit, number: int) -> float:
-    """Return the mean square of the first samples over that of the following ones, whitened; 1 where by chance."""
-    white = linear.noise(number).white(linear.off(number)[0])
-    first, then = white[:, :FIRST], white[:, FIRST : FIRST + AFTER]
-    ratio = float(np.mean(first**2) / max(float(np.mean(then**2)), 1e-300))
-    return ratio if float(f_distribution.sf(ratio, first.size, then.size)) < BY_CHANCE else 1.0
+    """Return the mean square of the first samples over that of the following ones; 1 where by chance.
+
+    As it is or whitened, whichever is less: what another mechanism makes ring from the first sample on is not foretold
+    there either.
+    """
+    off = linear.off(number)[0]
+    ratios = [_ratio(off), _ratio(linear.noise(number).white(off))]
+    sizes = off[:, :FIRST].size, off[:, FIRST : FIRST + AFTER].size
+    return min(ratios) if float(f_distribution.sf(ratios[1], *sizes)) < BY_CHANCE else 1.0
+
+
+def _ratio(rows: Real) -> float:
+    return float(np.mean(rows[:, :FIRST] ** 2) / max(float(np.mean(rows[:, FIRST : FIRST + AFTER] ** 2)), 1e-300))
 
 
 def _may_be_struck(recorded: Recorded) -> bool:

@@ -78,6 +78,15 @@ def test_what_is_struck_for_long_is_seen_and_what_is_struck_briefly_stays_as_it_
     assert cut.rang_s == pytest.approx(whole.rang_s + cut.struck / RATE)
 
 
+def test_what_rings_on_beside_the_rig_does_not_hide_that_it_is_free() -> None:
+    """A decay of an undescribed part had kept it from beginning later: it is loudest at its beginning, too."""
+    tapped = struck(8e-4)
+    since = np.arange(SAMPLES) / RATE - STRUCK_S - 4 * 8e-4
+    part = 0.02 * np.exp(-6 * np.maximum(since, 0)) * np.sin(2 * np.pi * 91 * since) * (since > 0)
+    ringing = Recording(tapped.data + part * np.abs(tapped.data).max(), RATE, tapped.names, "", "decay")
+    assert made_ready(problem_of(RIG, [prepare(ringing, RIG)]), ()).recordings[0].struck == constants(tapped)[1] > 0
+
+
 def test_a_recording_without_silence_before_begins_where_it_did_and_one_beside_it_when_it_is_free() -> None:
     """What is missed by more at the beginning of a decay may be the rig: nothing tells that it was struck."""
     whole = struck(8e-4)

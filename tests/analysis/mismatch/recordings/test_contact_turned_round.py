@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from analysis.mismatch.diagnosis import diagnose_recordings
+from analysis.mismatch.parameters import Term
+from analysis.mismatch.recordings.otherwise import _alike_both_ways
 from daq.exchange import Recording
 from mesotap.answers.diagnosis_text import verdict_sentence
 from mesotap.configuration.rig_files import parse_rig
-from sim_backend.mechanisms.catalogue import catalogue, variants
+from sim_backend.mechanisms.catalogue import catalogue, family, variants
+from sim_backend.mechanisms.kinds import AtRest, ForceLaw, Scale
 from tests.analysis.mismatch.recordings.described_rigs import motion, noise_input
 
 RATE, SAMPLES = 2000.0, 4000
@@ -55,3 +58,14 @@ def test_named_in_the_right_order_it_is_hertz() -> None:
     answer = diagnose_recordings([pressed(2.0)], parse_rig(described("[ground, ball]")), variants(catalogue())).answer
     assert [m.id for m in answer.mechanisms] == ["hertz_stiffness"]
     assert answer.remainder.p_value > 0.01
+
+
+@pytest.mark.parametrize(
+    ("name", "alike"), [("quadratic_damping", True), ("hertz_stiffness", False), ("contact_loss", False)]
+)
+def test_a_law_that_is_alike_both_ways_does_not_hang_by_the_order_of_the_bodies(name: str, alike: bool) -> None:
+    """Drag in a contact, which slow noise hid, was told to need the bodies in the other order."""
+    law = next(m for m in family(name) if isinstance(m, ForceLaw) and m.preloaded)
+    scale = Scale(deformation=1e-5, rate=1e-2, static=PRESSED, force=2.0, frequency_hz=(50.0, 100.0))
+    term = Term(law, law.trials(scale)[0], (0,))
+    assert _alike_both_ways(term, AtRest(PRELOAD, 1.5 * PRELOAD / PRESSED, DAMPING)) is alike

@@ -75,7 +75,11 @@ def undetermined_between(rig: DescribedRig) -> SameShown | None:
 def other_values(rig: DescribedRig, values: Mapping[str, float]) -> list[dict[str, float]]:
     """Return the values in which constants that show the same differ from these, by name; see `same_shown`."""
     names = [p.name for p in unknown(rig)]
-    return [{k: other[k] for k in names if _differ(other[k], values[k])} for other in same_shown(rig, values)]
+    try:
+        found = same_shown(rig, values)
+    except (ArithmeticError, np.linalg.LinAlgError):  # a rig without a response shows nothing: no answer is lost for it
+        return []
+    return [{k: other[k] for k in names if _differ(other[k], values[k])} for other in found]
 
 
 def same_shown(rig: DescribedRig, values: Mapping[str, float]) -> list[dict[str, float]]:

@@ -76,6 +76,11 @@ def test_where_any_number_show_the_same_none_is_singled_out() -> None:
     assert same_shown(rig, values_of(rig) | {"gain of input 1": 1.0, "gain of sensor 1": 1.0}) == []
 
 
+def test_constants_that_cannot_be_computed_cost_no_answer() -> None:
+    rig = shaken(TOP)
+    assert other_values(rig, values_of(rig) | {"stiffness of foot": np.nan}) == []
+
+
 def test_the_check_of_a_rig_says_which_constants_to_give() -> None:
     found = undetermined_between(shaken(TOP))
     assert found is not None

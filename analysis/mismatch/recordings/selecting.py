@@ -23,9 +23,9 @@ def select_for_recordings(judge: BlockJudge, put_right: bool = False) -> tuple[S
     Mechanisms are added one by one. Of two that are at work, a third that resembles both comes first; beside it neither
     gains enough. So where what is named leaves errors far over the noise, or several names any that are clearly more,
     the selection is made again without the first of the names; then without the first that comes in its place too, and
-    all that explain as much as that. What explains better counts. And where single samples are wrong beneath what is
-    named, it is made again once these are ``put_right``; where a mechanism predicts what passed for noise of the
-    inputs, without that.
+    all that explain as much as that, until what explains best leaves no such errors. And where single samples are wrong
+    beneath what is named, it is made again once these are ``put_right``; where a mechanism predicts what passed for
+    noise of the inputs, without that.
     """
     found = select(judge, screened_baseline(judge))
     beneath = found.baseline if found.chosen is None else found.best
@@ -35,22 +35,28 @@ def select_for_recordings(judge: BlockJudge, put_right: bool = False) -> tuple[S
     if found.chosen is None:
         exact = _with_exact_inputs(judge, found)
         return (found,) if exact is judge else select_for_recordings(exact, put_right)
-    several = len(found.chosen.terms) > 1 and judge.doubtful(found)
-    if not several and not missed_still(found.baseline, found.chosen):
-        return (found,)
     tried, left_out = [found], {found.chosen.terms[0].mechanism.id}
     for _ in range(AGAIN):
+        if not _leaves_much(tried[0]):
+            break
         listed = ", ".join(sorted(left_out)).replace("_", " ")
         judge.on_progress(f"beginning again without {listed}, beside which much is left")
         others = judge.knowing([m for m in judge.known if m.id not in left_out], judge.problem.policy)
         other = replace(select(others, screened_baseline(others)), judge=judge)
-        if other.chosen is None:
+        if not other.accepted:
             break
-        if leads(other, found):
-            return (other, *tried)
-        tried.append(other)
-        left_out |= _first_names(other, other.chosen.terms[0].mechanism.id)
+        if other.chosen is not None:
+            tried = [other, *tried] if leads(other, tried[0]) else [*tried, other]
+        left_out |= _first_names(other, other.best.terms[0].mechanism.id)
     return tuple(tried)
+
+
+def _leaves_much(found: Selection[SimulatedFit]) -> bool:
+    """Whether what is named leaves errors far over the noise, or several names any that are clearly more."""
+    if found.chosen is None:
+        return False
+    several = len(found.chosen.terms) > 1 and found.judge.doubtful(found)
+    return several or bool(missed_still(found.baseline, found.chosen))
 
 
 def _with_exact_inputs(judge: BlockJudge, found: Selection[SimulatedFit]) -> BlockJudge:

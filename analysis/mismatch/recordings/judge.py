@@ -42,6 +42,7 @@ from analysis.mismatch.recordings.ranking import Ranking, from_starts, simplest,
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.reweighing import exchanged, weighed_together, without_idle_ones
 from analysis.mismatch.recordings.sharper import sharper
+from analysis.mismatch.recordings.start_check import worse_than_zero
 from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_again, fit_sweeps
 from analysis.mismatch.recordings.wrong_samples import without_wrong_samples
 from analysis.mismatch.score_test import Score, Screening, screen
@@ -292,7 +293,8 @@ class BlockJudge(Judge[SimulatedFit]):
             return state, False
         policy, base = self.problem.policy, mean_of(state.steps[0].before.by_block(CHOOSE))
         near_noise = over_noise(accepted.fit) <= policy.doubtful_over_noise
-        if near_noise and mean_of(accepted.losses) < policy.least_share * base:
+        linear = self.baseline()  # several mechanisms beside one that is worse than zero would take its place
+        if (near_noise and mean_of(accepted.losses) < policy.least_share * base) or worse_than_zero(linear, linear):
             return State(accepted.fit, state.screening, state.steps), False
         self.on_progress("looking at what is left")
         current, steps = accepted.fit, state.steps

@@ -146,6 +146,11 @@ class Arrangement:
                 damping += np.asarray(values[element.damping])[..., None, None] * outer
         return mass, damping, stiffness
 
+    def undamped_hz(self, values: Mapping[str, float]) -> Real:
+        """Return (n,) the frequencies of the undamped modes, in Hz and no order; 0 of a motion that nothing holds."""
+        mass, _, stiffness = self.matrices(values)
+        return np.asarray(np.sqrt(np.abs(np.linalg.eigvals(stiffness / mass[:, None]))) / (2 * np.pi), np.float64)
+
     def declared(self) -> dict[str, float]:
         """All constants as declared."""
         return {p.name: p.value for p in self.parameters}

@@ -129,8 +129,7 @@ def rig_remarks(rig: DescribedRig, recording: Recording) -> list[str]:
     wanted = [*a.masses, *(e.stiffness for e in a.elements if e.stiffness is not None)]
     if any(not values.get(name, math.nan) > 0 for name in wanted):
         return []
-    mass, _, stiffness = a.matrices({k: 0.0 if math.isnan(v) else v for k, v in values.items()})
-    modes = np.sqrt(np.abs(np.linalg.eigvals(stiffness / mass[:, None]))) / (2 * math.pi)
+    modes = a.undamped_hz({k: 0.0 if math.isnan(v) else v for k, v in values.items()})
     beyond = sorted(float(f) for f in modes if f > recording.rate_hz / 2)
     if not beyond:
         return []

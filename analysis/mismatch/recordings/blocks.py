@@ -80,13 +80,16 @@ def of_least_noise(
 ) -> SimulatedFit:
     """Return the fit that leaves least, with weights on mean squares; of those as good as noise, what is unpredicted.
 
-    What inputs' noise makes hides in what is left what is small and told well by several channels.
+    What inputs' noise makes, or slow noise, hides in what is left what is small and told well by several channels, or
+    by what is fast.
     """
     fits = list(fits)
     nearest = min(fits, key=lambda f: weight(f) * f.scatter)
-    if not nearest.as_noise or nearest.problem.noise <= 1:
+    most = nearest.problem.policy.unlike_noise * weight(nearest) * nearest.scatter
+    if nearest.little_predicted and nearest.problem.noise <= 1:
         return nearest
-    return min((f for f in fits if f.as_noise), key=lambda f: weight(f) * _unpredicted(f))
+    alike = [f for f in fits if weight(f) * f.scatter < most and f.as_noise]
+    return min(alike, key=lambda f: weight(f) * _unpredicted(f)) if alike else nearest
 
 
 def _unpredicted(fitted: SimulatedFit) -> float:
@@ -239,3 +242,12 @@ def together(fitted: SimulatedFit, rms: Real) -> float:
     """Return the rms (channels,) of all channels that have the first one's unit as one."""
     seen = fitted.problem.rig.seen
     return float(np.sqrt(np.mean(rms[[s.unit == seen[0].unit for s in seen]] ** 2)))
+
+
+def p_of_colour(fitted: SimulatedFit) -> tuple[float, ...]:
+    """Return the p-value of `p_of_sensor_noise` where held-out errors are far over noise; nothing elsewhere.
+
+    Nothing either where most of the motion is missed: that is the rig's description, and no law is looked for.
+    """
+    far = over_noise(fitted) > fitted.problem.policy.slow_over_noise and not fitted.far_off()
+    return (fitted.p_of_colour,) if far else ()

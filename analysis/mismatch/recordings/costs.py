@@ -52,7 +52,6 @@ def rings_at_a_harmonic(fitted: SimulatedFit) -> bool:
     free = any(r.free for r in fitted.problem.recordings)
     if not free or not any(isinstance(t.mechanism, AddedBody) for t in fitted.terms):
         return False
-    mass, _, stiffness = fitted.arrangement.matrices(fitted.values)
-    modes = np.sqrt(np.abs(np.linalg.eigvals(stiffness / mass[:, None])))
+    modes = fitted.arrangement.undamped_hz(fitted.values)
     ratios = np.divide.outer(modes, modes[modes > 0])
     return any(bool(np.any(np.abs(ratios / n - 1) < COINCIDES)) for n in HARMONICS)

@@ -144,17 +144,17 @@ def shown_by(unknowns: Unknowns, x: Real, random: np.random.Generator, weight: f
         Rate at which all that is shown is made to fade, over the mean mode; resonances are as much wider.
     """
     rig = unknowns.rig
-    mass, _, stiffness = rig.arrangement.matrices(unknowns.constants(x))
-    modes = np.sqrt(np.abs(np.linalg.eigvals(stiffness / mass[:, None])))
+    modes = 2 * math.pi * rig.arrangement.undamped_hz(unknowns.constants(x))
     modes = modes[modes > FLAT * modes.max()] if np.any(modes > 0) else np.ones(1)
     centre = float(np.mean(modes))
     s = weight * centre + 1j * np.geomspace(LOWEST * modes.min(), HIGHEST * modes.max(), LINES)
     inputs = random.standard_normal((2, len(rig.drives), LINES))
     nothing = np.zeros((len(rig.seen), LINES), np.complex128)
     piece = Piece(s, nothing, inputs[0] + 1j * inputs[1], np.ones(len(rig.seen)))
-    begun = np.zeros(2 * mass.size + (POLYNOMIAL + 1) * len(rig.seen))
+    bodies = len(rig.arrangement.bodies)
+    begun = np.zeros(2 * bodies + (POLYNOMIAL + 1) * len(rig.seen))
     if not rig.drives:  # what rings freely began somehow
-        begun[: 2 * mass.size] = random.standard_normal(2 * mass.size)
+        begun[: 2 * bodies] = random.standard_normal(2 * bodies)
     outputs = SpectralModel(unknowns, [piece], centre).made(x, begun)
     return SpectralModel(unknowns, [replace(piece, outputs=outputs)], centre)
 

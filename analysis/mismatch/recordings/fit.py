@@ -22,6 +22,7 @@ from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Pr
 from analysis.mismatch.recordings.model import DRAWS, Point, SimulationModel, residual
 from analysis.mismatch.recordings.motion import Own, continued
 from analysis.mismatch.recordings.noise import NoiseModel, mostly_missed
+from analysis.mismatch.recordings.noise_colour import p_of_sensor_noise
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, level
 from analysis.mismatch.recordings.second_impact import second_impact_score
 from analysis.mismatch.recordings.signatures import columns_of
@@ -105,10 +106,6 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
         """Whether amplitude and time go together in all there is: one free decay."""
         return len(self.recordings) == 1 and self.recordings[0].free
 
-    def starts(self) -> list[SimulatedRecordings]:
-        """Return it from each of the starting points that spectra hardly tell apart, the likeliest first."""
-        return [self, *(replace(self, constants=c, states=s) for c, s in self.rivals)]
-
     def allows(self, mechanism: Mechanism) -> bool:
         """Whether the recordings can show it: a band has no harmonics, which tell a bent scale from a bent spring."""
         if mechanism.hidden:
@@ -127,31 +124,23 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
         for number in range(len(self.recordings)):
             d, v = fitted.simulation.deformations(fitted.x, fitted.own[number], number)
             reach, speed = max(reach, float(np.abs(d[place]).max())), max(speed, float(np.abs(v[place]).max()))
-        values = fitted.values
-        element = self.arrangement.elements[place]
+        values, element = fitted.values, self.arrangement.elements[place]
         mass = self.arrangement.matrices(values)[0]
         moved = float(np.mean(mass)) * speed**2 / reach
         stiffness = values[element.stiffness] if element.stiffness else 0.0
         static = self.rig.preload_n / stiffness if element.preload and stiffness else 0.0
-        modes = self._modes_hz(values)
+        modes = [float(f) for f in self.arrangement.undamped_hz(values) if f >= RIGID * self.highest_hz]
+        band = min(modes, default=self.highest_hz), max([self.highest_hz, *modes])
         seen = self.arrangement.bodies.index(self.arrangement.sensors[0].row[0][0])
         return Scale(
-            reach, speed, static, max(stiffness * reach, moved), (modes.min(), max(self.highest_hz, modes.max())),
+            reach, speed, static, max(stiffness * reach, moved), band,
             max(r.samples / r.rate_hz for r in self.recordings), float(mass[seen]),
             SHOWN * min(r.rate_hz for r in self.recordings),
         )  # fmt: skip
 
     def reach_of(self, fitted: SimulatedFit, place: int) -> tuple[float, float]:
         """Return the largest deformation (m) and rate (m/s) of an element."""
-        scale = self.scale_of(fitted, place)
-        return scale.deformation, scale.rate
-
-    def _modes_hz(self, values: Mapping[str, float]) -> Real:
-        """Return the undamped modes that are no rigid motion, Hz."""
-        mass, _, stiffness = self.arrangement.matrices(values)
-        hz = np.sqrt(np.abs(np.linalg.eigvals(stiffness / mass[:, None]))) / (2 * math.pi)
-        moving = hz[hz >= RIGID * self.highest_hz]
-        return np.asarray(moving if moving.size else [self.highest_hz], np.float64)
+        return (scale := self.scale_of(fitted, place)).deformation, scale.rate
 
     def columns(self, fitted: SimulatedFit, terms: Sequence[Term], ringing: Sequence[Term]) -> list[Iterator[Columns]]:
         """Return the columns of all recordings, whitened by an autoregression of the residual."""
@@ -192,6 +181,7 @@ class SimulatedFit(Fit):
     noises: tuple[NoiseModel, ...] = ()
     kept: dict[tuple[int, bool], tuple[Real, slice]] = field(default_factory=dict, init=False, compare=False)
     shown: dict[int, NoiseModel] = field(default_factory=dict, init=False, compare=False)
+    colour: list[float] = field(default_factory=list, init=False, compare=False)
 
     def noise(self, number: int) -> NoiseModel:
         """Return the noise of a recording, as what is left of it shows it."""
@@ -212,8 +202,20 @@ class SimulatedFit(Fit):
 
     @property
     def as_noise(self) -> bool:
-        """Whether what is left is as good as noise: not much more than that would be."""
+        """Whether what is left is as good as noise: little of it can be predicted, or it has a sensor's colour."""
+        return self.little_predicted or self.p_of_colour >= self.problem.policy.level
+
+    @property
+    def little_predicted(self) -> bool:
+        """Whether what is left is not much more than what cannot be predicted of it."""
         return self.scatter < self.problem.policy.unlike_noise * self.problem.noise
+
+    @property
+    def p_of_colour(self) -> float:
+        """The p-value of what is left having the colour of a sensor's noise."""
+        if not self.colour:
+            self.colour.append(p_of_sensor_noise(self))
+        return self.colour[0]
 
     @property
     def missed(self) -> float:
@@ -304,7 +306,7 @@ def fit(
 
 def linear_fit(problem: SimulatedRecordings) -> SimulatedFit:
     """Return the linear rig fitted to the fitting blocks."""
-    starts = problem.starts()
+    starts = [problem, *(replace(problem, constants=c, states=s) for c, s in problem.rivals)]
     nearest = min((fit(s) for s in starts), key=lambda f: f.objective) if len(starts) > 1 else None
     begun = fit(problem, begin=nearest, fine=True)
     if begun.missed < NEAR_LINEAR or not any(r.free for r in problem.recordings):
@@ -326,10 +328,10 @@ def _finished(
         ]  # fmt: skip
         scale = np.array([1.0 if simulation.parameters[k].log else simulation.parameters[k].scale for k in at])
         covariances.append(spread[np.ix_(at, at)] * np.outer(scale, scale))
-    names = [p.name for p in simulation.arrangement.parameters]
-    constants = Constants(simulation.arrangement, np.array([values[n] for n in names]), np.zeros((1, 0)))
+    arrangement = simulation.arrangement
+    constants = Constants(arrangement, np.array([values[p.name] for p in arrangement.parameters]), np.zeros((1, 0)))
     return SimulatedFit(
-        terms, simulation.arrangement, constants, found.residuals, found.objective - found.penalty, found.penalty,
+        terms, arrangement, constants, found.residuals, found.objective - found.penalty, found.penalty,
         spread, tuple(covariances), problem, simulation, point.x, point.own, found.mean_square, model.parts,
         noises,
     )  # fmt: skip

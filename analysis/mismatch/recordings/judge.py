@@ -23,6 +23,7 @@ from analysis.mismatch.recordings.blocks import (
     mean_of,
     missed_still,
     over_noise,
+    p_of_colour,
     predicts_no_better,
     ratio_in,
     share_by_scores,
@@ -35,7 +36,6 @@ from analysis.mismatch.recordings.free_force import free_share
 from analysis.mismatch.recordings.held_out import FinalFits
 from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.made_ready import made_ready
-from analysis.mismatch.recordings.noise_colour import p_of_colour
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
 from analysis.mismatch.recordings.otherwise import Described, explained_otherwise
 from analysis.mismatch.recordings.ranking import Ranking, from_starts, simplest, with_time

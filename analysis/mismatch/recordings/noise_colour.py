@@ -15,7 +15,6 @@ import numpy as np
 from scipy.optimize import isotonic_regression
 from scipy.stats import chi2
 
-from analysis.mismatch.recordings.blocks import over_noise
 from analysis.mismatch.recordings.recorded import UNUSED
 from sim_backend.arrays import Real
 
@@ -25,15 +24,6 @@ if TYPE_CHECKING:
 LINES: Final = 8  # of a band of the spectrum, at least
 WIDE: Final = 0.25  # of the frequency where it begins, that a band is wide
 FEWEST: Final = 4  # bands that tell anything
-
-
-def p_of_colour(fitted: SimulatedFit) -> tuple[float, ...]:
-    """Return the p-value of `p_of_sensor_noise` where held-out errors are far over noise; nothing elsewhere.
-
-    Nothing either where most of the motion is missed: that is the rig's description, and no law is looked for.
-    """
-    far = over_noise(fitted) > fitted.problem.policy.slow_over_noise and not fitted.far_off()
-    return (p_of_sensor_noise(fitted),) if far else ()
 
 
 def p_of_sensor_noise(fitted: SimulatedFit) -> float:

@@ -155,9 +155,7 @@ def first_state(rig: DescribedRig, recorded: Recorded, values: Mapping[str, floa
     n = len(rig.arrangement.bodies)
     if not recorded.free:
         return np.zeros(2 * n)
-    mass, _, stiffness = rig.arrangement.matrices(values)
-    slow = float(np.sqrt(np.abs(np.linalg.eigvals(stiffness / mass[:, None])).min())) / (2 * math.pi)
-    periods = max(FIRST_PERIODS / highest_hz, 1 / max(slow, 1e-300))
+    periods = max(FIRST_PERIODS / highest_hz, 1 / max(float(rig.arrangement.undamped_hz(values).min()), 1e-300))
     count = min(max(round(periods * recorded.rate_hz), FEWEST_FIRST), recorded.samples - 2 * recorded.edge)
     window = slice(recorded.edge, recorded.edge + count)
     simulation = Simulation(rig, [recorded], values, highest_hz)

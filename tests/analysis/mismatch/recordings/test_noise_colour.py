@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from analysis.mismatch.recordings.blocks import p_of_colour
 from analysis.mismatch.recordings.fit import SimulatedFit, linear_fit, problem_of
 from analysis.mismatch.recordings.judge import BlockJudge
-from analysis.mismatch.recordings.noise_colour import p_of_colour, p_of_sensor_noise
+from analysis.mismatch.recordings.noise_colour import p_of_sensor_noise
 from analysis.mismatch.recordings.recorded import CHOOSE, prepare
 from analysis.mismatch.selection import Candidate, SelectionStep, State, screened_baseline
 from daq.exchange import Recording

@@ -24,7 +24,7 @@ from analysis.mismatch.selection import (
 )
 from sim_backend.learned.families import learned_mechanisms
 from sim_backend.learned.forms import FORM
-from sim_backend.mechanisms.kinds import ForceLaw
+from sim_backend.mechanisms.kinds import AddedBody, ForceLaw
 
 SCATTER = 3.0  # standard deviations of chi-squared by which noise may hide that more is left
 
@@ -161,7 +161,11 @@ def _learner(selection: Selection[Any], to_beat: Any = None) -> Judge[Any]:
     anyhow = replace(selection.problem.policy, unnamed=math.inf)
     experiment = getattr(selection.problem, "experiment", None)  # recordings of a described rig have one load
     one_load = experiment is None or len(set(experiment.loads_n)) == 1
-    return judge.knowing(learned_mechanisms(one_load), anyhow, to_beat=to_beat)
+    laws = learned_mechanisms(one_load)
+    if not selection.problem.noise_known:  # each candidate was fitted in full: a body that is listed, too
+        listed = [k.extend for k in judge.known if isinstance(k, AddedBody)]
+        laws = [m for m in laws if not isinstance(m, AddedBody) or m.extend not in listed]
+    return judge.knowing(laws, anyhow, to_beat=to_beat)
 
 
 def _screened(learner: Judge[Any], selection: Selection[Any]) -> State[Any]:

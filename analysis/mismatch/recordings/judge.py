@@ -47,6 +47,7 @@ from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_again, fit
 from analysis.mismatch.recordings.wrong_samples import without_wrong_samples
 from analysis.mismatch.score_test import Score, Screening, screen
 from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of, started
+from sim_backend.learned.forms import FORM
 from sim_backend.mechanisms.kinds import AddedBody, Mechanism, SecondImpact
 
 HOPELESS = 4.0  # times the best objective so far, from which a competing fit is given up
@@ -303,7 +304,8 @@ class BlockJudge(Judge[SimulatedFit]):
             current, steps = exchanged(current, steps)
             if current is not accepted.fit:
                 left = self.screen(current, self._further(current))
-        return State(current, left, steps), left.p_value < policy.level
+        last = FORM in accepted.score.term.values  # one law that is learned may be anything: there is no second
+        return State(current, left, steps), left.p_value < policy.level and not last
 
     def outcome(self, baseline: State[SimulatedFit], state: State[SimulatedFit]) -> Selection[SimulatedFit]:
         """Return the selection: what goes with time may win, forces of any shape are tried beside it."""
@@ -324,7 +326,7 @@ class BlockJudge(Judge[SimulatedFit]):
             lost = explained_otherwise((baseline.current, current, final), self.screen, self.known, self.on_progress)
         if fitted.terms and lost:
             current, fitted, steps = baseline.current, final, ()
-        last = self.tested(current, self.screen(fitted))
+        last = self.tested(current, self.screen(fitted)) if fitted.terms else baseline.screening
         still = missed_still(final, fitted) if steps else 0.0
         mostly = still > policy.mostly_left and min(p_of_colour(fitted), default=1.0) < policy.level
         taken_away = share <= policy.left_over_blocks and not mostly

@@ -8,10 +8,12 @@ from typing import Any
 
 import pytest
 
-from analysis.mismatch.learning import LearnedEarly, _behind, is_learned, with_learned
+from analysis.mismatch.learning import LearnedEarly, _behind, _learner, is_learned, with_learned
+from analysis.mismatch.policy import POLICY
 from analysis.mismatch.problem import silent
 from analysis.mismatch.ring_downs.selecting import select_for_impacts
 from analysis.mismatch.selection import Selection
+from sim_backend.mechanisms.kinds import AddedBody
 from tests.analysis.ring_downs import problem_of, session_of
 from tests.analysis.terms import listed
 from tests.analysis.unlisted import at_upper_mass
@@ -55,3 +57,22 @@ def test_a_law_that_explains_less_than_what_is_listed_takes_no_place(
     listed_ones: Any
     found, listed_ones = (SimpleNamespace(name=name, judge=judge, problem=problem) for name in ("law", "listed"))
     assert _behind(found, listed_ones) is behind
+
+
+@pytest.mark.parametrize(
+    ("noise_known", "listed_body", "learned"), [(False, True, 0), (False, False, 1), (True, True, 1)]
+)
+def test_a_body_that_is_listed_is_not_learned_of_recordings_as_it_was_fitted_already(
+    noise_known: bool, listed_body: bool, learned: int
+) -> None:
+    asked: list[Any] = []
+    judge = SimpleNamespace(
+        known=[listed("attached_mass" if listed_body else "quadratic_damping")],
+        on_progress=silent,
+        training=SimpleNamespace(budget=SimpleNamespace(spent=1.0)),
+        knowing=lambda laws, policy, to_beat: asked.extend(laws),
+    )
+    selection: Any = SimpleNamespace(judge=judge, problem=SimpleNamespace(noise_known=noise_known, policy=POLICY))
+    _learner(selection)
+    assert sum(isinstance(m, AddedBody) for m in asked) == learned
+    assert len(asked) > 10

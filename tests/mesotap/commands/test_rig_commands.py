@@ -164,7 +164,7 @@ WRONG_GAIN = (
 )
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_rig_that_is_worse_than_predicting_zero_is_told_so_first_with_what_to_leave_free(driven, tmp_path):
     rig, answer, page = tmp_path / "rig.yaml", tmp_path / "answer.json", tmp_path / "page"
     rig.write_text(WRONG_GAIN.replace("joints", "springs").replace("ground]", "ground], stiffness: 50000"))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from analysis.mismatch.recordings.blocks import p_of_colour
-from analysis.mismatch.recordings.fit import SimulatedFit, linear_fit, problem_of
+from analysis.mismatch.recordings.blocks import independent_samples, likelihood_ratio, of_least_noise, p_of_colour
+from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.noise_colour import p_of_sensor_noise
 from analysis.mismatch.recordings.recorded import CHOOSE, prepare
@@ -25,9 +25,12 @@ from tests.analysis.mismatch.recordings.described_rigs import (
     SAMPLES,
     SPRING,
     driven,
+    duffing,
     motion,
+    noise_input,
     sensor,
 )
+from tests.analysis.terms import at_work
 
 RIG = parse_rig(SPRING + INPUT + sensor("displacement"))
 
@@ -68,6 +71,25 @@ def test_what_rings_is_no_noise_of_a_sensor(share: float) -> None:
 
 def test_it_counts_only_where_errors_are_far_over_what_cannot_be_predicted() -> None:
     assert p_of_colour(beside(0.01 * np.random.default_rng(6).normal(size=SAMPLES))) == ()
+
+
+@pytest.mark.slow
+def test_slow_noise_is_noise_and_what_is_fast_is_weighed_beside_it() -> None:
+    recording = duffing(noise_input(SAMPLES, RATE, 2, 25, seed=3))
+    data = recording.data.copy()
+    data[1] += 2 * data[1].std() * first_order(0.995, 8)  # of which a 65th cannot be predicted
+    rig = parse_rig(SPRING + INPUT + sensor("velocity"))
+    problem = problem_of(rig, [prepare(replace(recording, data=data), rig)])
+    linear = BlockJudge.of(problem, []).baseline()
+    term = at_work("tube_spring_cubic", {"cubic_stiffness_n_per_m3": 4e4})
+    cubic = fit(linear.problem, (replace(term, place=(0,)),), linear, fine=True)
+    assert cubic.as_noise
+    assert not linear.as_noise
+    assert not cubic.little_predicted
+    assert of_least_noise((linear, cubic)) is cubic
+    assert likelihood_ratio(linear, cubic, cubic) > 500
+    # as they are, slow noise hides it: there are no more independent samples than slow swings
+    assert independent_samples(cubic) * np.log(linear.scatter / cubic.scatter) < 1
 
 
 def pushed_unseen(knock: float = 0.0) -> Recording:

@@ -37,6 +37,7 @@ OWN: Final = 0.05  # share of a direction that is no common factor of all forces
 EQUAL: Final = 1e-16  # of the sum of squares of all that is shown, that is rounding
 CORRECTIONS: Final = 20
 LAWS, PLACES = 2, 3  # best laws that are fitted from each rig, in so many of the places where they promise most
+HOPELESS: Final = 4.0  # times what is left from the rig that was fitted, beyond which another one is no other start
 LIKELIER: Final = 0.5  # of what is left from the rig that was fitted, below which another one takes its place
 
 Fits = list[tuple[Score, SimulatedFit]]
@@ -70,6 +71,8 @@ def likelier_rig(
         if nearest.as_noise:
             break
         other = fit(replace(problem, constants=constants, states=states), fine=True)
+        if other.scatter > HOPELESS * linear.scatter:  # or it does not move at all
+            continue
         near = with_best(other)
         if near.scatter < LIKELIER * nearest.scatter:
             best, nearest = other, near

@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.mismatch.recordings.fit import linear_fit, problem_of
 from analysis.mismatch.recordings.joining import joined_to
+from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.other_rigs import equal_constants, likelier_rig
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.score_test import screen
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
+from sim_backend.mechanisms.catalogue import catalogue, variants
 from tests.analysis.mismatch.recordings.described_rigs import (
     INPUT,
     RATE,
@@ -176,15 +178,17 @@ def test_a_contact_that_a_fit_has_left_without_stiffness_is_given_no_law_of_its_
 def test_a_rig_too_stiff_to_be_stepped_is_no_other_start() -> None:
     """Beside one of a damping of 1e13 N s/m, a fit to spectra, the scale of a damper's rate was zero."""
     rig = parse_rig(SPRING + INPUT + sensor("velocity"))
-    linear = linear_fit(problem_of(rig, [prepare(duffing(noise_input(SAMPLES, RATE, 2, 25, seed=3)), rig)]))
+    begun = problem_of(rig, [prepare(duffing(noise_input(SAMPLES, RATE, 2, 25, seed=3)), rig)])
+    linear = BlockJudge.of(begun, []).baseline()
+    laws = [m for m in variants(catalogue()) if m.id == "quadratic_damping"]
     (damping,) = (name for name in linear.values if name.startswith("damping"))
     still = {**linear.values, damping: 1e13}
     problem = replace(linear.problem, rivals=((still, (linear.state(0),)),))
-    begun, nearest = likelier_rig(
+    best, nearest = likelier_rig(
         problem,
         linear,
-        lambda beside: screen(problem, beside, [listed("quadratic_damping")], ranks=True),
+        lambda beside: screen(problem, beside, laws, ranks=True),
         lambda beside, score: joined_to(problem, beside, score),
     )
-    assert begun is linear
+    assert best is linear
     assert [t.mechanism.id for t in nearest.terms] == ["quadratic_damping"]

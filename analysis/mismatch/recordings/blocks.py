@@ -250,4 +250,4 @@ def p_of_colour(fitted: SimulatedFit) -> tuple[float, ...]:
     Nothing either where most of the motion is missed: that is the rig's description, and no law is looked for.
     """
     far = over_noise(fitted) > fitted.problem.policy.slow_over_noise and not fitted.far_off()
-    return (fitted.p_of_colour,) if far else ()
+    return (fitted.p_of_colour,) if far and not math.isnan(fitted.p_of_colour) else ()

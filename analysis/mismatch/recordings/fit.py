@@ -34,10 +34,9 @@ from sim_backend.arrangement import Arrangement
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import AddedBody, ChannelDistortion, Mechanism, Scale, SecondImpact, Tones
 
-ROUGH_STEPS, FINE_STEPS = 30, 100
+ROUGH_STEPS, FINE_STEPS, MOST_TRIES, FIRST_DAMPING = 30, 100, 8, 1e-3
 ROUGH = 1e-4  # relative fall at which a fit that only ranks rivals ends
 FINE = 0.005  # fall of chi-squared, over the reduced one, at which a fit ends that is used (decision 166)
-FIRST_DAMPING, MOST_TRIES = 1e-3, 8
 SHOWN = 0.4  # of the sampling rate, up to which a recording shows what there is
 RIGID = 1e-3  # of the highest mode, below which one is a rigid motion
 NEAR_LINEAR = 0.01  # mean square of what the linear rig misses, in levels of the channels, up to which it starts well
@@ -75,6 +74,7 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
     plain: bool = False
     looked_at: float = 1.0
     noise: float = 1.0
+    shares: dict[object, float] = field(default_factory=dict, compare=False)  # of trials: what made as much as noise
 
     @property
     def arrangement(self) -> Arrangement:  # type: ignore[override]
@@ -284,6 +284,7 @@ def fit(
     """
     constants, like = (problem.constants, None) if begin is None else (begin.values, begin.simulation)
     simulation = Simulation(problem.rig, problem.recordings, constants, problem.highest_hz, terms, like)
+    simulation.rough = not fine
     states = problem.states if begin is None else [begin.state(i) for i in range(len(begin.own))]
     fresh = [simulation.own(s) for s in states]
     own = fresh if begin is None else continued(simulation, states, begin.simulation, begin.own)
@@ -309,15 +310,14 @@ def linear_fit(problem: SimulatedRecordings) -> SimulatedFit:
     starts = [problem, *(replace(problem, constants=c, states=s) for c, s in problem.rivals)]
     nearest = min((fit(s) for s in starts), key=lambda f: f.objective) if len(starts) > 1 else None
     begun = fit(problem, begin=nearest, fine=True)
-    if begun.missed < NEAR_LINEAR or not any(r.free for r in problem.recordings):
-        return begun
-    return min(begun, fit(problem, staged=True, fine=True), key=lambda f: f.objective)
+    follows = begun.missed >= NEAR_LINEAR and any(r.free for r in problem.recordings)
+    return min(begun, fit(problem, staged=True, fine=True), key=lambda f: f.objective) if follows else begun
 
 
 def _finished(
     problem: SimulatedRecordings, model: SimulationModel, found: Evaluation[Point], fine: bool
 ) -> SimulatedFit:
-    simulation, point = model.simulation, found.point
+    simulation, point, arrangement = model.simulation, found.point, model.simulation.arrangement
     values, terms = simulation.read(point.x)
     spread, noises = model.spread(found) if fine else (np.zeros((point.x.size, point.x.size)), ())
     covariances = []
@@ -328,7 +328,6 @@ def _finished(
         ]  # fmt: skip
         scale = np.array([1.0 if simulation.parameters[k].log else simulation.parameters[k].scale for k in at])
         covariances.append(spread[np.ix_(at, at)] * np.outer(scale, scale))
-    arrangement = simulation.arrangement
     constants = Constants(arrangement, np.array([values[p.name] for p in arrangement.parameters]), np.zeros((1, 0)))
     return SimulatedFit(
         terms, arrangement, constants, found.residuals, found.objective - found.penalty, found.penalty,

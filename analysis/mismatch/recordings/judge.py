@@ -199,7 +199,7 @@ class BlockJudge(Judge[SimulatedFit]):
         promising = near_linear if current.missed < NEAR_LINEAR else 0.0
         ranking = Ranking.of(screening.scores, policy, promising)
         if not unlike_noise:
-            return ranking
+            return ranking.of_at_least(policy.serious * policy.certain_by_blocks) if current.terms else ranking
         # a whitening that is made from the residual whitens away what it holds of a mechanism
         known = self._further(current) if current.terms else self.known
         plain = screen(replace(self.problem, plain=True), current, known, ranks=True)
@@ -314,8 +314,7 @@ class BlockJudge(Judge[SimulatedFit]):
         if rival and rival.fit is not None and self._time_wins(current, rival):
             current, steps = rival.fit, (replace(steps[0], accepted=rival),)
         current, steps = exchanged(*without_idle_ones(current, steps))
-        share = 0.0
-        base, best = mean_of(baseline.current.by_block(CHOOSE)), mean_of(current.by_block(CHOOSE))
+        share, base, best = 0.0, mean_of(baseline.current.by_block(CHOOSE)), mean_of(current.by_block(CHOOSE))
         if steps and best > policy.left_over_blocks * base and self.screen(current).p_value < policy.level:
             self.on_progress("trying forces of any shape")
             share = free_share(baseline.current, current, self.problem)

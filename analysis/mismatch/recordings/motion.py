@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from analysis.mismatch.recordings.recorded import Recorded, level
 from sim_backend.arrays import Real
 from sim_backend.propagate import Clock, Division, Given, Rigs, laws_of, propagate
 from sim_backend.propagate import Motion as Propagated
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 BEFORE = 32  # samples before the first that what remembers is shown
 GROWTH = 10.0  # of a motion followed backwards, up to which it is: what has died out cannot be told
 TOLERANCE: Final = 1e-5  # see `propagate`: along a decay of 60 periods errors of 3e-4 add up to a quarter of the noise
+ROUGHLY: Final = 0.03  # of the noise over what is shown, the same for what only ranks: errors are up to as much
+ROUGHEST: Final = 1e-3
 SIDE_BY_SIDE: Final = 20_000  # steps, from which on each processor takes its share of the motions
 
 
@@ -196,6 +199,11 @@ def continued(simulation: Simulation, states: Sequence[Real], begun: Simulation,
     return found
 
 
+def rough_tolerance(recorded: Recorded) -> float:
+    """Return how roughly a recording may be simulated where fits only rank, by the noise that it is taken to have."""
+    return float(np.clip(ROUGHLY * np.min(recorded.unit / level(recorded)), TOLERANCE, ROUGHEST))
+
+
 @dataclass(frozen=True, slots=True)
 class Begun:
     """What motions are computed from: rigs, parameters of each one's laws (each any), inputs, first states (runs, 2n).
@@ -216,8 +224,13 @@ def computed(
     clock: Clock,
     division: Division | None = None,
     keeps_division: bool = False,
+    rough: Recorded | None = None,
 ) -> Propagated:
-    """Return the motions of rigs whose force laws and time axis are the same; see `laws_of` and `propagate`."""
+    """Return the motions of rigs whose force laws and time axis are the same; see `laws_of` and `propagate`.
+
+    As roughly as a recording's noise allows, if one is given.
+    """
+    tolerance = TOLERANCE if rough is None else rough_tolerance(rough)
     runs = len(begun.start)
     workers = min(len(os.sched_getaffinity(0)), runs) if runs * clock.steps > SIDE_BY_SIDE else 1
     edges = np.linspace(0, runs, workers + 1).astype(int).tolist()
@@ -229,7 +242,7 @@ def computed(
             begin, end, bend = (np.concatenate([one[i] for one in givens]) for i in range(3))
             given = Given(begin, end, bend, given.held)
         every = clock._replace(start=np.repeat(clock.start, len(start)))
-        return propagate(rigs, laws, start, every, given, None, TOLERANCE, division, keeps_division)
+        return propagate(rigs, laws, start, every, given, None, tolerance, division, keeps_division)
 
     shares = [slice(first, last) for first, last in pairwise(edges)]
     if workers < 2:

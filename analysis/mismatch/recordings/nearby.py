@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from typing import Final
 
@@ -64,6 +65,13 @@ def nearby(simulation: Simulation, x: Real, own: Own, number: int, samples: int 
         return simulation
     moved = simulation.motion(x, own, number, at, whole=False, keeps_division=True)
     return simulation if moved is None else Near(simulation, x, own, number, samples, moved)
+
+
+def roughly(simulation: Simulation) -> Simulation:
+    """Return the simulation with errors that are little beside the noise, for what only ranks."""
+    found = copy.copy(simulation)
+    found.rough = True
+    return found
 
 
 def beside_jumps(simulation: Simulation) -> NDArray[np.bool_]:

@@ -9,6 +9,7 @@ Restrictions, 1972).
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -29,8 +30,8 @@ FEWEST: Final = 4  # bands that tell anything
 def p_of_sensor_noise(fitted: SimulatedFit) -> float:
     """Return the p-value of what a fit leaves being noise whose spectrum goes one way, in each channel.
 
-    What noise of the inputs makes is taken out first. Of such noise it is as small as it says, or less often; 1 where
-    recordings are too short to tell.
+    What noise of the inputs makes is taken out first. Of such noise it is as small as it says, or less often; NaN where
+    recordings are too short to tell, or nothing moves.
     """
     total, dof = 0.0, 0
     for number, recorded in enumerate(fitted.problem.recordings):
@@ -41,7 +42,7 @@ def p_of_sensor_noise(fitted: SimulatedFit) -> float:
         for row in rows[:, used[0] : used[-1] + 1]:
             excess, free = _excess(row)
             total, dof = total + excess, dof + free
-    return float(chi2.sf(total, dof)) if dof else 1.0
+    return float(chi2.sf(total, dof)) if dof else math.nan
 
 
 def _excess(row: Real) -> tuple[float, int]:

@@ -93,12 +93,12 @@ def begun_from_equal_rigs(
             laws.setdefault(score.term.mechanism.id, (score, fitted))
     if not laws:
         return fits
-    best, begun = next(iter(laws.values()))
-    if not linear.as_noise and screened(begun).p_value >= problem.policy.level:
+    (best, begun), near = next(iter(laws.values())), linear.missed < NEAR_LINEAR
+    starts = _equal_starts(problem, (linear if near else begun).values)
+    if not starts or (not linear.as_noise and screened(begun).p_value >= problem.policy.level):
         return fits
-    near = linear.missed < NEAR_LINEAR
     found = {score.term.key: (score, fitted) for score, fitted in fits}
-    for there in _equal_starts(problem, (linear if near else begun).values):
+    for there in starts:
         if near:
             again = _from_there(there, [s.term.mechanism for s, _ in laws.values()][:LAWS])
         else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 import numpy as np
@@ -66,6 +66,10 @@ class Ranking:
         ranked = tuple(map(tuple, alike.values()))
         finalists = sum(s[0].gain >= promising * ranked[0][0].gain for s in ranked[: policy.finalists_by_blocks])
         return cls(ranked, max(finalists, policy.polished))
+
+    def of_at_least(self, gain: float) -> Ranking:
+        """Return the ranking in which only scores of such a gain earn a fit: where a fit gains what its score says."""
+        return replace(self, finalists=sum(s[0].gain >= gain for s in self.scores[: self.finalists]))
 
     def and_then(self, other: Ranking, most: int) -> Ranking:
         """Return two rankings as one, in turn from each; what earns a fit in either does, up to so many."""

@@ -25,9 +25,10 @@ from analysis.mismatch.recordings.model import (
     ways,
 )
 from analysis.mismatch.recordings.motion import SIDE_BY_SIDE, Own, Place
-from analysis.mismatch.recordings.nearby import beside_jumps, nearby
+from analysis.mismatch.recordings.nearby import beside_jumps, nearby, roughly
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.recordings.simulation import TOGETHER, Simulation
+from sim_backend.acting import laws_in
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.kinds import ForceLaw, Tones
 
@@ -56,6 +57,10 @@ class _Compared:
         self.off, self.at = residual(fitted.simulation, fitted.x, self.own, number, samples=self.count)
         same = self.simulation is fitted.simulation
         self.shown = self.off if same else self.off_by(self.simulation, [(fitted.x, self.own)])[0]
+        # what is tried is compared with as rough a motion
+        self.tried = roughly(self.simulation)
+        bent = bool(laws_in(fitted.terms)) and not fitted.simulation.rough
+        self.before = self.off_by(self.tried, [(fitted.x, self.own)])[0] if bent else self.shown
         self.near = nearby(self.simulation, fitted.x, self.own, number, self.count)
         self.beside = beside_jumps(self.near)
         self.used = np.isin(recorded.part[self.at], (FIT, CHOOSE))
@@ -95,7 +100,7 @@ class _Compared:
 
     def _with_term(self, term: Term) -> tuple[Simulation, Own]:
         """Return the simulation with one mechanism more, and the recording's own numbers in it."""
-        other = self.simulation.with_terms((*self.fitted.terms, term), self.fitted.values)
+        other = self.tried.with_terms((*self.fitted.terms, term), self.fitted.values)
         state = other.own(self.fitted.state(self.number))
         memory = np.append(self.own.memory, state.memory[self.own.memory.size :])
         return other, replace(state, tones=self.own.tones, impact=self.own.impact, memory=memory)
@@ -105,7 +110,7 @@ class _Compared:
         found = np.zeros((len(terms), self.size))
 
         def put(one: _Joined) -> None:
-            found[one.numbers] = self.white(self.off_by(one.simulation, one.places) - self.shown)
+            found[one.numbers] = self.white(self.off_by(one.simulation, one.places) - self.before)
 
         # what is computed together is divided among processors, but most mechanisms have one trial
         if self.count * self.simulation.substeps[self.number] < SIDE_BY_SIDE:
@@ -117,14 +122,18 @@ class _Compared:
 
     def little(self, terms: Sequence[Term]) -> Real:
         """Return (terms, n) what each makes per trial, of so little of it that this is in proportion beside others."""
-        beside = self.fitted.terms and not self.plain
-        weak = [(weakened(t, LITTLE) if beside else None) or t for t in terms]
-        share = np.array([1.0 if w is t else LITTLE for w, t in zip(weak, terms, strict=True)])
+        beside, shares = self.fitted.terms and not self.plain, self.fitted.problem.shares
+        each = [t.key for t in terms]
+        keys = [(key, each[:i].count(key), self.number) for i, key in enumerate(each)]
+        begun = [shares.get(key, LITTLE) for key in keys]
+        weak = [(weakened(t, b) if beside else None) or t for t, b in zip(terms, begun, strict=True)]
+        share = np.array([1.0 if w is t else b for w, t, b in zip(weak, terms, begun, strict=True)])
         columns = self.made(weak)
         size = np.sqrt(np.mean(columns**2, axis=1))
         (again,) = np.nonzero((share < 1.0) & ~((size > SMALLEST) & (size < LARGEST)))
-        share[again] = np.minimum(LITTLE / np.maximum(size[again], 1e-300), 1.0)
+        share[again] = np.minimum(share[again] / np.maximum(size[again], 1e-300), 1.0)
         columns[again] = self.made([weakened(terms[i], float(share[i])) or terms[i] for i in again.tolist()])
+        shares.update((keys[i], float(share[i])) for i in again.tolist())
         return np.asarray(columns / share[:, None], np.float64)
 
     def rungs(self, terms: Sequence[Term], against: Real) -> Iterator[Rung]:
@@ -149,7 +158,7 @@ class _Compared:
         places = [(x, state.moved(scale[i])) for i in starts for x, _ in one.places]
         begun, *moved = np.split(self.off_by(other, [*one.places, *places]), 1 + len(starts))
         waves = np.array([self.white(y - begun) for y in moved]).reshape(len(starts), len(begun), self.size)
-        return waves.swapaxes(0, 1), self.white(begun - self.shown)
+        return waves.swapaxes(0, 1), self.white(begun - self.before)
 
 
 @dataclass(frozen=True, slots=True)

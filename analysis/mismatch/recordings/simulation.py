@@ -78,6 +78,7 @@ class Simulation:
             for i, (r, sub) in enumerate(zip(self.recordings, self.substeps, strict=True))
         )
         self.divided: dict[int, tuple[slice, Division]] = {}
+        self.rough: bool = like.rough if like else False  # whether it only ranks
         kinds = [[(t.mechanism, t.place) for t in some] for some in (terms, () if like is None else like.terms)]
         self.steps: dict[int, Real] = dict(like.steps) if like and kinds[0] == kinds[1] else {}  # of differences
 
@@ -265,9 +266,9 @@ class Simulation:
         rigs = Rigs(mass, damping, stiffness, rows_of(self.arrangement, read.constants)[:, bent], vectors)
         clock = Clock(np.array([at.start / recorded.rate_hz]), h, (at.stop - 1 - at.start) * sub, sub)
         near, division = self.divided.get(number, (at, None))
-        slots = [(m.law, bent.index(element)) for _, m, element in acting]
+        slots, jumps = [(m.law, bent.index(e)) for _, m, e in acting], [m.jumps for _, m, _ in acting]
         begun, followed = Begun(rigs, laws, given, start), division if near == at else None
-        found = computed(begun, slots, [m.jumps for _, m, _ in acting], clock, followed, keeps_division)
+        found = computed(begun, slots, jumps, clock, followed, keeps_division, recorded if self.rough else None)
         extra = np.zeros((*found.states.shape[:2], len(self.arrangement.elements)))
         extra[:, :, bent] = found.forces[:, :, ::sub].swapaxes(1, 2)
         return Motion(found.states, extra, force, found.division)
@@ -308,8 +309,7 @@ class Simulation:
         return Given(begin[None], end[None], (2 * (begin + end) - 4 * inputs[:, 1::2])[None], 1), pushed
 
     def _at_rest(self, constants: Values, mass: Real, stiffness: Real, number: int) -> Real:
-        recorded = self.recordings[number]
-        force = np.zeros(self.n)
+        recorded, force = self.recordings[number], np.zeros(self.n)
         for i, drive in enumerate(self.rig.drives):
             mean = constants[drive.gain] * (float(recorded.inputs[i].mean()) + constants[drive.offset])
             force += mean * self._pushed(drive.row, drive.base, constants, mass)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,8 +15,11 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.blocks import missed_still, over_noise, predicts_no_better
 from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
 from analysis.mismatch.recordings.made_ready import weighed
-from analysis.mismatch.recordings.recorded import prepare
+from analysis.mismatch.recordings.motion import ROUGHEST, TOLERANCE, rough_tolerance
+from analysis.mismatch.recordings.nearby import roughly
+from analysis.mismatch.recordings.recorded import level, prepare
 from analysis.mismatch.recordings.signatures import weakened
+from analysis.mismatch.recordings.simulation import Simulation
 from analysis.mismatch.score_test import screen
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
@@ -108,6 +112,35 @@ def decays(what: str, begins: Sequence[float], quantum: float = QUANTUM) -> list
 
     moved = [motion(rest, [begin, 0.0], 3000, 100.0)[0] for begin in begins]
     return [Recording(quantum * np.round(x / quantum)[None], 100.0, ("angle",), "", "simulated") for x in moved]
+
+
+@pytest.mark.parametrize("noise", [1e-3, 1e-2, 1e-1])
+@pytest.mark.parametrize(
+    ("what", "values"),
+    [
+        ("quadratic_damping", {"quadratic_damping_n_s2_per_m2": DRAG}),
+        ("guide_friction", {"friction_force_n": FRICTION, "rounding": 1e-3}),
+        ("large_swing", {"arc_curvature_per_m2": 1.0}),
+    ],
+)
+def test_what_only_ranks_is_simulated_as_roughly_as_the_noise_allows(
+    what: str, values: dict[str, float], noise: float
+) -> None:
+    rig, law = (
+        parse_rig(PENDULUM),
+        next(m for m in variants(catalogue()) if {q.name for q in m.parameters} <= values.keys()),
+    )
+    recorded = prepare(decays("quadratic_damping", (1.0,))[0], rig)
+    recorded = replace(recorded, unit=noise * level(recorded))
+    constants = {p.name: p.value for p in rig.arrangement.parameters}
+    constants |= {name: W**2 if "stiffness" in name else DAMPING for name in constants if "pivot" in name}
+    simulation = Simulation(rig, [recorded], constants, W / (2 * math.pi), (Term(law, values, (0,)),))
+    rough, place = roughly(simulation), (simulation.begin(), simulation.own(np.array([1.0, 0.0])))
+    assert (simulation.rough, rough.rough, rough.with_terms((), constants).rough) == (False, True, True)
+    off = (rough.run(*place, 0)[0] - simulation.run(*place, 0)[0]) / recorded.unit[:, None]
+    assert np.all(np.isfinite(off))
+    assert np.sqrt(np.mean(off**2)) < 0.03
+    assert TOLERANCE <= rough_tolerance(recorded) <= ROUGHEST
 
 
 @pytest.mark.long

@@ -9,7 +9,7 @@ from analysis.mismatch.policy import POLICY
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.ranking import BENT_APART, VARIANTS, Ranking, from_starts
 from analysis.mismatch.score_test import Score
-from sim_backend.mechanisms.catalogue import family
+from sim_backend.mechanisms.catalogue import catalogue, family, variants
 
 FORCE, RANGE, SPEED = "meniscus_force_share", "meniscus_range_share", "sets_in_m_per_s"
 (MENISCI,) = (m for m in family("menisci") or ())
@@ -64,3 +64,15 @@ def test_an_end_at_a_bound_counts_as_a_larger_error() -> None:
 
 def test_no_further_start_where_the_first_has_led_nowhere() -> None:
     assert ended((9.0, True), (0.9, False), hopeless=4.0) == (9.0, 1)
+
+
+GAINS = (60.0, 20.0, 12.0)
+
+
+def test_beside_what_is_as_good_as_noise_only_what_promises_enough_earns_a_fit() -> None:
+    laws = variants(catalogue())[: len(GAINS)]
+    few = [Score(Term(m, {}, (i,)), gain, 1, 0.0, 1.0) for i, (m, gain) in enumerate(zip(laws, GAINS, strict=True))]
+    ranking = Ranking.of(few, POLICY, 0.0)
+    assert ranking.finalists == 3
+    assert [ranking.of_at_least(gain).finalists for gain in (10.0, 12.5, 30.0, 70.0)] == [3, 2, 1, 0]
+    assert ranking.of_at_least(70.0).scores == ranking.scores

@@ -12,7 +12,7 @@ from analysis.mismatch.recordings.recorded import CHOOSE, FIT, prepare
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.arrays import Real
 from sim_backend.mechanisms.catalogue import catalogue, variants
-from sim_backend.mechanisms.kinds import AddedBody, SecondImpact, Tones
+from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, SecondImpact, Tones
 from tests.analysis.mismatch.recordings.described_rigs import motion, noise_input, recorded
 
 N, HZ = 600, 200.0
@@ -109,3 +109,21 @@ def test_whitening_of_several_is_that_of_each() -> None:
     noise = begun.noise(0)
     rows = np.random.default_rng(4).standard_normal((3, 2, N))
     np.testing.assert_allclose(noise.white(rows), [noise.white(one) for one in rows], rtol=1e-12, atol=1e-12)
+
+
+def test_trials_beside_others_begin_with_the_share_that_made_as_much_as_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun = fitted(True)
+    problem = weighed(begun)
+    begun = linear_fit(problem)
+    laws = [m for m in variants(catalogue()) if isinstance(m, ForceLaw) and problem.allows(m)]
+    terms = problem.trials(begun, laws)
+    cubic = next(t for t in terms if t.mechanism.id == "tube_spring_cubic")
+    begun, terms = fit(problem, (cubic,), begun), [t for t in terms if t.mechanism.id != "tube_spring_cubic"]
+    made: list[int] = []
+    whole = signatures._Compared.made
+    monkeypatch.setattr(signatures._Compared, "made", lambda self, some: (made.append(len(some)), whole(self, some))[1])
+    first, second = (signatures._Compared(problem, begun, 0).little(terms) for _ in range(2))
+    assert made[0] == made[2] == len(terms)
+    assert made[1] > len(terms) / 3
+    assert made[3] < made[1] / 3  # what makes next to nothing at its whole size is tried twice
+    np.testing.assert_allclose(second, first, atol=0.02 * np.abs(first).max())

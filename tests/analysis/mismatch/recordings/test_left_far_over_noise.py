@@ -126,10 +126,8 @@ def decays(what: str, begins: Sequence[float], quantum: float = QUANTUM) -> list
 def test_what_only_ranks_is_simulated_as_roughly_as_the_noise_allows(
     what: str, values: dict[str, float], noise: float
 ) -> None:
-    rig, law = (
-        parse_rig(PENDULUM),
-        next(m for m in variants(catalogue()) if {q.name for q in m.parameters} <= values.keys()),
-    )
+    laws = (m for m in variants(catalogue()) if m.id == what and {q.name for q in m.parameters} <= values.keys())
+    rig, law = parse_rig(PENDULUM), next(laws)
     recorded = prepare(decays("quadratic_damping", (1.0,))[0], rig)
     recorded = replace(recorded, unit=noise * level(recorded))
     constants = {p.name: p.value for p in rig.arrangement.parameters}

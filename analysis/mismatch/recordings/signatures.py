@@ -57,8 +57,7 @@ class _Compared:
         self.off, self.at = residual(fitted.simulation, fitted.x, self.own, number, samples=self.count)
         same = self.simulation is fitted.simulation
         self.shown = self.off if same else self.off_by(self.simulation, [(fitted.x, self.own)])[0]
-        # what is tried is compared with as rough a motion
-        self.tried = roughly(self.simulation)
+        self.tried = roughly(self.simulation)  # and compared with as rough a motion
         bent = bool(laws_in(fitted.terms)) and not fitted.simulation.rough
         self.before = self.off_by(self.tried, [(fitted.x, self.own)])[0] if bent else self.shown
         self.near = nearby(self.simulation, fitted.x, self.own, number, self.count)
@@ -127,10 +126,10 @@ class _Compared:
         keys = [(key, each[:i].count(key), self.number) for i, key in enumerate(each)]
         begun = [shares.get(key, LITTLE) for key in keys]
         weak = [(weakened(t, b) if beside else None) or t for t, b in zip(terms, begun, strict=True)]
-        share = np.array([1.0 if w is t else b for w, t, b in zip(weak, terms, begun, strict=True)])
-        columns = self.made(weak)
+        less = np.array([w is not t for w, t in zip(weak, terms, strict=True)], np.bool_)
+        share, columns = np.where(less, begun, 1.0), self.made(weak)
         size = np.sqrt(np.mean(columns**2, axis=1))
-        (again,) = np.nonzero((share < 1.0) & ~((size > SMALLEST) & (size < LARGEST)))
+        (again,) = np.nonzero(less & ~((size > SMALLEST) & (size < LARGEST)))
         share[again] = np.minimum(share[again] / np.maximum(size[again], 1e-300), 1.0)
         columns[again] = self.made([weakened(terms[i], float(share[i])) or terms[i] for i in again.tolist()])
         shares.update((keys[i], float(share[i])) for i in again.tolist())

@@ -284,7 +284,6 @@ def fit(
     """
     constants, like = (problem.constants, None) if begin is None else (begin.values, begin.simulation)
     simulation = Simulation(problem.rig, problem.recordings, constants, problem.highest_hz, terms, like)
-    simulation.rough = not fine
     states = problem.states if begin is None else [begin.state(i) for i in range(len(begin.own))]
     fresh = [simulation.own(s) for s in states]
     own = fresh if begin is None else continued(simulation, states, begin.simulation, begin.own)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 BEFORE = 32  # samples before the first that what remembers is shown
 GROWTH = 10.0  # of a motion followed backwards, up to which it is: what has died out cannot be told
 TOLERANCE: Final = 1e-5  # see `propagate`: along a decay of 60 periods errors of 3e-4 add up to a quarter of the noise
-ROUGHLY: Final = 0.01  # of the noise over what is shown, likewise for what only ranks
+ROUGHLY: Final = 0.01  # of the noise over what is shown, likewise for what a score test tries
 ROUGHEST: Final = 3e-4  # likewise, of decays of 27 periods: errors are up to 0.013 of the noise
 SIDE_BY_SIDE: Final = 20_000  # steps, from which on each processor takes its share of the motions
 

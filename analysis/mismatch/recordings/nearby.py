@@ -68,7 +68,7 @@ def nearby(simulation: Simulation, x: Real, own: Own, number: int, samples: int 
 
 
 def roughly(simulation: Simulation) -> Simulation:
-    """Return the simulation with errors that are little beside the noise, for what only ranks."""
+    """Return the simulation with errors that are little beside the noise, for what a score test tries."""
     found = copy.copy(simulation)
     found.rough = True
     return found

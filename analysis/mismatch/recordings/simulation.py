@@ -78,7 +78,7 @@ class Simulation:
             for i, (r, sub) in enumerate(zip(self.recordings, self.substeps, strict=True))
         )
         self.divided: dict[int, tuple[slice, Division]] = {}
-        self.rough: bool = like.rough if like else False  # whether it only ranks
+        self.rough: bool = like.rough if like else False  # for what a score test tries; see `roughly`
         kinds = [[(t.mechanism, t.place) for t in some] for some in (terms, () if like is None else like.terms)]
         self.steps: dict[int, Real] = dict(like.steps) if like and kinds[0] == kinds[1] else {}  # of differences
 

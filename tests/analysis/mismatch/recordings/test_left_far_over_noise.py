@@ -123,7 +123,7 @@ def decays(what: str, begins: Sequence[float], quantum: float = QUANTUM) -> list
         ("large_swing", {"arc_curvature_per_m2": 1.0}),
     ],
 )
-def test_what_only_ranks_is_simulated_as_roughly_as_the_noise_allows(
+def test_what_score_tests_try_is_simulated_as_roughly_as_the_noise_allows(
     what: str, values: dict[str, float], noise: float
 ) -> None:
     laws = (m for m in variants(catalogue()) if m.id == what and {q.name for q in m.parameters} <= values.keys())

@@ -140,7 +140,8 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
 
     def reach_of(self, fitted: SimulatedFit, place: int) -> tuple[float, float]:
         """Return the largest deformation (m) and rate (m/s) of an element."""
-        return (scale := self.scale_of(fitted, place)).deformation, scale.rate
+        scale = self.scale_of(fitted, place)
+        return scale.deformation, scale.rate
 
     def columns(self, fitted: SimulatedFit, terms: Sequence[Term], ringing: Sequence[Term]) -> list[Iterator[Columns]]:
         """Return the columns of all recordings, whitened by an autoregression of the residual."""

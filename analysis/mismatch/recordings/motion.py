@@ -200,7 +200,7 @@ def continued(simulation: Simulation, states: Sequence[Real], begun: Simulation,
 
 
 def rough_tolerance(recorded: Recorded) -> float:
-    """Return how roughly a recording may be simulated where fits only rank, by the noise that it is taken to have."""
+    """Return how roughly what a score test tries is simulated, by the noise that a recording is taken to have."""
     return float(np.clip(ROUGHLY * np.min(recorded.unit / level(recorded)), TOLERANCE, ROUGHEST))
 
 

@@ -73,6 +73,16 @@ def test_it_counts_only_where_errors_are_far_over_what_cannot_be_predicted() -> 
     assert p_of_colour(beside(0.01 * np.random.default_rng(6).normal(size=SAMPLES))) == ()
 
 
+def test_where_nothing_moves_no_colour_is_told_and_that_is_no_noise() -> None:
+    fitted = beside(0.01 * np.random.default_rng(6).normal(size=SAMPLES))
+    off, at = fitted.off(0)
+    fitted.kept[0, False] = np.full_like(off, 1e3), at  # as of a rig too stiff to be stepped
+    assert np.isnan(p_of_sensor_noise(fitted))
+    far = replace(fitted, scatter=1e6)
+    far.kept[0, False] = fitted.kept[0, False]
+    assert not far.as_noise
+
+
 @pytest.mark.slow
 def test_slow_noise_is_noise_and_what_is_fast_is_weighed_beside_it() -> None:
     recording = duffing(noise_input(SAMPLES, RATE, 2, 25, seed=3))

@@ -20,14 +20,17 @@ demo: $(VENV)/.installed
 # session sets up is set up once
 PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal
 
+# seconds after which a test has failed and says where it stands, rather than keeping all others waiting
+STUCK := 900
+
 test: $(VENV)/.tested
-	$(PYTEST) -m "not slow and not long" tests
+	$(PYTEST) --timeout $(STUCK) -m "not slow and not long" tests
 
 # what continuous integration runs: the quick tests, and of the slow ones those whose turn it is by the second of the commit
 TURNS := 6
 TURN = $(shell git log -1 --format=%ct 2>/dev/null || echo 0)
 test-ci: $(VENV)/.tested
-	MESOTAP_TURN=$(TURN)/$(TURNS) $(PYTEST) -m "not long" tests
+	MESOTAP_TURN=$(TURN)/$(TURNS) $(PYTEST) --timeout $(STUCK) --durations 20 -m "not long" tests
 
 test-all: $(VENV)/.tested
 	$(PYTEST) tests

@@ -95,6 +95,11 @@ class Screening:
     free: FreeForm
     unexplained: float
 
+    @property
+    def beyond_one(self) -> float:
+        """Of what is unexplained, what no single mechanism would take away."""
+        return self.unexplained - max((s.gain for s in self.scores), default=0.0)
+
 
 def screen(problem: Problem[FitOf], fitted: FitOf, known: Iterable[Mechanism], ranks: bool = False) -> Screening:
     """Score every mechanism against the residual of a fit.

@@ -262,8 +262,9 @@ class BlockJudge(Judge[SimulatedFit]):
     def _better(self, state: State[SimulatedFit], candidate: Candidate[SimulatedFit]) -> bool:
         """Whether choosing blocks got better by more than chance, and by enough of what the linear rig missed.
 
-        Where hardly anything but noise is left then, it is enough that all blocks together got better by more than
-        chance, and the choosing ones not worse; where there was hardly anything but noise before, it is asked as well.
+        Where hardly anything but noise is left then, or what another mechanism explains, it is enough that all blocks
+        together got better by more than chance, and the choosing ones not worse; where there was hardly anything but
+        noise before, it is asked as well.
         """
         policy, before, after = self.problem.policy, state.current.by_block(CHOOSE), candidate.losses
         base = state.steps[0].before.by_block(CHOOSE) if state.steps else before
@@ -271,17 +272,16 @@ class BlockJudge(Judge[SimulatedFit]):
         if candidate.fit is None:
             return False
         chosen = ratio_in(CHOOSE, state.current, candidate.fit, candidate.fit)
-        by_more = policy.certain_by_blocks
-        if candidate.evidence > by_more and chooses_no_worse(state.current, candidate.fit):
+        sure = policy.certain_by_blocks
+        if candidate.evidence > sure and chooses_no_worse(state.current, candidate.fit):
             left = self.screen(candidate.fit, self._further(candidate.fit))
-            if left.p_value >= policy.level or left.unexplained < policy.left_over_blocks * candidate.evidence:
+            if left.p_value >= policy.level or left.beyond_one < policy.left_over_blocks * candidate.evidence:
                 return True
-        by_chance = state.current.as_noise and candidate.evidence <= by_more
-        if gained <= max(policy.least_share * missed, 0.0) or by_chance:
+        if gained <= max(policy.least_share * missed, 0.0) or (state.current.as_noise and candidate.evidence <= sure):
             return False
         change = np.log(np.array(before) / np.array(after))
         spread = max(float(np.std(change, ddof=1)) / math.sqrt(change.size), 1e-300)
-        return chosen > by_more or float(student.sf(float(np.mean(change)) / spread, change.size - 1)) < policy.chance
+        return chosen > sure or float(student.sf(float(np.mean(change)) / spread, change.size - 1)) < policy.chance
 
     def _further(self, beside: SimulatedFit) -> list[Mechanism]:
         """Return what may be at work beside a fit: one second impact, and of one decay nothing that goes with time."""

@@ -38,7 +38,7 @@ from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.made_ready import made_ready
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
 from analysis.mismatch.recordings.otherwise import Described, explained_otherwise
-from analysis.mismatch.recordings.ranking import Ranking, from_starts, simplest, with_time
+from analysis.mismatch.recordings.ranking import HOPELESS, Ranking, from_starts, simplest, with_time, within_reach
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.reweighing import exchanged, weighed_together, without_idle_ones
 from analysis.mismatch.recordings.sharper import sharper
@@ -49,8 +49,6 @@ from analysis.mismatch.score_test import Score, Screening, screen
 from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of, started
 from sim_backend.learned.forms import FORM
 from sim_backend.mechanisms.kinds import AddedBody, Mechanism, SecondImpact
-
-HOPELESS = 4.0  # times the best objective so far, from which a competing fit is given up
 
 Candidates = tuple[Candidate[SimulatedFit], ...]
 
@@ -175,7 +173,7 @@ class BlockJudge(Judge[SimulatedFit]):
         for scores in ranking.scores[: ranking.finalists]:
             self.on_progress(f"fitting {name_of(scores[0].term.mechanism)}")
             to_beat = HOPELESS * nearest.objective if nearest.terms != begun.terms else math.inf
-            patient = self._fitted_to_the_end(scores[0].term.mechanism)
+            patient = self._fitted_to_the_end(scores[0].term.mechanism, begun)
             fitted_from = partial(self._joined_once, begun, to_beat=math.inf if patient else to_beat)
             # once all is explained, no further start where one has led nowhere
             fits.append(from_starts(scores, fitted_from, to_beat if nearest.as_noise else math.inf))
@@ -183,11 +181,11 @@ class BlockJudge(Judge[SimulatedFit]):
         fits = begun_from_another(self.problem, begun, fits)
         if not begun.terms:
             fits = begun_from_equal_rigs(self.problem, begun, fits, self.screen)
-        found = [(c.score, c.fit) for c in weighed_together(state.current, fits) if c.fit is not None]
-        in_time = [i for i, (score, _) in enumerate(found) if self._told_in_any_case(score.term.mechanism)]
-        hopeless = HOPELESS * min((f.scatter for _, f in found), default=math.inf)
-        finer = {i for i in range(min(policy.polished, len(found))) if found[i][1].scatter < hopeless} | {*in_time[:1]}
-        fits = [(score, self._polished(f) if i in finer else f) for i, (score, f) in enumerate(found)]
+        found = weighed_together(state.current, fits)
+        in_time = [i for i, c in enumerate(found) if self._told_in_any_case(c.mechanism)]
+        finer = {*within_reach(found, policy), *in_time[:1]}
+        rough = [(c.score, c.fit) for c in found if c.fit is not None]
+        fits = [(score, self._polished(f) if i in finer else f) for i, (score, f) in enumerate(rough)]
         unfitted: Candidates = tuple(Candidate(s[0], None, -math.inf) for s in ranking.scores[ranking.finalists :])
         return (*weighed_together(state.current, fits), *unfitted)
 
@@ -205,9 +203,9 @@ class BlockJudge(Judge[SimulatedFit]):
         plain = screen(replace(self.problem, plain=True), current, known, ranks=True)
         return Ranking.of(plain.scores, policy, promising).and_then(ranking, policy.finalists_by_blocks)
 
-    def _fitted_to_the_end(self, mechanism: Mechanism) -> bool:
-        """Whether a fit is not given up where it comes slowly nearer: an added body may pass through a long valley."""
-        return isinstance(mechanism, AddedBody) or self._told_in_any_case(mechanism)
+    def _fitted_to_the_end(self, mechanism: Mechanism, begun: SimulatedFit) -> bool:
+        """Whether a fit is not given up where it comes slowly nearer: a first added body may pass a long valley."""
+        return (isinstance(mechanism, AddedBody) and not begun.terms) or self._told_in_any_case(mechanism)
 
     def _told_in_any_case(self, mechanism: Mechanism) -> bool:
         """Whether a mechanism goes with time where time and amplitude are confounded: its full fit is compared."""

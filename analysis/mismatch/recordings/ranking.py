@@ -21,6 +21,7 @@ VARIANTS = 3  # of a mechanism in a place, with other values of what is no param
 TELLS = 6000  # samples of a channel that tell candidates apart; of 20,000 of a chain of four bodies
 HOLDS = 0.7  # of what its length would hold of all that the linear rig misses, that a first part holds at least
 PARTS = 20  # lengths that are tried
+HOPELESS = 4.0  # times the best objective so far, from which a competing fit is given up
 APART = 0.2  # of the logarithms of resonances of an added body that are fitted both
 BENT_APART = 0.5  # of the logarithms of a law's parameters beside its strength, the same
 
@@ -108,6 +109,22 @@ def from_starts(
         if isinstance(score.term.mechanism, AddedBody) or all(f.pinned() for f in alike):
             found.append((score, fitted_from(score)))
     return min(found, key=lambda pair: weight_of(pair[1]) * pair[1].scatter)
+
+
+def within_reach(candidates: Sequence[Candidate[SimulatedFit]], policy: SelectionPolicy) -> list[int]:
+    """Return which of fitted candidates, the best first, are fitted until they have converged: the best few in reach.
+
+    Out of reach is what leaves many times as much as another one, and what has but a share of the evidence of one that
+    leaves no more than noise.
+    """
+    fits = [(c.evidence, c.fit) for c in candidates if c.fit is not None]
+    if not fits:
+        return []
+    most = HOPELESS * min(fitted.scatter for _, fitted in fits)
+    evidence, best = fits[0]
+    least = policy.serious * max(evidence, 0.0) if best.as_noise else -math.inf
+    few = enumerate(fits[: policy.polished])
+    return [i for i, (told, fitted) in few if fitted.scatter < most and (i == 0 or told >= least)]
 
 
 def simplest(candidates: Sequence[Candidate[SimulatedFit]], share: float) -> Candidate[SimulatedFit]:

@@ -22,6 +22,7 @@ TELLS = 6000  # samples of a channel that tell candidates apart; of 20,000 of a 
 HOLDS = 0.7  # of what its length would hold of all that the linear rig misses, that a first part holds at least
 PARTS = 20  # lengths that are tried
 HOPELESS = 4.0  # times the best objective so far, from which a competing fit is given up
+EXPLAINED = 1.5  # the same, beside what was named before, where the best leaves noise alone (rig of decision 184)
 APART = 0.2  # of the logarithms of resonances of an added body that are fitted both
 BENT_APART = 0.5  # of the logarithms of a law's parameters beside its strength, the same
 
@@ -111,6 +112,13 @@ def from_starts(
     return min(found, key=lambda pair: weight_of(pair[1]) * pair[1].scatter)
 
 
+def to_beat(nearest: SimulatedFit, begun: SimulatedFit) -> float:
+    """Return the objective that further fits beside one have to reach, where the nearest of them so far is known."""
+    if nearest.terms == begun.terms:
+        return math.inf
+    return (EXPLAINED if begun.terms and nearest.little_predicted else HOPELESS) * nearest.objective
+
+
 def within_reach(candidates: Sequence[Candidate[SimulatedFit]], policy: SelectionPolicy) -> list[int]:
     """Return which of fitted candidates, the best first, are fitted until they have converged: the best few in reach.
 
@@ -122,7 +130,7 @@ def within_reach(candidates: Sequence[Candidate[SimulatedFit]], policy: Selectio
         return []
     most = HOPELESS * min(fitted.scatter for _, fitted in fits)
     evidence, best = fits[0]
-    least = policy.serious * max(evidence, 0.0) if best.as_noise else -math.inf
+    least = policy.hopeful * max(evidence, 0.0) if best.as_noise else -math.inf
     few = enumerate(fits[: policy.polished])
     return [i for i, (told, fitted) in few if fitted.scatter < most and (i == 0 or told >= least)]
 

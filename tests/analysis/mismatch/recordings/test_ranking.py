@@ -2,13 +2,23 @@
 
 import math
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import POLICY
 from analysis.mismatch.recordings.fit import SimulatedFit
-from analysis.mismatch.recordings.ranking import BENT_APART, VARIANTS, Ranking, from_starts
+from analysis.mismatch.recordings.ranking import (
+    BENT_APART,
+    EXPLAINED,
+    HOPELESS,
+    VARIANTS,
+    Ranking,
+    from_starts,
+    to_beat,
+    within_reach,
+)
 from analysis.mismatch.score_test import Score
+from analysis.mismatch.selection import Candidate
 from sim_backend.mechanisms.catalogue import catalogue, family, variants
 
 FORCE, RANGE, SPEED = "meniscus_force_share", "meniscus_range_share", "sets_in_m_per_s"
@@ -76,3 +86,34 @@ def test_beside_what_is_as_good_as_noise_only_what_promises_enough_earns_a_fit()
     assert ranking.finalists == 3
     assert [ranking.of_at_least(gain).finalists for gain in (10.0, 12.5, 30.0, 70.0)] == [3, 2, 1, 0]
     assert ranking.of_at_least(70.0).scores == ranking.scores
+
+
+def leaving(scatter: float, noise: bool = False, terms: int = 1) -> Any:
+    """Return a fit that leaves so much, or noise alone, with so many mechanisms."""
+    return SimpleNamespace(
+        scatter=scatter, objective=scatter, as_noise=noise, little_predicted=noise, terms=(0,) * terms
+    )
+
+
+def reached(*fits: tuple[float, float], noise: bool) -> list[int]:
+    candidates = [Candidate(scored(60, 1.0), leaving(scatter, noise), evidence) for evidence, scatter in fits]
+    return within_reach(candidates, POLICY)
+
+
+def test_beside_what_leaves_noise_alone_few_are_in_reach() -> None:
+    far, near = 0.9 * POLICY.hopeful * 5000, 1.1 * POLICY.hopeful * 5000
+    assert reached((5000, 1.0), (near, 1.4), (far, 1.7), noise=True) == [0, 1]
+    assert reached((5000, 1.0), (near, 1.4), (far, 1.7), noise=False) == [0, 1, 2]
+    assert reached((5000, 1.0), (4900, 1.1 * HOPELESS), noise=False) == [0]
+    assert reached((-3, 1.0), (-4, 1.0), noise=True) == [0]  # the best is in any case
+    assert reached(noise=True) == []
+
+
+def test_a_further_mechanism_has_to_come_nearer_once_one_leaves_noise_alone() -> None:
+    begun = leaving(10.0, terms=1)
+    assert to_beat(begun, begun) == math.inf
+    assert to_beat(leaving(2.0, noise=False, terms=2), begun) == 2 * HOPELESS
+    assert to_beat(leaving(2.0, noise=True, terms=2), begun) == 2 * EXPLAINED
+    assert (
+        to_beat(leaving(2.0, noise=True, terms=1), leaving(10.0, terms=0)) == 2 * HOPELESS
+    )  # a first one looks like others

@@ -10,8 +10,9 @@ from analysis.mismatch.recordings.blocks import mean_of, missed_still
 from analysis.mismatch.recordings.costs import lead_of
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.ranking import with_time
 from analysis.mismatch.recordings.recorded import HELD
-from analysis.mismatch.selection import Selection, screened_baseline, select
+from analysis.mismatch.selection import Selection, State, go_on, name_of, screened_baseline, select
 
 AGAIN = 2  # selections without the first names, at most
 PREDICTED: Final = 0.25  # mean square held out beside that of the linear rig, which noise leaves at 1 (decision 172)
@@ -27,7 +28,7 @@ def select_for_recordings(judge: BlockJudge, put_right: bool = False) -> tuple[S
     beneath what is named, it is made again once these are ``put_right``; where a mechanism predicts what passed for
     noise of the inputs, without that.
     """
-    found = select(judge, screened_baseline(judge))
+    found = _with_a_second(judge, select(judge, screened_baseline(judge)))
     beneath = found.baseline if found.chosen is None else found.best
     right = judge if put_right else judge.without_wrong_samples(beneath)
     if right is not judge:
@@ -49,6 +50,24 @@ def select_for_recordings(judge: BlockJudge, put_right: bool = False) -> tuple[S
             tried = [other, *tried] if leads(other, tried[0]) else [*tried, other]
         left_out |= _first_names(other, other.best.terms[0].mechanism.id)
     return tuple(tried)
+
+
+def _with_a_second(judge: BlockJudge, found: Selection[SimulatedFit]) -> Selection[SimulatedFit]:
+    """Return what two mechanisms explain where neither is accepted alone, if all they leave is noise; else the same.
+
+    Beside one of two strong ones so much is missed still, and so slowly, that what it explains may be chance.
+    """
+    policy, lasting = judge.problem.policy, not judge.problem.one_decay
+    fitted = [c for step in found.steps for c in step.candidates if lasting or not with_time(c.mechanism)]
+    first = next((c for c in fitted if c.fit is not None), None)
+    if found.accepted or first is None or first.fit is None or first.evidence <= policy.certain_by_blocks:
+        return found
+    judge.on_progress(f"looking for what is at work beside {name_of(first.mechanism)}")
+    step = replace(found.steps[0], accepted=first)
+    begun = State(found.steps[0].before, found.screening)
+    both = go_on(judge, begun, State(first.fit, judge.screen(first.fit), (step,)))
+    several = both.chosen is not None and len(both.chosen.terms) > 1
+    return both if several and both.left.p_value >= policy.level else found
 
 
 def _leaves_much(found: Selection[SimulatedFit]) -> bool:

@@ -14,6 +14,7 @@ from analysis.mismatch.recordings.ranking import with_time
 from analysis.mismatch.recordings.recorded import HELD
 from analysis.mismatch.selection import Selection, State, go_on, name_of, screened_baseline, select
 
+FIRST = 2  # candidates beside which others are looked for where none is accepted
 AGAIN = 2  # selections without the first names, at most
 PREDICTED: Final = 0.25  # mean square held out beside that of the linear rig, which noise leaves at 1 (decision 172)
 
@@ -58,16 +59,21 @@ def _with_a_second(judge: BlockJudge, found: Selection[SimulatedFit]) -> Selecti
     Beside one of two strong ones so much is missed still, and so slowly, that what it explains may be chance.
     """
     policy, lasting = judge.problem.policy, not judge.problem.one_decay
-    fitted = [c for step in found.steps for c in step.candidates if lasting or not with_time(c.mechanism)]
-    first = next((c for c in fitted if c.fit is not None), None)
-    if found.accepted or first is None or first.fit is None or first.evidence <= policy.certain_by_blocks:
+    if found.accepted or not found.steps:
         return found
-    judge.on_progress(f"looking for what is at work beside {name_of(first.mechanism)}")
-    step = replace(found.steps[0], accepted=first)
-    begun = State(found.steps[0].before, found.screening)
-    both = go_on(judge, begun, State(first.fit, judge.screen(first.fit), (step,)))
-    several = both.chosen is not None and len(both.chosen.terms) > 1
-    return both if several and both.left.p_value >= policy.level else found
+    begun, step = State(found.steps[0].before, found.screening), found.steps[0]
+    sure = [
+        c for c in step.candidates if c.evidence > policy.certain_by_blocks and (lasting or not with_time(c.mechanism))
+    ]
+    for first in sure[:FIRST]:
+        if first.fit is not None:
+            judge.on_progress(f"looking for what is at work beside {name_of(first.mechanism)}")
+            steps = (replace(step, accepted=first),)
+            both = go_on(judge, begun, State(first.fit, judge.screen(first.fit), steps))
+            several = both.chosen is not None and len(both.chosen.terms) > 1
+            if several and both.left.p_value >= policy.level:
+                return both
+    return found
 
 
 def _leaves_much(found: Selection[SimulatedFit]) -> bool:

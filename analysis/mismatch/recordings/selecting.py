@@ -12,6 +12,7 @@ from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.ranking import with_time
 from analysis.mismatch.recordings.recorded import HELD
+from analysis.mismatch.recordings.start_check import worse_than_zero
 from analysis.mismatch.selection import Selection, State, go_on, name_of, screened_baseline, select
 
 FIRST = 2  # candidates beside which others are looked for where none is accepted
@@ -59,7 +60,8 @@ def _with_a_second(judge: BlockJudge, found: Selection[SimulatedFit]) -> Selecti
     Beside one of two strong ones so much is missed still, and so slowly, that what it explains may be chance.
     """
     policy, lasting = judge.problem.policy, not judge.problem.one_decay
-    if found.accepted or not found.steps:
+    linear = judge.baseline()
+    if found.accepted or not found.steps or worse_than_zero(linear, linear):
         return found
     begun, step = State(found.steps[0].before, found.screening), found.steps[0]
     sure = [

@@ -22,7 +22,8 @@ from typing import Any
 from analysis.mismatch.diagnosis import diagnose
 from analysis.mismatch.policy import POLICY, SelectionPolicy, thresholds
 from analysis.mismatch.problem import ComputeBudget
-from analysis.mismatch.recordings.fit import SimulatedRecordings, problem_of
+from analysis.mismatch.recordings.fit import SimulatedRecordings
+from analysis.mismatch.recordings.linear_rig import problem_of
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.ring_downs.problem import RingDowns
 from analysis.mismatch.ring_downs.sessions import ring_downs

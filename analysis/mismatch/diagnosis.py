@@ -20,8 +20,9 @@ from analysis.mismatch.learning import LearnedEarly, is_learned, with_last_learn
 from analysis.mismatch.limits import complete_probability, upper_limits
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.account import BlockAccount
-from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings
 from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.linear_rig import problem_of
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.recordings.selecting import leads, select_for_recordings
 from analysis.mismatch.recordings.start_check import frame_remark

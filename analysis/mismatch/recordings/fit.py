@@ -27,7 +27,6 @@ from analysis.mismatch.recordings.recorded import CHOOSE, FIT, Recorded, level
 from analysis.mismatch.recordings.second_impact import second_impact_score
 from analysis.mismatch.recordings.signatures import columns_of
 from analysis.mismatch.recordings.simulation import Simulation
-from analysis.mismatch.recordings.start_values import start_values, with_first_states
 from analysis.mismatch.rig_description import DescribedRig
 from analysis.mismatch.score_test import Score
 from sim_backend.arrangement import Arrangement
@@ -42,6 +41,8 @@ RIGID = 1e-3  # of the highest mode, below which one is a rigid motion
 NEAR_LINEAR = 0.01  # mean square of what the linear rig misses, in levels of the channels, up to which it starts well
 OUTDATED = 0.5  # of the noise that priors were weighed by, below which they are weighed anew
 STAGES = (0.05, 0.15, 0.4)  # of recordings: their phase is followed before all of them is fitted
+TELLING = STAGES[1]  # at which a mechanism explains more than what stands without it, or is followed no further
+FOLLOWED = 0.98  # of what is left there without it: laws that leave more end where they began (decision 185)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +184,7 @@ class SimulatedFit(Fit):
     kept: dict[tuple[int, bool], tuple[Real, slice]] = field(default_factory=dict, init=False, compare=False)
     shown: dict[int, NoiseModel] = field(default_factory=dict, init=False, compare=False)
     colour: list[float] = field(default_factory=list, init=False, compare=False)
+    early: list[float] = field(default_factory=list, init=False, compare=False)  # see `_left_early`
 
     def noise(self, number: int) -> NoiseModel:
         """Return the noise of a recording, as what is left of it shows it."""
@@ -277,7 +279,7 @@ def fit(
         A fit to start from: its constants and states.
     staged
         Follow free decays from their beginning on before all of them is fitted: for a start whose frequencies are not
-        yet known to within a cycle.
+        yet known to within a cycle. Not to the end where mechanisms explain next to nothing of the beginning.
     fine
         Go on until it has converged, on all there is, and compute its covariance; not only until rivals can be ranked.
     to_beat
@@ -291,27 +293,30 @@ def fit(
     model = SimulationModel(simulation, own, parts, 1.0)
     point = Point(np.clip(simulation.begin(), model.low, model.high), tuple(own))
     most, looked_at = (FINE_STEPS, 1.0) if fine else (ROUGH_STEPS, problem.looked_at)
-    for part in (*(s for s in STAGES if staged and s < looked_at), looked_at):
+    stages = [s for s in STAGES if staged and s < looked_at]
+    most_early = math.inf if begin is None or len(terms) <= len(begin.terms) else _left_early(problem, begin)
+    lost = False
+    for part in (*stages, looked_at):
+        if lost and part < looked_at:
+            continue
         beats = to_beat if part == looked_at else math.inf
         model = SimulationModel(simulation, point.own, parts, part, rough=not fine)
         at = model.evaluate(point)
         model.noise, share = at.mean_square, FINE / at.samples if fine else ROUGH
-        stopping = Stopping(most, 0.0, share, FIRST_DAMPING, MOST_TRIES, to_beat=beats)
+        stopping = Stopping(0 if lost else most, 0.0, share, FIRST_DAMPING, MOST_TRIES, to_beat=beats)
         found, _ = minimise(model, model.evaluate(point), stopping, problem.policy.race())
         while fine and model.prior and found.mean_square < OUTDATED * model.noise:  # what priors are weighed by
             model.noise = found.mean_square
             found, _ = minimise(model, model.evaluate(found.point), stopping, problem.policy.race())
-        point = found.point
+        point, lost = found.point, part == TELLING and found.mean_square > FOLLOWED * most_early
     return _finished(problem, model, found, fine)
 
 
-def linear_fit(problem: SimulatedRecordings) -> SimulatedFit:
-    """Return the linear rig fitted to the fitting blocks."""
-    starts = [problem, *(replace(problem, constants=c, states=s) for c, s in problem.rivals)]
-    nearest = min((fit(s) for s in starts), key=lambda f: f.objective) if len(starts) > 1 else None
-    begun = fit(problem, begin=nearest, fine=True)
-    follows = begun.missed >= NEAR_LINEAR and any(r.free for r in problem.recordings)
-    return min(begun, fit(problem, staged=True, fine=True), key=lambda f: f.objective) if follows else begun
+def _left_early(problem: SimulatedRecordings, begin: SimulatedFit) -> float:
+    """Return the mean square that what stands leaves of the beginning, up to `TELLING`; infinite if that is noise."""
+    if not begin.early:
+        begin.early.append(fit(replace(problem, looked_at=TELLING), begin.terms, begin, staged=True).scatter)
+    return begin.early[0] if begin.early[0] > problem.policy.unlike_noise * problem.noise else math.inf
 
 
 def _finished(
@@ -334,16 +339,3 @@ def _finished(
         spread, tuple(covariances), problem, simulation, point.x, point.own, found.mean_square, model.parts,
         noises,
     )  # fmt: skip
-
-
-def problem_of(rig: DescribedRig, recordings: Sequence[Recorded]) -> SimulatedRecordings:
-    """Return the problem of recordings of a described rig, with starting values for what nobody knows.
-
-    Raises
-    ------
-    AnalysisError
-        The rig as described cannot have made them.
-    """
-    found, highest = start_values(rig, list(recordings))
-    first, *rivals = with_first_states(rig, recordings, found, highest)
-    return SimulatedRecordings(rig, tuple(recordings), first[0], highest, first[1], rivals=tuple(rivals))

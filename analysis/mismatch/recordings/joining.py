@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit
-from analysis.mismatch.recordings.model import Point, SimulationModel
+from analysis.mismatch.recordings.model import Point, SimulationModel, side_by_side
 from analysis.mismatch.recordings.motion import continued
 from analysis.mismatch.recordings.recorded import FIT
 from analysis.mismatch.recordings.regression import regressed
@@ -28,6 +29,9 @@ ASTRAY: Final = (
     4.0  # times what is left without a mechanism, beyond which a start with it is too strong (rig of decision 161)
 )
 
+Start = tuple[SimulatedRecordings, Sequence[Term], SimulatedFit | None, bool]
+"""What is fitted with which terms, the fit it begins from, and whether its phase is followed from the beginning on."""
+
 
 def joined_to(
     problem: SimulatedRecordings, current: SimulatedFit, score: Score, to_beat: float = math.inf
@@ -41,20 +45,25 @@ def joined_to(
     if isinstance(term.mechanism, SecondImpact):
         terms = (*current.terms, term)
         return where_it_fell(current, term, lambda begun: fit(problem, terms, begun, to_beat=to_beat))
-    terms = (*current.terms, not_astray(problem, current, term))
-    tried = [fit(problem, terms, current, to_beat=to_beat)]
+    full, weaker = (*current.terms, term), (*current.terms, not_astray(problem, current, term))
+    begun: list[Start] = [(problem, weaker, current, False)]
     if isinstance(term.mechanism, AddedBody) and any(r.free for r in problem.recordings):
         # at its full strength it changes frequencies: the phase is followed from the beginning on
-        tried.append(fit(problem, (*current.terms, term), current, staged=True, to_beat=to_beat))
-    if current.missed < NEAR_LINEAR:
-        return min(tried, key=lambda f: f.scatter)
-    # what stands has lost the phase somewhere along the recording
-    tried.append(fit(problem, terms, current, staged=True, to_beat=to_beat))
-    start = regressed(current.simulation, current.values, terms)
-    if start is not None:
-        states = tuple(current.state(i) for i in range(len(current.own)))
-        tried.append(fit(replace(problem, constants=start[0], states=states), start[1], to_beat=to_beat))
-    return min(tried, key=lambda f: f.scatter)
+        begun.append((problem, full, current, True))
+    if current.missed >= NEAR_LINEAR:  # what stands has lost the phase somewhere along the recording
+        if begun[-1] != (problem, weaker, current, True):
+            begun.append((problem, weaker, current, True))
+        start = regressed(current.simulation, current.values, weaker)
+        if start is not None:
+            states = tuple(current.state(i) for i in range(len(current.own)))
+            begun.append((replace(problem, constants=start[0], states=states), start[1], None, False))
+
+    def fitted(
+        of: SimulatedRecordings, terms: Sequence[Term], begin: SimulatedFit | None, staged: bool
+    ) -> SimulatedFit:
+        return fit(of, terms, begin, staged=staged, to_beat=to_beat)
+
+    return min(side_by_side(fitted, begun), key=lambda f: f.scatter)
 
 
 def not_astray(problem: SimulatedRecordings, current: SimulatedFit, term: Term) -> Term:

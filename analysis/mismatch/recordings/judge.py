@@ -29,12 +29,13 @@ from analysis.mismatch.recordings.blocks import (
     share_by_scores,
 )
 from analysis.mismatch.recordings.costs import lead_of, rings_at_a_harmonic
-from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit, linear_fit
+from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit
 from analysis.mismatch.recordings.fitted_once import FittedOnce
 from analysis.mismatch.recordings.foot_or_mount import begun_from_another
 from analysis.mismatch.recordings.free_force import free_share
 from analysis.mismatch.recordings.held_out import FinalFits
 from analysis.mismatch.recordings.joining import joined_to
+from analysis.mismatch.recordings.linear_rig import linear_fit
 from analysis.mismatch.recordings.made_ready import made_ready
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
 from analysis.mismatch.recordings.otherwise import Described, explained_otherwise

@@ -9,9 +9,10 @@ from typing import Final
 import numpy as np
 
 from analysis.mismatch.recordings.blocks import fitted_where_odd
-from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, linear_fit, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings
 from analysis.mismatch.recordings.impact_over import after_the_impact, is_free
 from analysis.mismatch.recordings.input_noise import with_likeliest_inputs
+from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.noise import noise_of
 from analysis.mismatch.recordings.ranking import share_that_tells
 from analysis.mismatch.recordings.recorded import Recorded

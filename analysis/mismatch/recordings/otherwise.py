@@ -13,8 +13,9 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import OnProgress
 from analysis.mismatch.recordings.blocks import mean_of
 from analysis.mismatch.recordings.costs import lead_of
-from analysis.mismatch.recordings.fit import SimulatedFit, fit, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit, fit
 from analysis.mismatch.recordings.joining import joined_to
+from analysis.mismatch.recordings.linear_rig import problem_of
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.start_check import better_unknown, with_unknown
 from analysis.mismatch.rig_description import Hold

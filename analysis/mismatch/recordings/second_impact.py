@@ -19,7 +19,7 @@ from scipy.stats import chi2
 from analysis.mismatch.limits import upper_bound
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.impact_size import CLEAR, SAME_TO, Free, of_size_one
-from analysis.mismatch.recordings.model import residual
+from analysis.mismatch.recordings.model import residual, side_by_side
 from analysis.mismatch.recordings.motion import Own
 from analysis.mismatch.recordings.recorded import Recorded
 from analysis.mismatch.recordings.signatures import noise_drawn
@@ -178,7 +178,7 @@ def where_it_fell(current: SimulatedFit, term: Term, refit: Callable[[SimulatedF
     begun = [] if current.far_off() else _begun(current, term)
     if not begun:
         return refit(current)
-    best = min((refit(b) for b in begun), key=lambda f: f.scatter)
+    best = min(side_by_side(refit, [(b,) for b in begun]), key=lambda f: f.scatter)
     for _ in range(LOOKED_AGAIN):
         bare = replace(best, own=tuple(replace(o, impact=np.zeros(0)) for o in best.own))
         again = min((refit(b) for b in _begun(bare, term)[:1]), key=lambda f: f.scatter, default=best)

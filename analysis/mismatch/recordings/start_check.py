@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 
 from analysis.mismatch.linearised import covariance
-from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings
+from analysis.mismatch.recordings.linear_rig import problem_of
 from analysis.mismatch.recordings.model import Point, SimulationModel, residual
 from analysis.mismatch.recordings.recorded import FIT, UNUSED, Recorded, level, prepare
 from analysis.mismatch.recordings.simulation import Simulation

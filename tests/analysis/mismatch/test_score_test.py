@@ -14,7 +14,7 @@ from scipy.stats import chi2, norm
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.problem import Columns, Problem
 from analysis.mismatch.recordings.fit import fit as fit_recordings
-from analysis.mismatch.recordings.fit import problem_of as recordings_of
+from analysis.mismatch.recordings.linear_rig import problem_of as recordings_of
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.ring_downs import signatures
 from analysis.mismatch.ring_downs.fit import RingDownFit, fit

@@ -181,7 +181,7 @@ def test_a_rig_that_is_worse_than_predicting_zero_is_told_so_first_with_what_to_
 
 @pytest.mark.slow
 def test_what_is_left_free_is_written_as_the_rig_file_has_it(driven, tmp_path):
-    from analysis.mismatch.recordings.fit import problem_of
+    from analysis.mismatch.recordings.linear_rig import problem_of
     from analysis.mismatch.recordings.recorded import prepare
     from analysis.mismatch.recordings.start_check import left_free
     from daq.exchange import import_recording

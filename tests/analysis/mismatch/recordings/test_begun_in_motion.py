@@ -9,7 +9,8 @@ from scipy.interpolate import CubicSpline
 
 from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.fit import fit, linear_fit, problem_of
+from analysis.mismatch.recordings.fit import fit
+from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.recorded import prepare
 from mesotap.configuration.rig_files import parse_rig

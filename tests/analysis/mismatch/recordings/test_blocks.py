@@ -19,8 +19,9 @@ from analysis.mismatch.recordings.blocks import (
     share_by_scores,
     untold_words,
 )
-from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit, fit
 from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, HELD, prepare
 from analysis.mismatch.score_test import Score

@@ -7,8 +7,8 @@ import pytest
 
 from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.mismatch.recordings.costs import lead_of, rings_at_a_harmonic
-from analysis.mismatch.recordings.fit import problem_of
 from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.linear_rig import problem_of
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.selection import screened_baseline
 from daq.exchange import Recording

@@ -10,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit
+from analysis.mismatch.recordings.linear_rig import problem_of
 from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.recorded import HELD, prepare
 from analysis.mismatch.score_test import screen

@@ -13,8 +13,9 @@ from scipy import signal
 
 from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.fit import fit, linear_fit, problem_of
+from analysis.mismatch.recordings.fit import fit
 from analysis.mismatch.recordings.foot_or_mount import begun_from_another, mapped
+from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.score_test import Score

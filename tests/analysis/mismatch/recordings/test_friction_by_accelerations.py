@@ -7,7 +7,8 @@ import pytest
 
 from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.fit import SimulatedFit, fit, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit, fit
+from analysis.mismatch.recordings.linear_rig import problem_of
 from analysis.mismatch.recordings.nearby import BESIDE, beside_jumps, nearby
 from analysis.mismatch.recordings.recorded import prepare
 from daq.exchange import Recording

@@ -9,8 +9,8 @@ import pytest
 from scipy.linalg import expm
 
 from analysis.mismatch.diagnosis import diagnose_recordings
-from analysis.mismatch.recordings.fit import linear_fit, problem_of
 from analysis.mismatch.recordings.impact_over import after_the_impact, is_free
+from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.made_ready import made_ready
 from analysis.mismatch.recordings.recorded import prepare
 from daq.exchange import Recording

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.fit import SimulatedFit, fit, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit, fit
 from analysis.mismatch.recordings.input_noise import rms_of_inputs
+from analysis.mismatch.recordings.linear_rig import problem_of
 from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.model import made_by_input_noise
 from analysis.mismatch.recordings.recorded import prepare

@@ -5,8 +5,9 @@ import pytest
 from numpy.typing import NDArray
 
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit, fit
 from analysis.mismatch.recordings.joining import BODY_SHARES, SHARES, joined_to, not_astray
+from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.score_test import Score

@@ -13,8 +13,8 @@ from scipy.linalg import expm
 from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.blocks import predicts_no_better
-from analysis.mismatch.recordings.fit import linear_fit, problem_of
 from analysis.mismatch.recordings.impact_size import Struck, said_of, together
+from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.motion import with_impulse
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.recordings.second_impact import second_impact_score

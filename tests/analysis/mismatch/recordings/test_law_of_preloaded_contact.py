@@ -9,7 +9,7 @@ from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.mismatch.law_reading import force_on
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.constants import constant_intervals, constants_covariance
-from analysis.mismatch.recordings.fit import linear_fit, problem_of
+from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.recorded import prepare
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.learned.families import form_named

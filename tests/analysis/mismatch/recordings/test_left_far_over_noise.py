@@ -13,7 +13,8 @@ import pytest
 from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.blocks import missed_still, over_noise, predicts_no_better
-from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit, fit
+from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.motion import ROUGHEST, TOLERANCE, rough_tolerance
 from analysis.mismatch.recordings.nearby import roughly

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from analysis.mismatch.recordings.blocks import of_least_noise, over_noise
-from analysis.mismatch.recordings.fit import linear_fit, problem_of
 from analysis.mismatch.recordings.input_noise import drawn, likeliest, rms_of_inputs, with_likeliest_inputs
 from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.recorded import Recorded, prepare
 from analysis.mismatch.selection import screened_baseline
 from daq.exchange import Recording

@@ -10,8 +10,9 @@ import pytest
 from analysis.mismatch.account import Weights
 from analysis.mismatch.diagnosis import diagnose_recordings
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.fit import SimulatedFit, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.linear_rig import problem_of
 from analysis.mismatch.recordings.next_experiment import _apart, is_linear
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.score_test import Score

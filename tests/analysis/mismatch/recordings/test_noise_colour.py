@@ -9,8 +9,9 @@ import pytest
 from scipy import signal
 
 from analysis.mismatch.recordings.blocks import independent_samples, likelihood_ratio, of_least_noise, p_of_colour
-from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit, fit
 from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.noise_colour import p_of_sensor_noise
 from analysis.mismatch.recordings.recorded import CHOOSE, prepare
 from analysis.mismatch.selection import Candidate, SelectionStep, State, screened_baseline

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from analysis.mismatch.diagnosis import diagnose_recordings
-from analysis.mismatch.recordings.fit import linear_fit, problem_of
 from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.other_rigs import equal_constants, likelier_rig
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.rig_description import DescribedRig

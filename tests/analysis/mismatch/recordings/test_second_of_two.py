@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.fit import fit, problem_of
+from analysis.mismatch.recordings.fit import fit
 from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.linear_rig import problem_of
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.score_test import Score
 from daq.exchange import Recording

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from analysis.mismatch.diagnosis import diagnose_recordings
-from analysis.mismatch.recordings.fit import linear_fit, problem_of
 from analysis.mismatch.recordings.input_noise import with_likeliest_inputs
+from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.model import made_by_input_noise
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.recordings.start_check import frame_remark

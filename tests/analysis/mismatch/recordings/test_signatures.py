@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from analysis.mismatch.recordings import signatures
-from analysis.mismatch.recordings.fit import SimulatedFit, fit, linear_fit, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit, fit
+from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, prepare
 from mesotap.configuration.rig_files import parse_rig

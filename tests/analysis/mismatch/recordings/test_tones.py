@@ -9,7 +9,8 @@ import pytest
 from scipy.signal import lfilter
 
 from analysis.mismatch.parameters import Term
-from analysis.mismatch.recordings.fit import fit, problem_of
+from analysis.mismatch.recordings.fit import fit
+from analysis.mismatch.recordings.linear_rig import problem_of
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, prepare
 from analysis.mismatch.recordings.tones import loudest_tone
 from mesotap.configuration.rig_files import parse_rig

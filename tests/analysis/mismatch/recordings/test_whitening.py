@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from analysis.mismatch.recordings.fit import problem_of
 from analysis.mismatch.recordings.judge import BlockJudge
+from analysis.mismatch.recordings.linear_rig import problem_of
 from analysis.mismatch.recordings.noise import AUTOREGRESSION, Whitening
 from analysis.mismatch.recordings.recorded import prepare
 from mesotap.commands.diagnose import known_mechanisms

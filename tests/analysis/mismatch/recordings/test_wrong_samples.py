@@ -12,8 +12,9 @@ from scipy.linalg import expm
 
 from analysis.mismatch.answer import Answer
 from analysis.mismatch.diagnosis import diagnose_recordings
-from analysis.mismatch.recordings.fit import SimulatedFit, linear_fit, problem_of
+from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.held_out import _as_many_normal
+from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.outliers import Outlier, by_themselves, put_right_before_thinning
 from analysis.mismatch.recordings.recorded import WrongSample, prepare
 from analysis.mismatch.recordings.wrong_samples import _taken_out, set_aside, without_wrong_samples

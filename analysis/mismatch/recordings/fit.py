@@ -294,7 +294,8 @@ def fit(
     point = Point(np.clip(simulation.begin(), model.low, model.high), tuple(own))
     most, looked_at = (FINE_STEPS, 1.0) if fine else (ROUGH_STEPS, problem.looked_at)
     stages = [s for s in STAGES if staged and s < looked_at]
-    most_early = math.inf if begin is None or len(terms) <= len(begin.terms) else _left_early(problem, begin)
+    beside = begin if stages and begin is not None and len(terms) > len(begin.terms) else None
+    most_early = math.inf if beside is None else _left_early(problem, beside)
     lost = False
     for part in (*stages, looked_at):
         if lost and part < looked_at:

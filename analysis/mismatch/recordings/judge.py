@@ -39,7 +39,15 @@ from analysis.mismatch.recordings.linear_rig import linear_fit
 from analysis.mismatch.recordings.made_ready import made_ready
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
 from analysis.mismatch.recordings.otherwise import Described, explained_otherwise
-from analysis.mismatch.recordings.ranking import Ranking, from_starts, simplest, to_beat, with_time, within_reach
+from analysis.mismatch.recordings.ranking import (
+    Ranking,
+    from_starts,
+    no_further,
+    simplest,
+    to_beat,
+    with_time,
+    within_reach,
+)
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.reweighing import exchanged, weighed_together, without_idle_ones
 from analysis.mismatch.recordings.sharper import sharper
@@ -176,8 +184,7 @@ class BlockJudge(Judge[SimulatedFit]):
             most = to_beat(nearest, begun)
             patient = self._fitted_to_the_end(scores[0].term.mechanism, begun)
             fitted_from = partial(self._joined_once, begun, to_beat=math.inf if patient else most)
-            # once all is explained, no further start where one has led nowhere
-            fits.append(from_starts(scores, fitted_from, most if nearest.as_noise else math.inf))
+            fits.append(from_starts(scores, fitted_from, no_further(nearest, begun, scores[0].term.mechanism)))
             nearest = min(nearest, fits[-1][1], key=lambda f: f.objective)
         fits = begun_from_another(self.problem, begun, fits)
         if not begun.terms:

@@ -11,7 +11,7 @@ import numpy as np
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import SelectionPolicy
-from analysis.mismatch.recordings.fit import SimulatedFit
+from analysis.mismatch.recordings.fit import FOLLOWED, SimulatedFit
 from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate
 from sim_backend.learned.forms import FORM
@@ -117,6 +117,18 @@ def to_beat(nearest: SimulatedFit, begun: SimulatedFit) -> float:
     if nearest.terms == begun.terms:
         return math.inf
     return (EXPLAINED if begun.terms and nearest.little_predicted else HOPELESS) * nearest.objective
+
+
+def no_further(nearest: SimulatedFit, begun: SimulatedFit, mechanism: Mechanism) -> float:
+    """Return the objective of a mechanism's first fit beyond which it is fitted from no other start.
+
+    Where all is explained, that is out of reach of what explains it. Where much is missed, what explains next to
+    nothing of it; not of an added body, whose resonance may be another one.
+    """
+    if nearest.as_noise:
+        return to_beat(nearest, begun)
+    compared = not begun.as_noise and begun.problem.looked_at >= 1.0 and not isinstance(mechanism, AddedBody)
+    return FOLLOWED * begun.objective if compared else math.inf
 
 
 def within_reach(candidates: Sequence[Candidate[SimulatedFit]], policy: SelectionPolicy) -> list[int]:

@@ -63,7 +63,8 @@ class Simulation:
         self.arrangement = extended(rig.arrangement, terms)
         self.n = len(self.arrangement.bodies)
         self._shaken = shaken(rig.arrangement, terms)
-        self.constants = {**self.arrangement.declared(), **constants}
+        own = rig.arrangement.declared()  # those of added bodies are as the terms say
+        self.constants = self.arrangement.declared() | {name: constants.get(name, v) for name, v in own.items()}
         self.lines, self.memories = lines_of(terms), memories(terms, any(r.free for r in recordings))
         self.struck = next((t.place[0] for t in terms if isinstance(t.mechanism, SecondImpact)), None)
         self.substeps = [self._substeps(r) for r in self.recordings]
@@ -182,10 +183,8 @@ class Simulation:
         read = Read.of(self, places, recorded.rate_hz)
         if not read.runs.size:
             return out
-        moved, distorted = (
-            self.motions(read, number, at, whole),
-            any(isinstance(t.mechanism, ChannelDistortion) for t in self.terms),
-        )
+        moved = self.motions(read, number, at, whole)
+        distorted = any(isinstance(t.mechanism, ChannelDistortion) for t in self.terms)
         if recorded.free and distorted:  # some remember
             shown = np.empty((read.runs.size, *out.shape[1:]))
             for i, one in enumerate(read.one_by_one):

@@ -46,11 +46,13 @@ class LearnedEarly:
     begun: State[Any] | None = None
     first: tuple[Candidate[Any], ...] = ()
 
-    def __call__(self, selection: Selection[Any]) -> Selection[Any] | None:
-        """Return the selection of the law; None where it leaves something."""
-        learner, self.problem = _learner(selection), selection.problem
+    def __call__(self, selection: Selection[Any], to_beat: Any = None) -> Selection[Any] | None:
+        """Return the selection of the law; None where it leaves something, or comes nowhere near a fit ``to_beat``."""
+        learner, self.problem = _learner(selection, to_beat), selection.problem
         self.begun = _screened(learner, selection)
         self.first = learner.candidates(self.begun)
+        if to_beat is not None and selection.judge.hopeless(self.first, selection):
+            return None
         single = learner.knowing(learner.known, replace(learner.problem.policy, most_terms=1))
         found = select(single, self.begun, self.first)
         selection.judge.training.budget.spent = 0.0
@@ -66,7 +68,7 @@ def with_one_law(selection: Selection[Any]) -> Selection[Any]:
     at = [e for t in (named.terms if named else ()) if isinstance(t.mechanism, ForceLaw) for e in t.place]
     if len(set(at)) == len(at) or _learned(selection):
         return selection
-    return LearnedEarly()(selection) or selection
+    return LearnedEarly()(selection, to_beat=named) or selection
 
 
 def with_learned(selection: Selection[Any], early: LearnedEarly | None = None) -> Selection[Any]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 from scipy.stats import t as student
@@ -39,15 +38,8 @@ from analysis.mismatch.recordings.linear_rig import linear_fit
 from analysis.mismatch.recordings.made_ready import made_ready
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
 from analysis.mismatch.recordings.otherwise import Described, explained_otherwise
-from analysis.mismatch.recordings.ranking import (
-    Ranking,
-    from_starts,
-    no_further,
-    simplest,
-    to_beat,
-    with_time,
-    within_reach,
-)
+from analysis.mismatch.recordings.racing import Race, told_in_any_case, within_reach
+from analysis.mismatch.recordings.ranking import Ranking, simplest, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.reweighing import exchanged, weighed_together, without_idle_ones
 from analysis.mismatch.recordings.sharper import sharper
@@ -55,7 +47,7 @@ from analysis.mismatch.recordings.start_check import worse_than_zero
 from analysis.mismatch.recordings.steady import SteadyFit, Sweep, fit_again, fit_sweeps
 from analysis.mismatch.recordings.wrong_samples import without_wrong_samples
 from analysis.mismatch.score_test import Score, Screening, screen
-from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, name_of, started
+from analysis.mismatch.selection import Candidate, Judge, LeftOver, Selection, SelectionStep, State, started
 from sim_backend.learned.forms import FORM
 from sim_backend.mechanisms.kinds import AddedBody, Mechanism, SecondImpact
 
@@ -70,6 +62,8 @@ class BlockJudge(Judge[SimulatedFit]):
     ----------
     sweeps
         Steady responses of the same rig, amplitude without time; ``steady`` is the linear rig's fit to them.
+    rival
+        A fit that candidates have to reach to matter.
     """
 
     problem: SimulatedRecordings
@@ -77,6 +71,7 @@ class BlockJudge(Judge[SimulatedFit]):
     on_progress: OnProgress = silent
     sweeps: tuple[Sweep, ...] = ()
     steady: SteadyFit | None = None
+    rival: SimulatedFit | None = None
     screened: dict[tuple[int, int], tuple[SimulatedFit, Screening]] = field(default_factory=dict, compare=False)
     described: dict[int, tuple[SimulatedFit, Described]] = field(default_factory=dict, compare=False)
     finals: FinalFits = field(default_factory=FinalFits, compare=False)
@@ -106,7 +101,7 @@ class BlockJudge(Judge[SimulatedFit]):
         self, known: Sequence[Mechanism], policy: SelectionPolicy, to_beat: SimulatedFit | None = None
     ) -> BlockJudge:
         """Return a judge of the same blocks that knows other mechanisms and has other thresholds."""
-        return replace(self, known=known, screened={}, problem=replace(self.problem, policy=policy))
+        return replace(self, known=known, screened={}, problem=replace(self.problem, policy=policy), rival=to_beat)
 
     def gained(self, before: SimulatedFit, after: SimulatedFit, parameters: int) -> float:
         """Return the evidence of a fit with so many parameters more than the one before."""
@@ -178,19 +173,13 @@ class BlockJudge(Judge[SimulatedFit]):
         begun, nearest = likelier_rig(self.problem, state.current, self.screen, self._joined_once)
         ranking = self._ranking(begun, state.screening if begun is state.current else self.screen(begun))
         # far from the truth a score test says little of size and sign: what is small in it may be large in full
-        fits: list[tuple[Score, SimulatedFit]] = []
-        for scores in ranking.scores[: ranking.finalists]:
-            self.on_progress(f"fitting {name_of(scores[0].term.mechanism)}")
-            most = to_beat(nearest, begun)
-            patient = self._fitted_to_the_end(scores[0].term.mechanism, begun)
-            fitted_from = partial(self._joined_once, begun, to_beat=math.inf if patient else most)
-            fits.append(from_starts(scores, fitted_from, no_further(nearest, begun, scores[0].term.mechanism)))
-            nearest = min(nearest, fits[-1][1], key=lambda f: f.objective)
+        race = Race(self.problem, begun, self.rival)
+        fits = race.run(ranking, nearest, self._joined_once, self.on_progress)
         fits = begun_from_another(self.problem, begun, fits)
         if not begun.terms:
             fits = begun_from_equal_rigs(self.problem, begun, fits, self.screen)
         found = weighed_together(state.current, fits)
-        in_time = [i for i, c in enumerate(found) if self._told_in_any_case(c.mechanism)]
+        in_time = [i for i, c in enumerate(found) if told_in_any_case(self.problem, c.mechanism)]
         finer = {*within_reach(found, policy), *in_time[:1]}
         rough = [(c.score, c.fit) for c in found if c.fit is not None]
         fits = [(score, self._polished(f) if i in finer else f) for i, (score, f) in enumerate(rough)]
@@ -210,14 +199,6 @@ class BlockJudge(Judge[SimulatedFit]):
         known = self._further(current) if current.terms else self.known
         plain = screen(replace(self.problem, plain=True), current, known, ranks=True)
         return Ranking.of(plain.scores, policy, promising).and_then(ranking, policy.finalists_by_blocks)
-
-    def _fitted_to_the_end(self, mechanism: Mechanism, begun: SimulatedFit) -> bool:
-        """Whether a fit is not given up where it comes slowly nearer: a first added body may pass a long valley."""
-        return (isinstance(mechanism, AddedBody) and not begun.terms) or self._told_in_any_case(mechanism)
-
-    def _told_in_any_case(self, mechanism: Mechanism) -> bool:
-        """Whether a mechanism goes with time where time and amplitude are confounded: its full fit is compared."""
-        return self.problem.one_decay and with_time(mechanism)
 
     def _joined_once(self, current: SimulatedFit, score: Score, to_beat: float = math.inf) -> SimulatedFit:
         def joined() -> SimulatedFit:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import SelectionPolicy
-from analysis.mismatch.recordings.fit import FOLLOWED, SimulatedFit
+from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate
 from sim_backend.learned.forms import FORM
@@ -21,8 +21,6 @@ VARIANTS = 3  # of a mechanism in a place, with other values of what is no param
 TELLS = 6000  # samples of a channel that tell candidates apart; of 20,000 of a chain of four bodies
 HOLDS = 0.7  # of what its length would hold of all that the linear rig misses, that a first part holds at least
 PARTS = 20  # lengths that are tried
-HOPELESS = 4.0  # times the best objective so far, from which a competing fit is given up
-EXPLAINED = 1.5  # the same, beside what was named before, where the best leaves noise alone (rig of decision 184)
 APART = 0.2  # of the logarithms of resonances of an added body that are fitted both
 BENT_APART = 0.5  # of the logarithms of a law's parameters beside its strength, the same
 
@@ -82,69 +80,6 @@ class Ranking:
         for scores in (*in_turn, *a[self.finalists :], *b[other.finalists :]):
             found.setdefault(scores[0].term.key, scores)
         return Ranking(tuple(found.values()), min(len({scores[0].term.key for scores in in_turn}), most))
-
-
-def weight_of(fitted: SimulatedFit) -> float:
-    """Return what a fit's error counts for: more where it takes a parameter at the end of what is admissible."""
-    return fitted.problem.policy.in_time if fitted.pinned() else 1.0
-
-
-def from_starts(
-    scores: Sequence[Score], fitted_from: Callable[[Score], SimulatedFit], hopeless: float
-) -> tuple[Score, SimulatedFit]:
-    """Fit a mechanism from its starts and return the best fit, with where it began.
-
-    An added body is fitted from all of them. Another mechanism begins anew where what is no parameter has another
-    value, or where all its fits ended at a bound.
-
-    Parameters
-    ----------
-    hopeless
-        Objective of the first fit beyond which there is no other.
-    """
-    found: list[tuple[Score, SimulatedFit]] = []
-    for score in scores:
-        if found and found[0][1].objective > hopeless:
-            break
-        alike = [f for s, f in found if s.term.fixed == score.term.fixed]
-        if isinstance(score.term.mechanism, AddedBody) or all(f.pinned() for f in alike):
-            found.append((score, fitted_from(score)))
-    return min(found, key=lambda pair: weight_of(pair[1]) * pair[1].scatter)
-
-
-def to_beat(nearest: SimulatedFit, begun: SimulatedFit) -> float:
-    """Return the objective that further fits beside one have to reach, where the nearest of them so far is known."""
-    if nearest.terms == begun.terms:
-        return math.inf
-    return (EXPLAINED if begun.terms and nearest.little_predicted else HOPELESS) * nearest.objective
-
-
-def no_further(nearest: SimulatedFit, begun: SimulatedFit, mechanism: Mechanism) -> float:
-    """Return the objective of a mechanism's first fit beyond which it is fitted from no other start.
-
-    Where all is explained, that is out of reach of what explains it. Where much is missed, what explains next to
-    nothing of it; not of an added body, whose resonance may be another one.
-    """
-    if nearest.as_noise:
-        return to_beat(nearest, begun)
-    compared = not begun.as_noise and begun.problem.looked_at >= 1.0 and not isinstance(mechanism, AddedBody)
-    return FOLLOWED * begun.objective if compared else math.inf
-
-
-def within_reach(candidates: Sequence[Candidate[SimulatedFit]], policy: SelectionPolicy) -> list[int]:
-    """Return which of fitted candidates, the best first, are fitted until they have converged: the best few in reach.
-
-    Out of reach is what leaves many times as much as another one, and what has but a share of the evidence of one that
-    leaves no more than noise.
-    """
-    fits = [(c.evidence, c.fit) for c in candidates if c.fit is not None]
-    if not fits:
-        return []
-    most = HOPELESS * min(fitted.scatter for _, fitted in fits)
-    evidence, best = fits[0]
-    least = policy.hopeful * max(evidence, 0.0) if best.as_noise else -math.inf
-    few = enumerate(fits[: policy.polished])
-    return [i for i, (told, fitted) in few if fitted.scatter < most and (i == 0 or told >= least)]
 
 
 def simplest(candidates: Sequence[Candidate[SimulatedFit]], share: float) -> Candidate[SimulatedFit]:

@@ -8,7 +8,8 @@ from dataclasses import replace
 from analysis.mismatch.recordings.blocks import likelihood_ratio, of_least_noise
 from analysis.mismatch.recordings.costs import cost_of
 from analysis.mismatch.recordings.fit import SimulatedFit, fit
-from analysis.mismatch.recordings.ranking import weight_of, with_time
+from analysis.mismatch.recordings.racing import weight_of
+from analysis.mismatch.recordings.ranking import with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate, SelectionStep

@@ -7,16 +7,8 @@ from typing import Any, cast
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import POLICY
 from analysis.mismatch.recordings.fit import SimulatedFit
-from analysis.mismatch.recordings.ranking import (
-    BENT_APART,
-    EXPLAINED,
-    HOPELESS,
-    VARIANTS,
-    Ranking,
-    from_starts,
-    to_beat,
-    within_reach,
-)
+from analysis.mismatch.recordings.racing import EXPLAINED, HOPELESS, from_starts, to_beat, within_reach
+from analysis.mismatch.recordings.ranking import BENT_APART, VARIANTS, Ranking
 from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate
 from sim_backend.mechanisms.catalogue import catalogue, family, variants

@@ -279,7 +279,8 @@ def fit(
         A fit to start from: its constants and states.
     staged
         Follow free decays from their beginning on before all of them is fitted: for a start whose frequencies are not
-        yet known to within a cycle. Not to the end where mechanisms explain next to nothing of the beginning.
+        yet known to within a cycle. Not to the end where mechanisms explain next to nothing of the beginning, or leave
+        more of it than is ``to_beat``.
     fine
         Go on until it has converged, on all there is, and compute its covariance; not only until rivals can be ranked.
     to_beat
@@ -309,7 +310,8 @@ def fit(
         while fine and model.prior and found.mean_square < OUTDATED * model.noise:  # what priors are weighed by
             model.noise = found.mean_square
             found, _ = minimise(model, model.evaluate(found.point), stopping, problem.policy.race())
-        point, lost = found.point, part == TELLING and found.mean_square > FOLLOWED * most_early
+        little = part == TELLING and found.mean_square > FOLLOWED * most_early
+        point, lost = found.point, little or found.objective > to_beat  # all of it leaves no less than a part
     return _finished(problem, model, found, fine)
 
 

@@ -66,11 +66,11 @@ class Race:
         for scores in ranking.scores[: ranking.finalists]:
             mechanism = scores[0].term.mechanism
             on_progress(f"fitting {name_of(mechanism)}")
+            reach = math.inf if self.rival is None else in_reach(self.rival)
             most = math.inf if self._patient(mechanism) else to_beat(nearest, self.begun)
-            if self.rival is not None:
-                most = min(most, in_reach(self.rival))
-            fitted_from = partial(joined, self.begun, to_beat=most)
-            fits.append(from_starts(scores, fitted_from, no_further(nearest, self.begun, mechanism)))
+            fitted_from = partial(joined, self.begun, to_beat=min(most, reach))
+            further = no_further(nearest, self.begun, mechanism)
+            fits.append(from_starts(scores, fitted_from, min(further, reach)))
             nearest = min(nearest, fits[-1][1], key=lambda f: f.objective)
         return fits
 

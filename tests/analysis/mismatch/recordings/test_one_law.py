@@ -20,7 +20,7 @@ def naming(*laws: tuple[str, int]) -> Any:
 def test_one_law_is_learned_where_several_are_named_in_one_element_alone(
     learned: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(LearnedEarly, "__call__", lambda self, selection: learned)
+    monkeypatch.setattr(LearnedEarly, "__call__", lambda self, selection, to_beat: learned)
     in_one = naming(("quadratic_damping", 1), ("guide_friction", 1))
     assert with_one_law(in_one) == (learned or in_one)
     for apart in (naming(("quadratic_damping", 1), ("guide_friction", 2)), naming(("quadratic_damping", 1))):

@@ -193,7 +193,8 @@ def _blocks(fitted: SimulatedFit, number: int, whitened: _Whitened, spread: Real
             if at.size < FEWEST or not noise > 0:
                 continue
             if len(drawn):
-                ratio, p_value = _among(drawn[:, channel], error, used, at)
+                share = whitened.weights[channel] / np.count_nonzero(used)
+                ratio, p_value = _among(drawn[:, channel], error, used, at, share)
             else:
                 ratio = float(np.sum(error[at] ** 2) / np.sum(1 + leverage[at])) / noise
                 p_value = float(f_distribution.sf(ratio, at.size * told, freedom * told))
@@ -212,11 +213,19 @@ def _as_many_normal(noise: Real) -> float:
     return 2 / (max(kurtosis - BY_CHANCE * math.sqrt(24 / noise.size), 3.0) - 1)
 
 
-def _among(drawn: Real, error: Real, used: NDArray[np.bool_], at: NDArray[np.intp]) -> tuple[float, float]:
+def _among(
+    drawn: Real, error: Real, used: NDArray[np.bool_], at: NDArray[np.intp], fitted: float
+) -> tuple[float, float]:
     """Return how the mean square of a block compares with that of what was fitted, among draws (draws, n) of noise.
 
     Noise of an input makes more where the motion is sensitive to it: its mean square there scatters as that of fewer
     samples.
+
+    Parameters
+    ----------
+    fitted
+        Weights of the whitening over samples that they were fitted to: by so much they make these errors smaller, which
+        they do not the draws, and others larger.
 
     Returns
     -------
@@ -224,7 +233,8 @@ def _among(drawn: Real, error: Real, used: NDArray[np.bool_], at: NDArray[np.int
         The ratio over the draws' mean, and its p-value.
     """
     shares = np.sum(drawn[:, at] ** 2, axis=1) / np.sum(drawn[:, used] ** 2, axis=1)
-    ratio = float(np.sum(error[at] ** 2) / np.sum(error[used] ** 2) / np.mean(shares))
+    larger = (1 + fitted) / (1 - fitted)
+    ratio = float(np.sum(error[at] ** 2) / np.sum(error[used] ** 2) / np.mean(shares)) / larger
     freedom = min(2 * float(np.mean(shares) ** 2 / np.var(shares, ddof=1)), float(at.size))
     return ratio, float(chi2.sf(ratio * freedom, freedom))
 

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from scipy.stats import kstest
 
 from analysis.mismatch.recordings.fit import SimulatedRecordings, fit
-from analysis.mismatch.recordings.held_out import HeldOutErrors, beyond_noise, held_out_errors
+from analysis.mismatch.recordings.held_out import HeldOutErrors, _among, beyond_noise, held_out_errors
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT, prepare
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
@@ -88,3 +88,22 @@ def test_channels_of_different_units_are_told_apart() -> None:
     found = errors_of(3, 0.01, jump=0.05, at=380)
     assert found.ratio(1) > 1.2
     assert errors_of(3, 0.01).ratio(0) == pytest.approx(1.0, abs=0.15)
+
+
+def test_p_values_among_draws_count_the_weights_of_the_whitening() -> None:
+    """An autoregression fitted to what is compared makes it smaller there, and larger in what is held out."""
+    random, size, order, length = np.random.default_rng(185), 1200, 40, 120
+    used = np.arange(size) < size - length
+    at = np.flatnonzero(~used)
+    counted, alone = [], []
+    for _ in range(250):
+        noise = random.standard_normal(size + order)
+        lags = np.column_stack([noise[order - k : order - k + size] for k in range(1, order + 1)])
+        rows = noise[order:]
+        weights = np.linalg.lstsq(lags[used], rows[used], rcond=None)[0]
+        drawn = random.standard_normal((80, size))
+        error = rows - lags @ weights
+        counted.append(_among(drawn, error, used, at, order / np.count_nonzero(used))[1])
+        alone.append(_among(drawn, error, used, at, 0.0)[1])
+    assert kstest(counted, "uniform").pvalue > 0.05
+    assert kstest(alone, "uniform").pvalue < 0.01  # the test can fail

@@ -110,7 +110,7 @@ def _final(begun: SimulatedFit) -> SimulatedFit:
 
 
 @dataclass(frozen=True, slots=True)
-class _Whitened:
+class WhitenedErrors:
     """Errors of a recording (c, n), and what a unit of each number of the fit changes in them, (k, c, n).
 
     ``weights`` counts (c,) the weights of the whitening, which are fitted to the errors, too; ``drawn`` (draws, c, n)
@@ -135,7 +135,7 @@ def held_out_errors(fitted: SimulatedFit) -> HeldOutErrors:
 
     Before what is fitted begins the rig's state is not known: errors there are no part of it.
     """
-    whitened = [_whitened(fitted, number) for number in range(len(fitted.own))]
+    whitened = [whitened_errors(fitted, number) for number in range(len(fitted.own))]
     size = fitted.x.size + sum(o.size for o in fitted.own)
     normal, pulled = np.zeros((size, size)), np.zeros((size, len(whitened[0].drawn)))
     for w in whitened:
@@ -154,11 +154,12 @@ def held_out_errors(fitted: SimulatedFit) -> HeldOutErrors:
     return HeldOutErrors(tuple(found))
 
 
-def _whitened(fitted: SimulatedFit, number: int) -> _Whitened:
+def whitened_errors(fitted: SimulatedFit, number: int, as_left_by: SimulatedFit | None = None) -> WhitenedErrors:
+    """Return the errors of a recording, whitened as what the fit leaves asks, or as another one does."""
     simulation, own, recorded = fitted.simulation, fitted.own[number], fitted.problem.recordings[number]
     off, at = residual(simulation, fitted.x, own, number, samples=recorded.samples)
     part = recorded.part[at]
-    noise, near = fitted.noise(number), nearby(simulation, fitted.x, own, number, recorded.samples)
+    noise, near = (as_left_by or fitted).noise(number), nearby(simulation, fitted.x, own, number, recorded.samples)
 
     def changed(places: Sequence[Place]) -> Real:
         made, _ = residuals(near, places, number, samples=recorded.samples)
@@ -174,10 +175,12 @@ def _whitened(fitted: SimulatedFit, number: int) -> _Whitened:
     drawn = noise_drawn(fitted, number, off.shape[1]) if counted else np.zeros((0, *off.shape))
     beside = beside_jumps(near)
     told = np.where(beside, 0.0, off) if beside.size else off
-    return _Whitened(noise.white(told), columns, where, part, recorded.block[at], weights, drawn)
+    return WhitenedErrors(noise.white(told), columns, where, part, recorded.block[at], weights, drawn)
 
 
-def _blocks(fitted: SimulatedFit, number: int, whitened: _Whitened, spread: Real, drawn: Real) -> list[HeldOutBlock]:
+def _blocks(
+    fitted: SimulatedFit, number: int, whitened: WhitenedErrors, spread: Real, drawn: Real
+) -> list[HeldOutBlock]:
     """Return the held-out blocks of a recording, by channel; ``drawn`` is what a fit leaves of draws of the noise."""
     recorded, found = fitted.problem.recordings[number], []
     first = recorded.start_s + recorded.fitted.start / recorded.rate_hz

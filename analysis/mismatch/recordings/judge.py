@@ -27,7 +27,7 @@ from analysis.mismatch.recordings.blocks import (
     ratio_in,
     share_by_scores,
 )
-from analysis.mismatch.recordings.costs import lead_of, rings_at_a_harmonic
+from analysis.mismatch.recordings.costs import cost_of, lead_of, rings_at_a_harmonic
 from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, SimulatedRecordings, fit
 from analysis.mismatch.recordings.fitted_once import FittedOnce
 from analysis.mismatch.recordings.foot_or_mount import begun_from_another
@@ -38,6 +38,7 @@ from analysis.mismatch.recordings.linear_rig import linear_fit
 from analysis.mismatch.recordings.made_ready import made_ready
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
 from analysis.mismatch.recordings.otherwise import Described, explained_otherwise
+from analysis.mismatch.recordings.profiled import gain_beside_draws
 from analysis.mismatch.recordings.racing import Race, told_in_any_case, within_reach
 from analysis.mismatch.recordings.ranking import Ranking, simplest, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
@@ -256,7 +257,7 @@ class BlockJudge(Judge[SimulatedFit]):
         policy, before, after = self.problem.policy, state.current.by_block(CHOOSE), candidate.losses
         base = state.steps[0].before.by_block(CHOOSE) if state.steps else before
         gained, missed = mean_of(before) - mean_of(after), mean_of(base) - mean_of(after)
-        if candidate.fit is None:
+        if candidate.fit is None or not self._beyond_noise_of_inputs(state.current, candidate.fit):
             return False
         chosen = ratio_in(CHOOSE, state.current, candidate.fit, candidate.fit)
         sure = policy.certain_by_blocks
@@ -269,6 +270,13 @@ class BlockJudge(Judge[SimulatedFit]):
         change = np.log(np.array(before) / np.array(after))
         spread = max(float(np.std(change, ddof=1)) / math.sqrt(change.size), 1e-300)
         return chosen > sure or float(student.sf(float(np.mean(change)) / spread, change.size - 1)) < policy.chance
+
+    def _beyond_noise_of_inputs(self, current: SimulatedFit, fitted: SimulatedFit) -> bool:
+        """Whether a mechanism is certain beside what inputs' noise makes, where hardly anything else is missed."""
+        policy = self.problem.policy
+        if not self.problem.draws(current) or not current.as_noise:
+            return True
+        return gain_beside_draws(current, fitted) - cost_of(fitted, fitted.terms[-1]) > policy.certain_by_blocks
 
     def _further(self, beside: SimulatedFit) -> list[Mechanism]:
         """Return what may be at work beside a fit: one second impact, and of one decay nothing that goes with time."""

@@ -39,7 +39,7 @@ def test_what_another_mechanism_explains_beside_it_speaks_against_none(
     monkeypatch.setattr(BlockJudge, "screen", lambda *_: screening(gain))
     before, fitted = (SimpleNamespace(by_block=lambda part: (35.5, 1.6), as_noise=True, terms=()) for _ in range(2))
     fitted.simulation = SimpleNamespace(struck=None)
-    judge: Any = BlockJudge(SimpleNamespace(policy=POLICY, one_decay=False), ())  # type: ignore[arg-type]
+    judge: Any = BlockJudge(SimpleNamespace(policy=POLICY, one_decay=False, draws=lambda fitted: 0), ())  # type: ignore[arg-type]
     score: Any = SimpleNamespace(term=None)
     candidate: Any = Candidate(score, fitted, EVIDENCE, losses=(36.0, 1.6))  # type: ignore[type-var]
     state: Any = State(before, screening(EVIDENCE))  # type: ignore[type-var]

@@ -136,15 +136,7 @@ def held_out_errors(fitted: SimulatedFit) -> HeldOutErrors:
     Before what is fitted begins the rig's state is not known: errors there are no part of it.
     """
     whitened = [whitened_errors(fitted, number) for number in range(len(fitted.own))]
-    size = fitted.x.size + sum(o.size for o in fitted.own)
-    normal, pulled = np.zeros((size, size)), np.zeros((size, len(whitened[0].drawn)))
-    for w in whitened:
-        columns = w.flat(fitted.parts)
-        normal[np.ix_(w.where, w.where)] += columns @ columns.T
-        drawn = w.drawn[:, :, np.isin(w.part, fitted.parts)]
-        pulled[w.where] += columns @ drawn.reshape(len(drawn), columns.shape[1]).T
-    for k, p in enumerate(fitted.simulation.parameters):
-        normal[k, k] += 0.0 if p.prior is None else 1 / p.prior[1] ** 2
+    normal, pulled = normal_equations(fitted, whitened, fitted.parts)
     spread = covariance(normal)
     moved = spread @ pulled  # what draws of the noise make of the fit's numbers
     found: list[HeldOutBlock] = []
@@ -176,6 +168,24 @@ def whitened_errors(fitted: SimulatedFit, number: int, as_left_by: SimulatedFit 
     beside = beside_jumps(near)
     told = np.where(beside, 0.0, off) if beside.size else off
     return WhitenedErrors(noise.white(told), columns, where, part, recorded.block[at], weights, drawn)
+
+
+def normal_equations(
+    fitted: SimulatedFit, whitened: Sequence[WhitenedErrors], parts: Sequence[int]
+) -> tuple[Real, Real]:
+    """Return (k, k) inner products of the slopes at the samples of these parts, and (k, draws) those with draws.
+
+    The numbers are all the fit's, in the order of ``where``; what is declared of them counts.
+    """
+    size = fitted.x.size + sum(o.size for o in fitted.own)
+    normal, pulled = np.zeros((size, size)), np.zeros((size, len(whitened[0].drawn)))
+    for w in whitened:
+        columns, drawn = w.flat(parts), w.drawn[:, :, np.isin(w.part, parts)]
+        normal[np.ix_(w.where, w.where)] += columns @ columns.T
+        pulled[w.where] += columns @ drawn.reshape(len(drawn), columns.shape[1]).T
+    for k, p in enumerate(fitted.simulation.parameters):
+        normal[k, k] += 0.0 if p.prior is None else 1 / p.prior[1] ** 2
+    return normal, pulled
 
 
 def _blocks(

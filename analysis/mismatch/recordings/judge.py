@@ -32,13 +32,13 @@ from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, Simulate
 from analysis.mismatch.recordings.fitted_once import FittedOnce
 from analysis.mismatch.recordings.foot_or_mount import begun_from_another
 from analysis.mismatch.recordings.free_force import free_share
+from analysis.mismatch.recordings.gain_beside_draws import gain_beside_draws
 from analysis.mismatch.recordings.held_out import FinalFits
 from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.linear_rig import linear_fit
 from analysis.mismatch.recordings.made_ready import made_ready
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
 from analysis.mismatch.recordings.otherwise import Described, explained_otherwise
-from analysis.mismatch.recordings.profiled import gain_beside_draws
 from analysis.mismatch.recordings.racing import Race, told_in_any_case, within_reach
 from analysis.mismatch.recordings.ranking import Ranking, simplest, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE

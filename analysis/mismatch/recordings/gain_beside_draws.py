@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from analysis.mismatch.linearised import covariance
 from analysis.mismatch.recordings.fit import SimulatedFit
-from analysis.mismatch.recordings.held_out import whitened_errors
+from analysis.mismatch.recordings.held_out import normal_equations, whitened_errors
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from sim_backend.arrays import Real
+
+USED = (FIT, CHOOSE)  # all that is not held out
 
 
 def gain_beside_draws(before: SimulatedFit, after: SimulatedFit) -> float:
@@ -53,20 +55,14 @@ class _Whitened(NamedTuple):
     @classmethod
     def of(cls, fitted: SimulatedFit, noise: SimulatedFit) -> _Whitened:
         """Follow a fit, whitened as what another one leaves."""
-        size, samples, left = fitted.x.size + sum(o.size for o in fitted.own), 0, fitted.penalty
-        normal, slope, pulled = np.zeros((size, size)), np.zeros(size), np.zeros((size, 0))
-        for number in range(len(fitted.own)):
-            errors = whitened_errors(fitted, number, noise)
-            used, columns = np.isin(errors.part, (FIT, CHOOSE)), errors.flat((FIT, CHOOSE))
-            rows, drawn = errors.error[:, used].ravel(), errors.drawn[:, :, used]
-            pulled = pulled if pulled.size else np.zeros((size, len(drawn)))
-            normal[np.ix_(errors.where, errors.where)] += columns @ columns.T
-            slope[errors.where] += columns @ rows
-            pulled[errors.where] += columns @ drawn.reshape(len(drawn), columns.shape[1]).T
+        whitened = [whitened_errors(fitted, number, noise) for number in range(len(fitted.own))]
+        normal, pulled = normal_equations(fitted, whitened, USED)
+        slope, samples, left = np.zeros(len(normal)), 0, fitted.penalty
+        for errors in whitened:
+            rows = errors.error[:, np.isin(errors.part, USED)].ravel()
+            slope[errors.where] += errors.flat(USED) @ rows
             left, samples = left + float(rows @ rows), samples + rows.size
         for k, p in enumerate(fitted.simulation.parameters):
-            if p.prior is not None:
-                mean, error = p.prior
-                normal[k, k] += 1 / error**2
-                slope[k] += (fitted.x[k] - mean) / error**2
-        return cls(left - float(slope @ covariance(normal) @ slope), max(samples - size, 1), normal, pulled)
+            slope[k] += 0.0 if p.prior is None else (fitted.x[k] - p.prior[0]) / p.prior[1] ** 2
+        least = left - float(slope @ covariance(normal) @ slope)
+        return cls(least, max(samples - len(normal), 1), normal, pulled)

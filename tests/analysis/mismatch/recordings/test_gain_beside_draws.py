@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.blocks import likelihood_ratio
 from analysis.mismatch.recordings.fit import fit
+from analysis.mismatch.recordings.gain_beside_draws import gain_beside_draws
 from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.made_ready import made_ready
-from analysis.mismatch.recordings.profiled import gain_beside_draws
 from analysis.mismatch.recordings.recorded import prepare
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig

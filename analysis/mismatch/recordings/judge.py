@@ -39,7 +39,7 @@ from analysis.mismatch.recordings.linear_rig import linear_fit
 from analysis.mismatch.recordings.made_ready import made_ready
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
 from analysis.mismatch.recordings.otherwise import Described, explained_otherwise
-from analysis.mismatch.recordings.racing import Race, told_in_any_case, within_reach
+from analysis.mismatch.recordings.racing import Competition, told_in_any_case, within_reach
 from analysis.mismatch.recordings.ranking import Ranking, simplest, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.reweighing import exchanged, weighed_together, without_idle_ones
@@ -174,8 +174,8 @@ class BlockJudge(Judge[SimulatedFit]):
         begun, nearest = likelier_rig(self.problem, state.current, self.screen, self._joined_once)
         ranking = self._ranking(begun, state.screening if begun is state.current else self.screen(begun))
         # far from the truth a score test says little of size and sign: what is small in it may be large in full
-        race = Race(self.problem, begun, self.rival)
-        fits = race.run(ranking, nearest, self._joined_once, self.on_progress)
+        competition = Competition(self.problem, begun, self.rival)
+        fits = competition.run(ranking, nearest, self._joined_once, self.on_progress)
         fits = begun_from_another(self.problem, begun, fits)
         if not begun.terms:
             fits = begun_from_equal_rigs(self.problem, begun, fits, self.screen)

@@ -51,7 +51,7 @@ def from_starts(
 
 
 @dataclass(frozen=True, slots=True)
-class Race:
+class Competition:
     """Fits of a problem beside one that stands, against the nearest of them and what was named already, if anything."""
 
     problem: SimulatedRecordings

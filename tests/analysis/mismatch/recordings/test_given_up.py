@@ -14,7 +14,7 @@ from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.made_ready import weighed
 from analysis.mismatch.recordings.model import SimulationModel
-from analysis.mismatch.recordings.racing import EXPLAINED, Race
+from analysis.mismatch.recordings.racing import EXPLAINED, Competition
 from analysis.mismatch.recordings.ranking import Ranking
 from analysis.mismatch.recordings.recorded import prepare
 from analysis.mismatch.score_test import Score
@@ -113,7 +113,7 @@ def test_beside_a_rival_no_other_start_is_tried_once_one_is_out_of_its_reach(lin
 
     def race(problem: SimulatedRecordings, rival: SimulatedFit | None) -> None:
         asked.clear()
-        Race(problem, linear, rival).run(ranking, linear, joined, lambda told: None)
+        Competition(problem, linear, rival).run(ranking, linear, joined, lambda told: None)
 
     race(linear.problem, right)
     assert asked == [EXPLAINED * right.objective]

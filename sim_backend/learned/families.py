@@ -14,6 +14,7 @@ import numpy as np
 
 from sim_backend.arrangement import Role
 from sim_backend.learned import laws
+from sim_backend.learned.curves import curve_forms
 from sim_backend.learned.forms import (
     AT_DEFLECTION,
     AT_RATE,
@@ -21,6 +22,7 @@ from sim_backend.learned.forms import (
     FORM,
     IN_DEFLECTION,
     IN_RATE,
+    LEARNED,
     TIME,
     Form,
     Kind,
@@ -126,7 +128,7 @@ def _power_of_approach(place: int) -> Form:
         return [{FORM: float(place), **references(scale), IN_DEFLECTION: n} for n in (1.25, 2.0, 3.0)]
 
     law = LearnedForce(
-        id="learned_static", component="", summary=f"a law learned from recordings: {form.name}", source="learned",
+        id="learned_static", component="", summary=f"a law learned from recordings: {form.name}", source=LEARNED,
         parameters=(exponent,), strength=None, trials=trials, statement=form.statement,
         law=laws.power_of_approach, constants=lambda values, rest: (values[IN_DEFLECTION],), fits=JOINTS,
         preloaded=True,
@@ -243,7 +245,7 @@ def _curved(key: str, name: str, odd: bool) -> Made:
             id="learned_sensor",
             component="sensor chain",
             summary="a bent scale of a channel",
-            source="learned",
+            source=LEARNED,
             parameters=(
                 Quantity(SHARE, "1", -2.0, 2.0, "of the peak, there"),
                 Quantity(IN_SIGNAL, "1", TOUCHING, LARGEST, "exponent of the signal"),
@@ -274,7 +276,7 @@ def _clock(place: int) -> Form:
         id="learned_clock",
         component="sensor chain",
         summary="a channel with a clock of its own",
-        source="learned",
+        source=LEARNED,
         parameters=(Quantity(AHEAD, "1", -1e-2, 1e-2, "by how much its clock is slow"),),
         strength=AHEAD,
         trials=lambda scale: [{FORM: float(place), AHEAD: 1e-7}],
@@ -300,7 +302,7 @@ def _resonance(place: int) -> Form:
         listed,
         id="learned_dynamics",
         summary="one more resonance at a body",
-        source="learned",
+        source=LEARNED,
         trials=lambda scale: [{**values, FORM: float(place)} for values in listed.trials(scale)],
         statement=lambda values, where: f"The {where} carries a resonance that is not described, {text(values)}.",
     )
@@ -354,9 +356,10 @@ _MADE: tuple[Made, ...] = (
     _power_of_approach,
     _growing_friction,
 )  # fmt: skip
-FAMILIES: tuple[Form, ...] = tuple(make(place) for place, make in enumerate(_MADE))
-"""All families, by their number."""
-_ALL = tuple(m for form in FAMILIES for m in form.mechanisms)
+CURVES: Final = curve_forms(len(_MADE))
+FAMILIES: tuple[Form, ...] = (*(make(place) for place, make in enumerate(_MADE)), *CURVES)
+"""All families, by their number; the curves come last."""
+_ALL = tuple(m for form in FAMILIES if form.formula for m in form.mechanisms)
 _AT_ONE_LOAD = tuple(map(at_one_load, _ALL))
 
 
@@ -377,5 +380,5 @@ def form_named(key: str) -> Form:
 
 
 def learned_mechanisms(one_load: bool = False) -> list[Mechanism]:
-    """Return the mechanisms of all families; where there is ``one_load``, none that goes with a power of it."""
+    """Return the mechanisms of all families with a formula; none that goes with a power of the load if ``one_load``."""
     return list(_AT_ONE_LOAD if one_load else _ALL)

@@ -13,6 +13,8 @@ from sim_backend.mechanisms.places import Place
 Kind = Literal["static", "rate", "memory", "time", "load", "sensor", "input", "clock", "dynamics"]
 Symmetry = Literal["odd", "even", "none"]
 
+LEARNED: Final = "learned"
+"""Source of the mechanisms that laws are learned from."""
 FORM: Final = "form"
 """Fixed value that says which family a learned law is of: its number."""
 FORCE, IN_DEFLECTION, IN_RATE, IN_LOAD = "force_n", "deflection_exponent", "rate_exponent", "load_exponent"
@@ -59,6 +61,8 @@ class Form:
         Which parameter is the exponent in deflection, rate or signal.
     mechanism
         Its mechanism where it does not carry the load; ``loaded`` where it does (None: it does not act there).
+    formula
+        Whether ``text`` says it all.
     """
 
     number: int
@@ -71,6 +75,7 @@ class Form:
     exponents: Mapping[str, str] = field(default_factory=dict)
     mechanism: Mechanism | None = None
     loaded: Mechanism | None = None
+    formula: bool = True
 
     @property
     def mechanisms(self) -> list[Mechanism]:
@@ -110,7 +115,7 @@ class Form:
                 id=f"learned_{self.kind}",
                 component="",
                 summary=f"a law learned from recordings: {self.name}",
-                source="learned",
+                source=LEARNED,
                 parameters=(
                     Quantity(FORCE, "N", -1e25, 1e25, "force at the references"),
                     *own,

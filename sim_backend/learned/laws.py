@@ -107,3 +107,32 @@ def of_a_duration(force, d, v, t, p, before, after):  # type: ignore[no-untyped-
     """(w d/D + u v/V) until tau after the tap, where it ends within a tenth of tau; p[4:7] = w, u, tau."""
     here = 0.5 - 0.5 * math.tanh((t / p[SECOND] - 1.0) / 0.05)
     return force + (p[STRENGTH] * d / p[OF_D] + p[FIRST] * v / p[OF_V]) * here
+
+
+@law
+def curve(force, d, v, t, p, before, after):  # type: ignore[no-untyped-def]
+    """A curve of d/D, or of v/V where p[6] is one; times v/V where p[7] is.
+
+    p[4:6] = D, V; p[8] = how many pieces; then where they begin and the last one ends, and of each a, b, q, r of
+    a + b s + q s^2/2 + r s^3/6 at the distance s from its beginning; then value and slope at the end. Beyond, a force
+    is straight and a damping constant.
+    """
+    x = v / p[REST + 1] if p[REST + 2] > 0.0 else d / p[REST]
+    damping, pieces, first = p[REST + 3] > 0.0, int(p[REST + 4]), REST + 5
+    own = first + pieces + 1
+    if x <= p[first]:
+        f = p[own] + (0.0 if damping else p[own + 1] * (x - p[first]))
+    elif x >= p[own - 1]:
+        end = own + 4 * pieces
+        f = p[end] + (0.0 if damping else p[end + 1] * (x - p[own - 1]))
+    else:
+        low, high = 0, pieces
+        while high - low > 1:
+            middle = (low + high) // 2
+            if x < p[first + middle]:
+                high = middle
+            else:
+                low = middle
+        s, i = x - p[first + low], own + 4 * low
+        f = p[i] + s * (p[i + 1] + s * (p[i + 2] / 2.0 + s * p[i + 3] / 6.0))
+    return force + (f * v / p[REST + 1] if damping else f)

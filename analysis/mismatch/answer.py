@@ -99,6 +99,8 @@ class Law:
         Empty where none is as good as the free form.
     valid
         Range of each variable that the recordings cover; beyond, the law is an extrapolation.
+    curve
+        Key of the family in `sim_backend.learned.families` where the law is a curve, whose numbers are the mechanism's.
     """
 
     kind: LawKind
@@ -108,6 +110,7 @@ class Law:
     formulas: tuple[Formula, ...]
     valid: Mapping[str, tuple[float, float]]
     table: LawTable | None
+    curve: str = ""
 
 
 @dataclass(frozen=True, slots=True)

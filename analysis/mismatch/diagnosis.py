@@ -16,10 +16,18 @@ from threadpoolctl import threadpool_limits
 from analysis.mismatch.account import Account, beyond_noise
 from analysis.mismatch.answer import Answer, Named, RecordingFile, Remainder, UpperLimit, Verdict
 from analysis.mismatch.law_reading import law_of
-from analysis.mismatch.learning import LearnedEarly, is_learned, with_last_learned, with_learned, with_one_law
+from analysis.mismatch.learning import (
+    LearnedEarly,
+    is_learned,
+    with_last_learned,
+    with_learned,
+    with_listed,
+    with_one_law,
+)
 from analysis.mismatch.limits import complete_probability, upper_limits
 from analysis.mismatch.problem import OnProgress, silent
 from analysis.mismatch.recordings.account import BlockAccount
+from analysis.mismatch.recordings.along_the_motion import one_law_tells, with_largest_fitted
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.linear_rig import problem_of
@@ -36,12 +44,14 @@ from analysis.mismatch.ring_downs.problem import RingDowns
 from analysis.mismatch.ring_downs.selecting import select_for_impacts
 from analysis.mismatch.ring_downs.sessions import ring_downs
 from analysis.mismatch.rivals import rivals_of
-from analysis.mismatch.selection import Selection
+from analysis.mismatch.selection import Selection, screened_baseline, select
 from analysis.session import AnalysisError
 from daq.exchange import Recording
 from daq.records import Session
-from sim_backend.learned.families import form_named
+from sim_backend.learned.families import form_named, learned_mechanisms
 from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
+
+NEARLY = 1e-3  # of what the linear rig misses: what one law may leave where several listed ones are not sought
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,12 +98,41 @@ def diagnose(
             answer = answer_of(ImpactAccount(selection), recordings)
             return Diagnosis(replace(answer, set_aside=odd), selection)
         judge = BlockJudge.of(problem, known, on_progress, sweeps)
-        found, *others = select_for_recordings(judge)
-        if learn and _described_rightly(BlockAccount(found)):
-            found = _with_learned_of_any(found, others)
+        one = _one_law_that_tells(judge) if learn else None
+        found = _of_all(judge, learn) if one is None else one
         on_progress("comparing with what was held out")
         answer = answer_of(BlockAccount(found), recordings)
         return Diagnosis(replace(answer, set_aside=set_aside(found.best)), found)
+
+
+def _of_all(judge: BlockJudge, learn: bool) -> Selection[SimulatedFit]:
+    """Return what explains recordings best: what is listed, several of it together, and what is learned."""
+    found, *others = select_for_recordings(judge)
+    return _with_learned_of_any(found, others) if learn and _described_rightly(BlockAccount(found)) else found
+
+
+def _one_law_that_tells(judge: BlockJudge) -> Selection[SimulatedFit] | None:
+    """Return one learned law where along the motion it alone leaves next to nothing, and no one listed explains.
+
+    Several listed mechanisms would be fitted in vain (decision 187).
+    """
+    begun = screened_baseline(judge)
+    if begun.screening.p_value >= judge.problem.policy.level:
+        return None
+    judge.on_progress("looking along the motion")
+    if not one_law_tells(begun.current, judge.known, learned_mechanisms(one_load=True)):
+        return None
+    if BlockAccount(judge.outcome(begun, begun)).described_otherwise() is not None:
+        return None
+    divided = with_largest_fitted(begun.current)
+    if divided is not judge.problem:
+        judge = BlockJudge.of(divided, judge.known, judge.on_progress, judge.sweeps)
+        begun = screened_baseline(judge)
+    found = LearnedEarly(nearly=NEARLY)(judge.outcome(begun, begun))
+    if found is None:
+        return None
+    alone = replace(judge.problem.policy, most_terms=1)
+    return with_listed(found, select(judge.knowing(judge.known, alone, to_beat=found.best), begun))
 
 
 def _with_learned_of_any(

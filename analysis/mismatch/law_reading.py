@@ -25,6 +25,7 @@ from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.score_test import Score
 from sim_backend.arrays import Real
 from sim_backend.force_law import MEMORY
+from sim_backend.learned.curves import DAMPING
 from sim_backend.learned.families import form_of
 from sim_backend.learned.forms import AT_LOAD, FORM, IN_DEFLECTION, IN_LOAD, IN_RATE, TIME, Form, held
 from sim_backend.mechanisms.kinds import AtRest, ForceLaw
@@ -83,9 +84,9 @@ def law_of(account: Account[Any], fitted: Any, number: int, parameters: Mapping[
     if number == len(fitted.terms) - 1:
         others += _others(account, before, own)
         others += [simple for r in others if (simple := _simple(account, before, r)) is not None]
-    free = _free(account, before, own)
+    free = _free(account, before, own) if own.form.formula else own
     against = own.gained if free is None else free.gained
-    as_good = [r for r in others if (r.gained - against) / 2 >= NOTHING_LOST and not r.pinned]
+    as_good = [r for r in others if r.form.formula and (r.gained - against) / 2 >= NOTHING_LOST and not r.pinned]
     offered = sorted(as_good, key=lambda r: -r.gained)
     best = offered[0] if offered else own
     formulas = _different([_formula(r, (r.gained - against) / 2) for r in offered])
@@ -97,7 +98,8 @@ def law_of(account: Account[Any], fitted: Any, number: int, parameters: Mapping[
         exponents=_exponents(best, others),
         formulas=formulas,
         valid=valid,
-        table=_table(best, valid, None if offered else free),
+        table=_table(best, valid, None if offered or free is own else free),
+        curve="" if own.form.formula else own.form.key,
     )
 
 
@@ -158,6 +160,10 @@ def _simple(account: Account[Any], before: Any, own: _Read) -> _Read | None:
 def _others(account: Account[Any], before: Any, own: _Read) -> list[_Read]:
     """Return fits of the other families of the same kind in the same place whose scores are not far behind."""
     step = account.selection.accepted[own.number]
+    if isinstance(own.fitted, SimulatedFit):  # all that comes near was fitted
+        alike = [c for c in step.candidates if c.fit is not None and c.fit.terms[-1].place == own.term.place]
+        alike = [c for c in alike if FORM in c.score.term.values and c.score.term.key != own.term.key]
+        return _worth_reading(account, before, own, [c.fit for c in alike if c.id == own.term.mechanism.id])
     best: dict[float, Score] = {}
     for score in step.screening.scores:
         same = (score.term.mechanism.id, score.term.place) == (own.term.mechanism.id, own.term.place)
@@ -166,15 +172,18 @@ def _others(account: Account[Any], before: Any, own: _Read) -> list[_Read]:
             best[form] = max(best.get(form, score), score, key=lambda s: s.gain)
     mine = best.pop(own.term.values[FORM], None)
     least = PROMISING * (mine.gain if mine is not None else 0.0)
-    policy = account.selection.problem.policy
     ranked = sorted((s for s in best.values() if s.gain > least), key=lambda s: -s.gain)[:OTHERS]
     fits = []
     for score in ranked:
         with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
-            fitted = account.selection.judge.fitted_alone(before, [score])
-            if fitted is not None:
-                fits.append((_gained(account, before, fitted, own.number), fitted))
-    wanted = [fitted for gained, fitted in fits if gained > policy.hopeful * own.gained]
+            fits.append(account.selection.judge.fitted_alone(before, [score]))
+    return _worth_reading(account, before, own, [fitted for fitted in fits if fitted is not None])
+
+
+def _worth_reading(account: Account[Any], before: Any, own: _Read, others: Sequence[Any]) -> list[_Read]:
+    """Return which of several fits explain nearly as much as a law, and of a law that is no power the nearest one."""
+    fits = [(_gained(account, before, fitted, own.number), fitted) for fitted in others]
+    wanted = [fitted for gained, fitted in fits if gained > account.selection.problem.policy.hopeful * own.gained]
     powers = [] if own.form.exponents else [f for f in fits if f[0] > 0 and form_of(f[1].terms[-1].values).exponents]
     if powers:  # of a law that is no power the exponents of the nearest one are told
         nearest = max(powers, key=lambda one: one[0])[1]
@@ -231,7 +240,8 @@ def _table(best: _Read, valid: Mapping[str, tuple[float, float]], better: _Read 
     if not isinstance(mechanism, ForceLaw) or kind not in FREE:
         return None
     deflection, rate = valid["deflection"][1], valid["rate"][1]
-    surface = kind == "rate" and (IN_DEFLECTION in best.form.exponents.values())
+    damping = IN_DEFLECTION in best.form.exponents.values() or best.form.key.startswith(DAMPING)
+    surface = kind == "rate" and damping
     count = ACROSS if surface else POINTS
     along = {"deflection_m": _both_ways(deflection, count), "rate_m_per_s": _both_ways(rate, count)}
     one = "deflection_m" if kind == "static" else "rate_m_per_s"

@@ -40,8 +40,14 @@ class LearnedEarly:
 
     It counts only where it leaves nothing: three listed mechanisms together, or two that begin with another one, are no
     likelier then than a law that nobody listed.
+
+    Attributes
+    ----------
+    nearly
+        Share of all that the linear rig misses, that the law may leave all the same.
     """
 
+    nearly: float = 0.0
     problem: Any = None
     begun: State[Any] | None = None
     first: tuple[Candidate[Any], ...] = ()
@@ -56,7 +62,14 @@ class LearnedEarly:
         single = learner.knowing(learner.known, replace(learner.problem.policy, most_terms=1))
         found = select(single, self.begun, self.first)
         selection.judge.training.budget.spent = 0.0
-        return _beside(found, selection) if _explains(found) and not _behind(found, selection) else None
+        enough = _explains(found) or (_learned(found) and found.left.share < self.nearly)
+        return _beside(found, selection) if enough and not _behind(found, selection) else None
+
+
+def with_listed(found: Selection[Any], listed: Selection[Any]) -> Selection[Any] | None:
+    """Return learned laws with what is listed among their rivals; None where that leaves nothing, or explains more."""
+    explained = listed.chosen is not None and listed.left.p_value >= listed.problem.policy.level
+    return None if explained or _behind(found, listed) else _beside(found, listed)
 
 
 def with_one_law(selection: Selection[Any]) -> Selection[Any]:

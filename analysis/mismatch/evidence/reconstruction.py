@@ -256,7 +256,7 @@ def _system(contact: _Contact, size: float, noise: float) -> _System:
     scaled = a * unit / unit[:, None]
     white = np.zeros((total, total))
     white[-1, -1] = 4 * frequency  # unit variance of the scaled force
-    step, spread = _sampled(scaled, white, 1 / sample_rate_hz)
+    step, spread = sampled(scaled, white, 1 / sample_rate_hz)
     start = np.diag(np.concatenate([np.full(at_force, UNKNOWN**2), np.ones(FORCE_STATES)]))
     approach, closing = (row_of_contact @ motion[order] * unit for order in (0, 1))
     extra = np.zeros(total)
@@ -267,7 +267,7 @@ def _system(contact: _Contact, size: float, noise: float) -> _System:
     )  # fmt: skip
 
 
-def _sampled(a: Real, white: Real, h: float) -> tuple[Real, Real]:
+def sampled(a: Real, white: Real, h: float) -> tuple[Real, Real]:
     """Transition over a step and covariance of what white noise adds in it (Van Loan)."""
     n = len(a)
     both = np.zeros((2 * n, 2 * n))

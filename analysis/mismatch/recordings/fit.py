@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -185,6 +186,7 @@ class SimulatedFit(Fit):
     shown: dict[int, NoiseModel] = field(default_factory=dict, init=False, compare=False)
     colour: list[float] = field(default_factory=list, init=False, compare=False)
     early: list[float] = field(default_factory=list, init=False, compare=False)  # see `_left_early`
+    along: list[Any] = field(default_factory=list, init=False, compare=False)  # see `regression_of`
 
     def noise(self, number: int) -> NoiseModel:
         """Return the noise of a recording, as what is left of it shows it."""

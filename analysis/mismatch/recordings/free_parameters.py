@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from analysis.mismatch.parameters import FreeParameter, rounding_of
+from analysis.mismatch.parameters import FreeParameter, Term, rounding_of
 from sim_backend.arrays import Real
+from sim_backend.learned.curves import Curve
 from sim_backend.mechanisms.kinds import AddedBody, SecondImpact
 
 if TYPE_CHECKING:
@@ -48,9 +50,18 @@ def free_parameters(simulation: Simulation) -> list[FreeParameter]:
         found.append(FreeParameter(p.name, p.unit, scale, p.positive, low, prior=prior))
     for i, term in enumerate(simulation.terms):
         if term.nonlinear and not isinstance(term.mechanism, SecondImpact):  # that is each recording's own
-            found += [FreeParameter.of(q, i, term.values[q.name]) for q in term.mechanism.parameters]
+            law = term.mechanism
+            each = [FreeParameter.of(q, i, term.values[q.name]) for q in law.parameters]
+            found += _of_a_curve(law, i, term) if isinstance(law, Curve) else each
             found += rounding_of(term, i)
     return found
+
+
+def _of_a_curve(curve: Curve, owner: int, term: Term) -> list[FreeParameter]:
+    """Return the parameters of a curve, all counted in the largest of them, each no larger than it may well be."""
+    size, spread = max((abs(term.values[n]) for n in curve.weights), default=1.0) or 1.0, curve.spread(term.values)
+    each = [(FreeParameter.of(q, owner, size), spread[q.name]) for q in curve.parameters]
+    return [replace(p, prior=(0.0, error / p.scale)) for p, error in each]
 
 
 def _little_damping(simulation: Simulation) -> float:

@@ -14,12 +14,13 @@ from analysis.mismatch.recordings.fit import NEAR_LINEAR, SimulatedFit, Simulate
 from analysis.mismatch.recordings.model import Point, SimulationModel, side_by_side
 from analysis.mismatch.recordings.motion import continued
 from analysis.mismatch.recordings.recorded import FIT
-from analysis.mismatch.recordings.regression import regressed
+from analysis.mismatch.recordings.regression import regression_of
 from analysis.mismatch.recordings.second_impact import where_it_fell
 from analysis.mismatch.recordings.signatures import weakened
 from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import started
-from sim_backend.mechanisms.kinds import AddedBody, SecondImpact
+from sim_backend.learned.curves import is_curve
+from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, SecondImpact
 
 STRONGEST_START, WEAKEST_START = 30.0, 0.1  # trial strengths that a fit begins with at most and at least
 LIGHTEST_START = 1e4  # the same, of a frame, whose trial is so many times as heavy as the rig
@@ -45,18 +46,18 @@ def joined_to(
     if isinstance(term.mechanism, SecondImpact):
         terms = (*current.terms, term)
         return where_it_fell(current, term, lambda begun: fit(problem, terms, begun, to_beat=to_beat))
-    full, weaker = (*current.terms, term), (*current.terms, not_astray(problem, current, term))
-    begun: list[Start] = [(problem, weaker, current, False)]
-    if isinstance(term.mechanism, AddedBody) and any(r.free for r in problem.recordings):
-        # at its full strength it changes frequencies: the phase is followed from the beginning on
-        begun.append((problem, full, current, True))
-    if current.missed >= NEAR_LINEAR:  # what stands has lost the phase somewhere along the recording
-        if begun[-1] != (problem, weaker, current, True):
-            begun.append((problem, weaker, current, True))
-        start = regressed(current.simulation, current.values, weaker)
-        if start is not None:
-            states = tuple(current.state(i) for i in range(len(current.own)))
-            begun.append((replace(problem, constants=start[0], states=states), start[1], None, False))
+    shown = along_the_motion(problem, current, term)
+    if shown is not None and is_curve(term):
+        begun = [shown]
+    else:
+        full, weaker = (*current.terms, term), (*current.terms, not_astray(problem, current, term))
+        begun = [(problem, weaker, current, False)]
+        if isinstance(term.mechanism, AddedBody) and any(r.free for r in problem.recordings):
+            # at its full strength it changes frequencies: the phase is followed from the beginning on
+            begun.append((problem, full, current, True))
+        if current.missed >= NEAR_LINEAR:  # what stands has lost the phase somewhere along the recording
+            staged = (problem, weaker, current, True)
+            begun += [shown] if shown is not None else [staged] if begun[-1] != staged else []
 
     def fitted(
         of: SimulatedRecordings, terms: Sequence[Term], begin: SimulatedFit | None, staged: bool
@@ -64,6 +65,18 @@ def joined_to(
         return fit(of, terms, begin, staged=staged, to_beat=to_beat)
 
     return min(side_by_side(fitted, begun), key=lambda f: f.scatter)
+
+
+def along_the_motion(problem: SimulatedRecordings, current: SimulatedFit, term: Term) -> Start | None:
+    """Return the start that a regression along the motion shown gives; None where it explains nothing more."""
+    if not isinstance(term.mechanism, ForceLaw):
+        return None
+    regression = regression_of(current)
+    found = None if regression is None else regression.regressed(term)
+    if regression is None or found is None or found.left >= regression.without:
+        return None
+    begin = replace(problem, constants=found.constants, states=found.states)
+    return begin, (*current.terms, found.term), None, False
 
 
 def not_astray(problem: SimulatedRecordings, current: SimulatedFit, term: Term) -> Term:

@@ -16,6 +16,7 @@ from scipy.stats import t as student
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import OnProgress, silent
+from analysis.mismatch.recordings.along_the_motion import ranked_along
 from analysis.mismatch.recordings.blocks import (
     chooses_no_worse,
     likelihood_ratio,
@@ -173,6 +174,7 @@ class BlockJudge(Judge[SimulatedFit]):
         policy = self.problem.policy
         begun, nearest = likelier_rig(self.problem, state.current, self.screen, self._joined_once)
         ranking = self._ranking(begun, state.screening if begun is state.current else self.screen(begun))
+        ranking = ranked_along(begun, self._further(begun) if begun.terms else self.known, ranking)
         # far from the truth a score test says little of size and sign: what is small in it may be large in full
         competition = Competition(self.problem, begun, self.rival)
         fits = competition.run(ranking, nearest, self._joined_once, self.on_progress)

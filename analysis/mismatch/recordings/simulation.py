@@ -69,7 +69,7 @@ class Simulation:
         self.struck = next((t.place[0] for t in terms if isinstance(t.mechanism, SecondImpact)), None)
         self.substeps = [self._substeps(r) for r in self.recordings]
         mass = self.arrangement.matrices(self.constants)[0]
-        pushed = self._vectors(self.constants, mass).T
+        pushed = self.vectors(self.constants, mass).T
         self.untold = untold_offsets(rig, self.arrangement, self.constants, self.terms, list(pushed))
         self.parameters = tuple(free_parameters(self))
         kept = like.between if like is not None and (like.rig.hold, like.substeps) == (rig.hold, self.substeps) else ()
@@ -246,7 +246,7 @@ class Simulation:
         acting, h = laws_in(self.terms), 1 / recorded.rate_hz / sub
         bent = sorted({element for _, _, element in acting})  # the elements with more than spring and damper
         mass, damping, stiffness = read.matrices
-        vectors = self._vectors(read.constants, mass)
+        vectors = self.vectors(read.constants, mass)
         given, pushed = zip(*self._givens(read, number, at), strict=True)
         force = np.stack([u.T @ v.T for u, v in zip(pushed, vectors, strict=True)])
         if self.struck is not None and read.own[0].impact.size:
@@ -321,7 +321,7 @@ class Simulation:
         vector = self.arrangement.vector(row, constants)
         return np.asarray(-mass * (vector + self._shaken) if base else vector, np.float64)
 
-    def _vectors(self, constants: Values | Mapping[str, Real], mass: Real) -> Real:
+    def vectors(self, constants: Values | Mapping[str, Real], mass: Real) -> Real:
         """Return (..., n, inputs) the forces on the bodies by a unit of each input."""
         pushed = [self._pushed(d.row, d.base, constants, mass) for d in self.rig.drives]
         gains = [np.asarray(constants[d.gain])[..., None] for d in self.rig.drives]

@@ -152,6 +152,7 @@ def _law(law: Law) -> dict[str, Any]:
         "formulas": [_formula(f) for f in law.formulas],
         "valid": {k: list(v) for k, v in law.valid.items()},
         "table": None if law.table is None else _table(law.table),
+        **({"curve": law.curve} if law.curve else {}),
     }
 
 

@@ -20,6 +20,7 @@ from mesotap.answers.diagnosis_text import (
     probability_words,
     rival_probability,
     rivals_are,
+    told_parameters,
     verdict_sentence,
     what_was_recorded,
 )
@@ -125,6 +126,7 @@ def write_page(
         drawn[p.name] = figures.inline_svg(p.figure, f"diagnosis-{p.name}", p.label)
     written(folder / "diagnosis.json", json_text(dict(content)))
     html = environment().get_template("diagnosis.html").render(
+        told_parameters=told_parameters,
         answer=answer,
         evidence=evidence,
         files=" + ".join(Path(r.file).name for r in answer.recordings),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from rich.console import Console
 
 from analysis.mismatch.answer import (
@@ -11,6 +12,7 @@ from analysis.mismatch.answer import (
     TESTER_SCALES,
     Answer,
     FittedRig,
+    Interval,
     LawKind,
     Named,
     NextExperiment,
@@ -20,6 +22,7 @@ from analysis.mismatch.remainder import SEEN, p_words, place_words
 from mesotap.answers.rounding import counted, significant, unit, with_ends
 from mesotap.operator.tables import Table
 from mesotap.operator.terminal import escape
+from sim_backend.learned.curves import BEND
 
 LEAST = 1e-4  # probability below which its digits say nothing
 KINDS: dict[LawKind, str] = {
@@ -42,6 +45,7 @@ FAR_BEYOND = 3.0
 
 # share of what the linear rig misses of a recording, from which on a name that leaves it is in doubt: what is read from
 # errors as noise may be less than it is
+CURVE_POINTS = 9  # of a learned curve that are told
 MATTERS = 0.01
 SMALL = 0.1  # share of what the linear rig misses, up to which a remainder is called small
 
@@ -257,8 +261,35 @@ def _print_mechanism(m: Named, console: Console) -> None:
     console.print(f"    {escape(m.statement)}")
     for formula in () if m.law is None else m.law.formulas:
         console.print(f"    {escape(formula.text)}  (evidence {formula.evidence:+.1f} over a force of any shape)")
-    for name, v in m.parameters.items():
+    for line in curve_words(m):
+        console.print(f"    {escape(line)}")
+    for name, v in told_parameters(m).items():
         console.print(f"    {escape(name)} = {with_ends(v.value, v.low, v.high)} {escape(unit(v.unit))}".rstrip())
+
+
+def told_parameters(m: Named) -> dict[str, Interval]:
+    """Return the parameters that a reader is told: those of a law without a formula say less than its curve."""
+    curve = m.law is not None and any(name.startswith(BEND) for name in m.parameters)
+    return {} if curve else dict(m.parameters)
+
+
+def curve_words(m: Named) -> list[str]:
+    """Return some points of a learned curve, with the ends of their 95 % intervals; none of what has a formula."""
+    table = None if m.law is None or told_parameters(m) else m.law.table
+    if table is None:
+        return []
+    x, *others = table.axes.values()
+    at = [-1] * len(others)  # of a surface, along its end: the largest rate
+    names = [axis.removesuffix("_m_per_s").removesuffix("_m") for axis in table.axes]
+    force_unit = next(v.unit for v in m.parameters.values())
+    length = {"deflection": " m", "rate": " m/s"} if force_unit == "N" else {}
+    beside = "" if not others else f" at the largest {names[1]}"
+    found = []
+    for i in np.unique(np.linspace(0, len(x) - 1, CURVE_POINTS).round().astype(int)):
+        force, low, high = (float(rows[(i, *at)]) for rows in (table.force_n, table.low, table.high))
+        where = f"{names[0]} {significant(float(x[i]), 4)}{length.get(names[0], '')}{beside}"
+        found.append(f"{where}: force {with_ends(force, low, high)} {unit(force_unit)}")
+    return found
 
 
 def _in(name: str) -> str:

@@ -14,6 +14,7 @@ from daq.errors import RecordingError, one_line
 from mesotap.answers.adoption import FORMAT, diagnosis_in, finite_number
 from sim_backend.arrangement import Arrangement
 from sim_backend.learned.families import form_named
+from sim_backend.learned.forms import FORM
 from sim_backend.mechanisms.catalogue import catalogue, variants
 from sim_backend.mechanisms.conformance import benches, effect
 from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
@@ -54,7 +55,7 @@ def read_law(path: Path) -> KeptLaw:
     Raises
     ------
     RecordingError
-        A sentence: the file is no diagnosis, or none that learned a law with a formula.
+        A sentence: the file is no diagnosis, or none that learned a law with a formula or a curve.
     """
     content = diagnosis_in(path)
     if content["version"] != 2:
@@ -64,7 +65,7 @@ def read_law(path: Path) -> KeptLaw:
         if not learned:
             said = one_line(str(content.get("verdict")))
             raise RecordingError(f"{path}: no law was learned (verdict {said!r}), so there is nothing to keep")
-        if not learned[0]["law"]["formulas"]:
+        if not learned[0]["law"]["formulas"] and "curve" not in learned[0]["law"]:
             raise RecordingError(
                 f"{path}: its law has no formula that loses nothing against a force of any shape, so it cannot be kept "
                 "as one; record more impacts of different strength"
@@ -78,7 +79,7 @@ def read_law(path: Path) -> KeptLaw:
 
 
 def _kept(content: Mapping[str, Any], m: Mapping[str, Any]) -> KeptLaw:
-    formula = m["law"]["formulas"][0]
+    formula = m["law"]["formulas"][0] if m["law"]["formulas"] else _curve(m)
     form = form_named(str(formula["family"]))
     values = {str(k): finite_number(v) for k, v in formula["values"].items()}
     base = form.mechanisms[0]
@@ -95,6 +96,13 @@ def _kept(content: Mapping[str, Any], m: Mapping[str, Any]) -> KeptLaw:
     element = None if m["element"] is None else str(m["element"])
     software = one_line(str(content["software"]["mesotap"]))
     return KeptLaw(form.key, str(m["where"]), element, one_line(str(formula["text"])), values, free, files, software)
+
+
+def _curve(m: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a learned curve as a formula all of whose numbers stay as they are."""
+    values = {**m["fixed"], **{name: known["value"] for name, known in m["parameters"].items()}}
+    form, own = form_named(str(m["law"]["curve"])), {k: v for k, v in values.items() if k != FORM}
+    return {"family": form.key, "text": form.name, "parameters": {}, "values": own}
 
 
 def file_text(law: KeptLaw, name: str, rig: Arrangement) -> str:

@@ -71,6 +71,8 @@ def exponent_told(law: Law, name: str) -> str:
     value = law.exponents[name]
     if value is not None:
         return prose(_interval(value))
+    if not law.formulas and law.table is not None and any(axis.startswith(name) for axis in law.table.axes):
+        return "it is no power of it"
     formula = law.formulas[0].text if law.formulas else ""
     symbol = rf"\b{SYMBOLS[name]}\b"
     return "it is no power of it alone" if re.search(symbol, formula) else "it does not depend on it"

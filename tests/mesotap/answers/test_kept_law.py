@@ -13,10 +13,12 @@ from analysis.mismatch.learning import is_learned
 from analysis.mismatch.parameters import Term
 from mesotap.answers.kept_law import listed_twin
 from mesotap.cli import app
+from sim_backend.learned.curves import begin_values
+from sim_backend.learned.families import form_named
 from sim_backend.learned.kept import kept_law
 from sim_backend.mechanisms.catalogue import load_file
 from sim_backend.mechanisms.conformance import benches, conformance
-from sim_backend.mechanisms.kinds import ForceLaw
+from sim_backend.mechanisms.kinds import AtRest, ForceLaw
 
 
 def answer(family: str = "even_power", element: str = "contact", **exponents: float) -> dict[str, Any]:
@@ -43,6 +45,28 @@ def learn(folder: Path, content: Any, name: str = "my_law") -> tuple[int, str]:
     file.write_text(content if isinstance(content, str) else json.dumps(content))
     result = CliRunner().invoke(app, ["learn", str(file), "--name", name, "-o", str(folder / "own")])
     return result.exit_code, result.output + ("" if result.exception is None else str(result.exception))
+
+
+def test_a_learned_curve_is_kept_as_it_is(tmp_path: Path) -> None:
+    key, content = "curve_of_deflection_7", answer()
+    form = form_named(key)
+    values = begin_values(form, (-1.8e-8, 1.8e-8), (-1.5e-4, 1.5e-4), 0.1, crowded=2.0)
+    bends = {f"bend_{i + 1}": 0.01 * (i + 1) for i in range(7)}
+    content["mechanisms"][0]["law"] |= {"formulas": [], "curve": key}
+    content["mechanisms"][0] |= {
+        "parameters": {k: {"value": v, "low": v, "high": v, "unit": "N"} for k, v in bends.items()},
+        "fixed": {k: v for k, v in values.items() if k not in bends},
+    }
+    code, said = learn(tmp_path, content)
+    assert code == 0, said
+    (mechanism,) = load_file(tmp_path / "own" / "my_law.py")
+    assert isinstance(mechanism, ForceLaw)
+    assert not mechanism.parameters
+    (trial,) = mechanism.trials(benches()[0].scale)
+    learned, at = form.loaded, AtRest(0.3, 8e6, 5.0)
+    assert isinstance(learned, ForceLaw)
+    assert mechanism.packed(trial, at, 1e-5) == pytest.approx(learned.packed({**values, **bends}, at, 1e-5))
+    assert not is_learned(Term(mechanism, trial, (2,)))
 
 
 def test_a_kept_law_is_a_mechanism_that_conforms(tmp_path: Path) -> None:

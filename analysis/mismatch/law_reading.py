@@ -34,7 +34,7 @@ SIMPLE = (0.0, 1.0, 2.0, 3.0, 0.5, 1.5, 2.5, 4.0, 5.0, 1 / 3, 2 / 3, 4 / 3, 0.25
 """Exponents that a formula is written with where they are within the interval, the first of them first."""
 NOTHING_LOST = -1.0  # logarithm of a Bayes factor: less than this is no loss
 OTHERS, PROMISING = 4, 0.1  # further families that a formula is looked for in, those with this share of the score
-POINTS, ACROSS = 41, 21  # of a curve, of a surface in each direction
+POINTS, ACROSS, FEW = 41, 21, 5  # of a curve, of a surface in each direction, of one that is in proportion to it
 STEP = 1e-4  # of differences
 AT_THE_END = 1e-3  # of a parameter's value, within which it is at the end of its range
 LETS_GO = "letting_go"  # the family of what acts for a while
@@ -240,10 +240,10 @@ def _table(best: _Read, valid: Mapping[str, tuple[float, float]], better: _Read 
     if not isinstance(mechanism, ForceLaw) or kind not in FREE:
         return None
     deflection, rate = valid["deflection"][1], valid["rate"][1]
-    damping = IN_DEFLECTION in best.form.exponents.values() or best.form.key.startswith(DAMPING)
-    surface = kind == "rate" and damping
-    count = ACROSS if surface else POINTS
-    along = {"deflection_m": _both_ways(deflection, count), "rate_m_per_s": _both_ways(rate, count)}
+    curve = best.form.key.startswith(DAMPING)
+    surface = kind == "rate" and (curve or IN_DEFLECTION in best.form.exponents.values())
+    counts = (POINTS, FEW) if curve else (ACROSS, ACROSS) if surface else (POINTS, POINTS)
+    along = {"deflection_m": _both_ways(deflection, counts[0]), "rate_m_per_s": _both_ways(rate, counts[1])}
     one = "deflection_m" if kind == "static" else "rate_m_per_s"
     axes = along if surface else {one: along[one]}
     grid = np.meshgrid(*axes.values(), indexing="ij")

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from analysis.mismatch.answer import LawTable
+from mesotap.answers.rounding import significant
 from mesotap.report.figures._style import BLACK, BLUE, GREY, MARKERS, PAGE_MM, VERMILION, blank, styled
 from sim_backend.arrays import Real
 
@@ -54,7 +55,7 @@ def _lines(axes: Axes, table: LawTable, per: tuple[float, float]) -> None:
     unit = LABELS[second][1]
     own, prefix = _scale(across)
     for i, marker in zip(np.linspace(0, across.size - 1, 5).astype(int), MARKERS, strict=False):
-        label = f"{across[i] / own:.2g} {prefix}{unit}"
+        label = f"{significant(float(across[i] / own), 2)} {prefix}{unit}"
         axes.plot(along / per[0], table.force_n[:, i] / per[1], marker=marker, markersize=2.5, label=label)
 
 

@@ -23,7 +23,11 @@ from analysis.mismatch.recordings.impact_size import together as size_of
 from analysis.mismatch.recordings.judge import BlockJudge
 from analysis.mismatch.recordings.next_experiment import next_experiment
 from analysis.mismatch.recordings.other_constants import other_values
-from analysis.mismatch.recordings.otherwise import contact_turned_round, hold_that_explains
+from analysis.mismatch.recordings.otherwise import (
+    constant_that_explains,
+    contact_turned_round,
+    hold_that_explains,
+)
 from analysis.mismatch.recordings.ranking import lead_of, with_time
 from analysis.mismatch.recordings.reasons import decided, elsewhere, not_tried, reason, with_what_else
 from analysis.mismatch.recordings.recorded import CHOOSE
@@ -251,11 +255,13 @@ class BlockAccount(Account[SimulatedFit]):
         )  # fmt: skip
 
     def described_otherwise(self) -> Otherwise[SimulatedFit] | None:
-        """Return the rig with inputs held otherwise, or with a contact turned round, where it leaves nothing."""
+        """Return the rig with inputs held or a constant or a contact described otherwise, where it leaves nothing."""
         linear, judge = self.selection.baseline, self.judge
         if id(linear) not in judge.described:  # it is asked before laws are learned, and for the answer
             found = None if self.far_off else hold_that_explains(linear, judge.screen, judge.on_progress)
-            judge.described[id(linear)] = linear, found or contact_turned_round(linear, judge.known, judge.on_progress)
+            found = found or contact_turned_round(linear, judge.known, judge.on_progress)
+            found = found or constant_that_explains(linear, judge.screen, judge.on_progress)
+            judge.described[id(linear)] = linear, found
         return judge.described[id(linear)][1]
 
     def location(self, named: Sequence[Named], otherwise: Otherwise[SimulatedFit] | None = None) -> Location:

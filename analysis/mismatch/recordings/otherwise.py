@@ -17,6 +17,7 @@ from analysis.mismatch.recordings.fit import SimulatedFit, fit
 from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.linear_rig import problem_of
 from analysis.mismatch.recordings.recorded import CHOOSE
+from analysis.mismatch.recordings.regression import Regression
 from analysis.mismatch.recordings.start_check import better_unknown, with_unknown
 from analysis.mismatch.rig_description import Hold
 from analysis.mismatch.score_test import Score, Screening, screen
@@ -53,6 +54,7 @@ def explained_otherwise(
     described = hold_that_explains(linear, screened, on_progress, named)
     if described is None and (screened(named).p_value < linear.problem.policy.level or _bends_in_contact(named)):
         described = contact_turned_round(linear, known, on_progress, named)
+    described = described or constant_that_explains(linear, screened, on_progress, named)
     return described is not None or constant_explains(before, named, on_progress)
 
 
@@ -71,6 +73,33 @@ def constant_explains(linear: SimulatedFit, named: SimulatedFit, on_progress: On
         if mean_of(losses) < AS_WELL * mean_of(named.by_block(CHOOSE)):
             return True
     return False
+
+
+def constant_that_explains(
+    linear: SimulatedFit,
+    screened: Callable[[SimulatedFit], Screening],
+    on_progress: OnProgress,
+    named: SimulatedFit | None = None,
+) -> Described:
+    """Return the linear rig with one declared stiffness or damping left unknown, if that leaves nothing; else None.
+
+    And explains no worse than what is ``named``, for which free parameters cost. Tried only where other values of all
+    of them explain along the motion that the recordings show.
+    """
+    problem, freed = linear.problem, Regression.of(linear, freed=True)
+    if freed is None or freed.without > problem.policy.unlike_noise * problem.noise:
+        return None
+    exact = {p.name for p in problem.arrangement.parameters if p.uncertainty == 0}
+    constants = dict.fromkeys(n for e in problem.arrangement.elements for n in (e.stiffness, e.damping) if n in exact)
+    if constants:
+        on_progress("trying the rig with other constants")
+    for name in constants:
+        other = replace(problem_of(with_unknown(problem.rig, str(name)), problem.recordings), policy=problem.policy)
+        found = fit(replace(other, noise=problem.noise, noise_known=problem.noise_known), fine=True)
+        if screened(found).p_value >= problem.policy.level and not _worse(found, named):
+            value = found.values[str(name)]
+            return Otherwise(f"leaves the {name} unknown, which is then {value:.5g}", found)
+    return None
 
 
 def hold_that_explains(

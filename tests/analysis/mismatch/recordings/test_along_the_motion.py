@@ -12,6 +12,7 @@ from scipy.signal import StateSpace, lsim
 
 from analysis.mismatch.diagnosis import diagnose
 from analysis.mismatch.parameters import Term
+from analysis.mismatch.problem import silent
 from analysis.mismatch.recordings.along_the_motion import (
     curves_along,
     laws_along,
@@ -22,10 +23,12 @@ from analysis.mismatch.recordings.along_the_motion import (
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings
 from analysis.mismatch.recordings.linear_rig import linear_fit, problem_of
 from analysis.mismatch.recordings.made_ready import weighed
+from analysis.mismatch.recordings.otherwise import constant_that_explains
 from analysis.mismatch.recordings.ranking import Ranking
 from analysis.mismatch.recordings.recorded import FIT, prepare
 from analysis.mismatch.recordings.regression import Regression, regression_of
 from analysis.mismatch.recordings.shown_motion import shown_motion
+from analysis.mismatch.score_test import screen
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
 from sim_backend.learned.families import learned_mechanisms
@@ -88,12 +91,16 @@ def moved(law: Law) -> tuple[Real, Real, Real]:
     return u, states, accelerations
 
 
-@cache
-def fitted(law: Law, shows: str = "displacement") -> SimulatedFit:
+def recorded_with(law: Law, shows: str) -> Recording:
     u, states, accelerations = moved(law)
     rows = states[:2] if shows == "displacement" else accelerations
     noisy = rows + NOISE * rows.std() * np.random.default_rng(4).normal(size=rows.shape)
-    recording = Recording(np.array([u, *noisy]), RATE, ("force", "foot", "head"), "", "simulated")
+    return Recording(np.array([u, *noisy]), RATE, ("force", "foot", "head"), "", "simulated")
+
+
+@cache
+def fitted(law: Law, shows: str = "displacement") -> SimulatedFit:
+    recording = recorded_with(law, shows)
     rig = parse_rig(RIG.replace("SHOWS", shows))
     with np.errstate(all="ignore"):
         return linear_fit(weighed(linear_fit(problem_of(rig, [prepare(recording, rig)]))))
@@ -173,16 +180,31 @@ def test_one_law_tells_only_where_nothing_listed_and_no_two_of_it_do(law: Law, t
     assert one_law_tells(fitted(law), LISTED, learned_mechanisms(one_load=True)) is told
 
 
-def test_a_spring_that_was_declared_wrongly_is_no_law() -> None:
-    linear = fitted(nothing)
-    rig = parse_rig(RIG.replace("SHOWS", "displacement").replace("{name: neck,", "{name: neck, stiffness: 2600,"))
-    u, states, _ = moved(nothing)
-    noisy = states[:2] + NOISE * states[:2].std() * np.random.default_rng(4).normal(size=states[:2].shape)
-    recording = Recording(np.array([u, *noisy]), RATE, ("force", "foot", "head"), "", "simulated")
+def declared(law: Law, **stiffness: float) -> SimulatedFit:
+    """Return the linear rig fitted where a stiffness of the neck is declared and taken for exact."""
+    rig = parse_rig(
+        RIG.replace("SHOWS", "displacement").replace("{name: neck,", f"{{name: neck, stiffness: {stiffness['neck']},")
+    )
+    recording = recorded_with(law, "displacement")
     with np.errstate(all="ignore"):
-        wrong = linear_fit(weighed(linear_fit(problem_of(rig, [prepare(recording, rig)]))))
-        assert wrong.scatter > 10 * linear.scatter
-        assert not one_law_tells(wrong, LISTED, learned_mechanisms(one_load=True))
+        return linear_fit(weighed(linear_fit(problem_of(rig, [prepare(recording, rig)]))))
+
+
+def test_a_spring_that_was_declared_wrongly_is_no_law_and_its_stiffness_is_told() -> None:
+    wrong = declared(nothing, neck=2600.0)
+    assert wrong.scatter > 10 * fitted(nothing).scatter
+    assert not one_law_tells(wrong, LISTED, learned_mechanisms(one_load=True))
+    with np.errstate(all="ignore"):
+        found = constant_that_explains(wrong, lambda one: screen(wrong.problem, one, LISTED), silent)
+    assert found is not None
+    assert found.said.startswith("leaves the stiffness of neck unknown, which is then ")
+    assert float(found.said.split()[-1]) == pytest.approx(3000.0, rel=0.002)
+
+
+def test_beside_a_law_a_stiffness_that_was_declared_rightly_is_not_doubted() -> None:
+    linear = declared(growing, neck=3000.0)
+    with np.errstate(all="ignore"):
+        assert constant_that_explains(linear, lambda one: screen(linear.problem, one, LISTED), silent) is None
 
 
 def test_two_laws_are_told_together() -> None:

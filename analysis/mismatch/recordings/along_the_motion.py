@@ -23,6 +23,7 @@ from sim_backend.mechanisms.places import Place
 STANDS_OUT: Final = 0.5  # of what no law leaves, that one must leave at most for the motion to tell laws apart
 NEAR: Final = 2.0  # times the least that any law leaves, up to which a learned law is fitted
 IN_REACH: Final = 4.0  # the same, of laws that are listed
+LITTLE: Final = 0.02  # of what no law leaves: a listed law that leaves less is not displaced at once (Silverbox: 0.005)
 MOST: Final = 5  # laws that are fitted
 PAIRS: Final = 3  # of listed laws in an element, that are bent
 OTHERS: Final = 3  # of what is no force, that are fitted beside learned laws
@@ -76,11 +77,10 @@ def one_law_tells(linear: SimulatedFit, known: Sequence[Mechanism], learned: Seq
     best = min([*laws_along(regression, timeless), *curves_along(regression)], key=lambda one: one.left, default=None)
     if best is None or best.left > noise:
         return False
-    listed = laws_along(regression, known)
-    others = [freed.without, *(one.left for one in listed)]
-    if IN_REACH * best.left >= min(others):
+    least = max(IN_REACH * best.left, LITTLE * regression.without)  # no listed law is quite that of a real rig
+    if least >= min([freed.without, *(one.left for one in laws_along(regression, known))]):
         return False
-    return IN_REACH * best.left < _two_of(regression, known, best.term.place)
+    return least < _two_of(regression, known, best.term.place)
 
 
 def with_largest_fitted(linear: SimulatedFit) -> SimulatedRecordings:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from analysis.mismatch.parameters import Term
+from analysis.mismatch.recordings.along_the_motion import LITTLE
 from analysis.mismatch.ring_downs.candidates import screened_evidence
 from analysis.mismatch.score_test import Screening
 from analysis.mismatch.selection import (
@@ -22,7 +23,7 @@ from analysis.mismatch.selection import (
     screened_baseline,
     select,
 )
-from sim_backend.learned.families import learned_mechanisms
+from sim_backend.learned.families import curves, learned_mechanisms
 from sim_backend.learned.forms import FORM
 from sim_backend.mechanisms.kinds import AddedBody, ForceLaw
 
@@ -177,6 +178,8 @@ def _learner(selection: Selection[Any], to_beat: Any = None) -> Judge[Any]:
     experiment = getattr(selection.problem, "experiment", None)  # recordings of a described rig have one load
     one_load = experiment is None or len(set(experiment.loads_n)) == 1
     laws = learned_mechanisms(one_load)
+    if experiment is None and (selection.chosen is None or selection.left.share > LITTLE):
+        laws += curves()
     if not selection.problem.noise_known:  # each candidate was fitted in full: a body that is listed, too
         listed = [k.extend for k in judge.known if isinstance(k, AddedBody)]
         laws = [m for m in laws if not isinstance(m, AddedBody) or m.extend not in listed]

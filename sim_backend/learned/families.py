@@ -382,3 +382,8 @@ def form_named(key: str) -> Form:
 def learned_mechanisms(one_load: bool = False) -> list[Mechanism]:
     """Return the mechanisms of all families with a formula; none that goes with a power of the load if ``one_load``."""
     return list(_AT_ONE_LOAD if one_load else _ALL)
+
+
+def curves() -> list[Mechanism]:
+    """Return the mechanisms of all curves."""
+    return [m for form in CURVES for m in form.mechanisms]

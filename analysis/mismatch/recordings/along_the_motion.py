@@ -14,7 +14,7 @@ from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings
 from analysis.mismatch.recordings.ranking import Ranking, with_time
 from analysis.mismatch.recordings.regression import Regressed, Regression, regression_of
 from analysis.mismatch.score_test import Score
-from sim_backend.learned.curves import CROWDS, DAMPING, OF_DEFLECTION, OF_RATE, POINTS, SLOPED, begin_values
+from sim_backend.learned.curves import CROWDS, DAMPING, OF_DEFLECTION, OF_RATE, POINTS, SLOPED, Curve, begin_values
 from sim_backend.learned.families import CURVES
 from sim_backend.learned.forms import LEARNED
 from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
@@ -23,7 +23,7 @@ from sim_backend.mechanisms.places import Place
 STANDS_OUT: Final = 0.5  # of what no law leaves, that one must leave at most for the motion to tell laws apart
 NEAR: Final = 2.0  # times the least that any law leaves, up to which a learned law is fitted
 IN_REACH: Final = 4.0  # the same, of laws that are listed
-LITTLE: Final = 0.02  # of what no law leaves: a listed law that leaves less is not displaced at once (Silverbox: 0.005)
+LITTLE: Final = 0.02  # of what no law leaves: what is named and leaves less no curve displaces (Silverbox: 0.005)
 MOST: Final = 5  # laws that are fitted
 PAIRS: Final = 3  # of listed laws in an element, that are bent
 OTHERS: Final = 3  # of what is no force, that are fitted beside learned laws
@@ -42,7 +42,8 @@ def ranked_along(begun: SimulatedFit, known: Sequence[Mechanism], others: Rankin
     if regression is None:
         return others
     learned = any(m.source == LEARNED for m in known)
-    found = [*laws_along(regression, known), *(curves_along(regression) if learned else [])]
+    curves = any(isinstance(m, Curve) for m in known)
+    found = [*laws_along(regression, known), *(curves_along(regression) if curves else [])]
     if min((one.left for one in found), default=math.inf) > STANDS_OUT * regression.without:
         return others
     times = NEAR if learned else IN_REACH

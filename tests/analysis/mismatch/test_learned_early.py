@@ -72,7 +72,8 @@ def test_a_body_that_is_listed_is_not_learned_of_recordings_as_it_was_fitted_alr
         training=SimpleNamespace(budget=SimpleNamespace(spent=1.0)),
         knowing=lambda laws, policy, to_beat: asked.extend(laws),
     )
-    selection: Any = SimpleNamespace(judge=judge, problem=SimpleNamespace(noise_known=noise_known, policy=POLICY))
+    problem = SimpleNamespace(noise_known=noise_known, policy=POLICY)
+    selection: Any = SimpleNamespace(judge=judge, problem=problem, chosen=None)
     _learner(selection)
     assert sum(isinstance(m, AddedBody) for m in asked) == learned
     assert len(asked) > 10

@@ -96,11 +96,9 @@ class Law:
     exponents
         Of the power law nearest to it, by variable; None where it does not depend on the variable.
     formulas
-        Empty where none is as good as the free form.
+        Empty where none is as good as the free form; ``curve`` is the key of a curve's family, which has none.
     valid
         Range of each variable that the recordings cover; beyond, the law is an extrapolation.
-    curve
-        Key of the family in `sim_backend.learned.families` where the law is a curve, whose numbers are the mechanism's.
     """
 
     kind: LawKind

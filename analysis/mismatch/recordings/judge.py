@@ -174,7 +174,10 @@ class BlockJudge(Judge[SimulatedFit]):
         policy = self.problem.policy
         begun, nearest = likelier_rig(self.problem, state.current, self.screen, self._joined_once)
         ranking = self._ranking(begun, state.screening if begun is state.current else self.screen(begun))
-        ranking = ranked_along(begun, self._further(begun) if begun.terms else self.known, ranking)
+        if (
+            not begun.terms or begun.missed >= NEAR_LINEAR
+        ):  # beside what leaves little a score test is right, and as quick
+            ranking = ranked_along(begun, self._further(begun) if begun.terms else self.known, ranking)
         # far from the truth a score test says little of size and sign: what is small in it may be large in full
         competition = Competition(self.problem, begun, self.rival)
         fits = competition.run(ranking, nearest, self._joined_once, self.on_progress)

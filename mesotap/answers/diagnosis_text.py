@@ -46,6 +46,7 @@ FAR_BEYOND = 3.0
 # share of what the linear rig misses of a recording, from which on a name that leaves it is in doubt: what is read from
 # errors as noise may be less than it is
 CURVE_POINTS = 9  # of a learned curve that are told
+ROUNDING = 1e-9  # of its largest deflection, that is none
 MATTERS = 0.01
 SMALL = 0.1  # share of what the linear rig misses, up to which a remainder is called small
 
@@ -285,6 +286,7 @@ def curve_words(m: Named) -> list[str]:
     length = {"deflection": " m", "rate": " m/s"} if force_unit == "N" else {}
     beside = "" if not others else f" at the largest {names[1]}"
     found = []
+    x = np.where(np.abs(x) < ROUNDING * np.abs(x).max(), 0.0, x)
     for i in np.unique(np.linspace(0, len(x) - 1, CURVE_POINTS).round().astype(int)):
         force, low, high = (float(rows[(i, *at)]) for rows in (table.force_n, table.low, table.high))
         where = f"{names[0]} {significant(float(x[i]), 4)}{length.get(names[0], '')}{beside}"

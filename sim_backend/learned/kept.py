@@ -85,7 +85,9 @@ def kept_law(
         "source": "learned from " + ", ".join(learned_from),
         "parameters": quantities,
         "trials": trials,
-        "statement": lambda own, where: f"In the {where} acts the learned law {name}: {form.text(own)}.",
+        "statement": lambda own, where: (
+            f"In the {where} acts the learned law {name}: {form.text(own) if form.formula else form.name}."
+        ),
         "one_signed": strength is None or free[strength][0] >= 0,
     }
     if isinstance(base, ForceLaw) and acts_in is not None:

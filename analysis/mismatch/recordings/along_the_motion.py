@@ -42,7 +42,7 @@ def ranked_along(begun: SimulatedFit, known: Sequence[Mechanism], others: Rankin
     if regression is None:
         return others
     learned = any(m.source == LEARNED for m in known)
-    curves = any(isinstance(m, Curve) for m in known)
+    curves = any(isinstance(m, Curve) and m.source == LEARNED for m in known)  # one that was kept is listed
     found = [*laws_along(regression, known), *(curves_along(regression) if curves else [])]
     if min((one.left for one in found), default=math.inf) > STANDS_OUT * regression.without:
         return others

@@ -31,7 +31,9 @@ from analysis.mismatch.recordings.shown_motion import shown_motion
 from analysis.mismatch.score_test import screen
 from daq.exchange import Recording
 from mesotap.configuration.rig_files import parse_rig
-from sim_backend.learned.families import learned_mechanisms
+from sim_backend.learned.families import form_of, learned_mechanisms
+from sim_backend.learned.forms import FORM
+from sim_backend.learned.kept import kept_law
 from sim_backend.mechanisms.catalogue import catalogue, family, variants
 from tests.analysis.mismatch.recordings.described_rigs import motion, noise_input
 
@@ -231,6 +233,22 @@ def test_laws_that_leave_much_more_than_the_best_are_not_fitted() -> None:
     first = [scores[0].term for scores in ranking.scores[: ranking.finalists]]
     assert (first[0].mechanism.id, first[0].place) == ("tube_spring_cubic", (1,))
     assert len(first) < 4
+
+
+def test_a_curve_that_was_kept_is_listed_and_no_other_is_learned_beside_it() -> None:
+    curve = min(curves_along(regression(saturating)), key=lambda one: one.left).term
+    kept = kept_law(
+        "kept_curve", form_of(curve.values).key, acts_in="spring", preloaded=False, component="",
+        values={k: v for k, v in curve.values.items() if k != FORM}, free={}, learned_from={"before.csv": "0" * 64},
+    )  # fmt: skip
+    linear, known = fitted(saturating), [*LISTED, kept]
+    assert not one_law_tells(linear, known, learned_mechanisms(one_load=True))
+    ranking = ranked_along(linear, known, Ranking((), 0))
+    first = [scores[0].term for scores in ranking.scores[: ranking.finalists]]
+    assert (first[0].mechanism.id, first[0].place) == ("kept_curve", (1,))
+    assert all(FORM not in term.values for term in first)
+    # the test can fail: without it one is learned
+    assert one_law_tells(linear, LISTED, learned_mechanisms(one_load=True))
 
 
 def test_where_nothing_stands_out_the_ranking_by_scores_stands() -> None:

@@ -1,4 +1,7 @@
-"""Learned laws ranked by what a regression along the motion leaves of each: only what comes near the best is fitted."""
+"""Force laws ranked by what a regression along the motion leaves of each: only what comes near the best is fitted.
+
+The thresholds were chosen on rigs of decision 187, `LITTLE` on the Silverbox.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from analysis.mismatch.recordings.regression import Regressed, Regression, regre
 from analysis.mismatch.score_test import Score
 from sim_backend.learned.curves import CROWDS, DAMPING, OF_DEFLECTION, OF_RATE, POINTS, SLOPED, Curve, begin_values
 from sim_backend.learned.families import CURVES
-from sim_backend.learned.forms import LEARNED
+from sim_backend.learned.forms import LEARNED, Form
 from sim_backend.mechanisms.kinds import ForceLaw, Mechanism
 from sim_backend.mechanisms.places import Place
 
@@ -126,7 +129,7 @@ def laws_along(regression: Regression, known: Iterable[Mechanism]) -> list[Regre
     return [one for law in laws for place in law.places(rig) if (one := _best(regression, law, place)) is not None]
 
 
-def _best(regression: Regression, law: ForceLaw, place: tuple[int, ...]) -> Regressed | None:
+def _best(regression: Regression, law: ForceLaw, place: Place) -> Regressed | None:
     """Return a law bent as fits best, from the best of its trials as they are."""
     fitted = regression.fitted
     trials = law.trials(fitted.problem.scale_of(fitted, place[0]))
@@ -137,27 +140,40 @@ def _best(regression: Regression, law: ForceLaw, place: tuple[int, ...]) -> Regr
 def curves_along(regression: Regression) -> list[Regressed]:
     """Return curves of each kind in each element, of no more points than tell."""
     rig = regression.fitted.problem.arrangement
-    unknown = {p.name for p in rig.parameters if math.isinf(p.uncertainty)}
-    found: list[Regressed] = []
-    for kind in (OF_DEFLECTION, OF_RATE, DAMPING):
-        for forms in ([f for f in CURVES if f.key in [f"{kind}{own}_{n}" for n in POINTS]] for own in ("", SLOPED)):
-            for i, mechanism in enumerate(forms[0].mechanisms):
-                for place in mechanism.places(rig):
-                    at_rest = [
-                        (rig.elements[e].stiffness if kind == OF_DEFLECTION else rig.elements[e].damping) for e in place
-                    ]
-                    if all(name in unknown for name in at_rest) is (SLOPED in forms[0].key):
-                        continue
-                    force = regression.fitted.problem.scale_of(regression.fitted, place[0]).force
-                    reach = regression.reach(place[0])
-                    each = [
-                        Term(f.mechanisms[i], begin_values(f, *reach, force, crowded), place)
-                        for f in forms for crowded in CROWDS
-                    ]  # fmt: skip
-                    known = [one for term in each if (one := regression.regressed(term)) is not None]
-                    least = min((one.left for one in known), default=math.inf)
-                    found += [one for one in known if one.left <= NO_FINER * least][:1]
-    return found
+    found = [
+        _curve(regression, kind, number, place)
+        for kind in (OF_DEFLECTION, OF_RATE, DAMPING)
+        for number, mechanism in enumerate(_forms(kind, "")[0].mechanisms)
+        for place in mechanism.places(rig)
+    ]
+    return [one for one in found if one is not None]
+
+
+def _curve(regression: Regression, kind: str, number: int, place: Place) -> Regressed | None:
+    """Return the curve of a kind in a place with the fewest points that tell nearly as much as more of them.
+
+    Parameters
+    ----------
+    number
+        Of its mechanisms, without and with a preload, the one that acts there.
+    """
+    problem, elements = regression.fitted.problem, [regression.fitted.problem.arrangement.elements[e] for e in place]
+    unknown = {p.name for p in problem.arrangement.parameters if math.isinf(p.uncertainty)}
+    own = {e.stiffness if kind == OF_DEFLECTION else e.damping for e in elements}
+    forms, reach = _forms(kind, "" if own <= unknown else SLOPED), regression.reach(place[0])
+    force = problem.scale_of(regression.fitted, place[0]).force
+    tried = [
+        regression.regressed(Term(form.mechanisms[number], begin_values(form, *reach, force, crowded), place))
+        for form in forms for crowded in CROWDS
+    ]  # fmt: skip
+    known = [one for one in tried if one is not None]
+    least = min((one.left for one in known), default=math.inf)
+    return next((one for one in known if one.left <= NO_FINER * least), None)
+
+
+def _forms(kind: str, own: str) -> list[Form]:
+    """Return the curves of a kind, with what is theirs at rest or without, from few points to many."""
+    return [form for points in POINTS for form in CURVES if form.key == f"{kind}{own}_{points}"]
 
 
 def _score(regression: Regression, one: Regressed, known: Score | None) -> Score:

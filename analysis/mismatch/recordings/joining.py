@@ -46,7 +46,8 @@ def joined_to(
     if isinstance(term.mechanism, SecondImpact):
         terms = (*current.terms, term)
         return where_it_fell(current, term, lambda begun: fit(problem, terms, begun, to_beat=to_beat))
-    shown = along_the_motion(problem, current, term)
+    far = current.missed >= NEAR_LINEAR  # what stands has lost the phase somewhere along the recording
+    shown = along_the_motion(problem, current, term) if far or is_curve(term) else None
     if shown is not None and is_curve(term):
         begun = [shown]
     else:
@@ -55,7 +56,7 @@ def joined_to(
         if isinstance(term.mechanism, AddedBody) and any(r.free for r in problem.recordings):
             # at its full strength it changes frequencies: the phase is followed from the beginning on
             begun.append((problem, full, current, True))
-        if current.missed >= NEAR_LINEAR:  # what stands has lost the phase somewhere along the recording
+        if far:
             staged = (problem, weaker, current, True)
             begun += [shown] if shown is not None else [staged] if begun[-1] != staged else []
 

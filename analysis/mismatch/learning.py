@@ -25,7 +25,7 @@ from analysis.mismatch.selection import (
 )
 from sim_backend.learned.families import curves, learned_mechanisms
 from sim_backend.learned.forms import FORM
-from sim_backend.mechanisms.kinds import AddedBody, ForceLaw
+from sim_backend.mechanisms.kinds import AddedBody, ForceLaw, Mechanism
 
 SCATTER = 3.0  # standard deviations of chi-squared by which noise may hide that more is left
 
@@ -175,15 +175,23 @@ def _learner(selection: Selection[Any], to_beat: Any = None) -> Judge[Any]:
     judge.training.budget.spent = 0.0
     # a single force without a name is one of the families: it is no reason to name none of them
     anyhow = replace(selection.problem.policy, unnamed=math.inf)
+    return judge.knowing(families_beside(selection), anyhow, to_beat=to_beat)
+
+
+def families_beside(selection: Selection[Any]) -> list[Mechanism]:
+    """Return the families of laws that may be learned in the place of what a selection names, or beside it.
+
+    Of recordings, curves as well, but not where one name leaves little. Several names may be parts of one curve.
+    """
     experiment = getattr(selection.problem, "experiment", None)  # recordings of a described rig have one load
     one_load = experiment is None or len(set(experiment.loads_n)) == 1
     laws = learned_mechanisms(one_load)
-    if experiment is None and (selection.chosen is None or selection.left.share > LITTLE):
+    if experiment is None and not (_single(selection.chosen) and selection.left.share <= LITTLE):
         laws += curves()
     if not selection.problem.noise_known:  # each candidate was fitted in full: a body that is listed, too
-        listed = [k.extend for k in judge.known if isinstance(k, AddedBody)]
+        listed = [k.extend for k in selection.judge.known if isinstance(k, AddedBody)]
         laws = [m for m in laws if not isinstance(m, AddedBody) or m.extend not in listed]
-    return judge.knowing(laws, anyhow, to_beat=to_beat)
+    return laws
 
 
 def _screened(learner: Judge[Any], selection: Selection[Any]) -> State[Any]:

@@ -76,11 +76,8 @@ class Fit:
         Of each segment (c, n), whitened (of a simulated recording: over the channels' rms).
     chi_squared
         Sum of squares of the residuals; ``penalty`` is what the declared constants add to it.
-    covariance
-        Of the constants with one value, those of each load, and the terms' parameters, in this order; zero where it
-        was not asked for.
-    term_covariances
-        For each term: covariance (k, k) of its parameters (of the logarithm where one is fitted as such).
+    covariances
+        Makes `covariance` and `term_covariances`: of most fits that compete nobody asks for them.
     """
 
     terms: tuple[Term, ...]
@@ -89,8 +86,20 @@ class Fit:
     residuals: tuple[Real, ...]
     chi_squared: float
     penalty: float
-    covariance: Real
-    term_covariances: tuple[Real, ...]
+    covariances: Callable[[], tuple[Real, tuple[Real, ...]]]
+
+    @property
+    def covariance(self) -> Real:
+        """Of the constants with one value, those of each load, and the terms' parameters, in this order.
+
+        Zero where a fit was not made for it.
+        """
+        return self.covariances()[0]
+
+    @property
+    def term_covariances(self) -> tuple[Real, ...]:
+        """For each term: covariance (k, k) of its parameters (of the logarithm where one is fitted as such)."""
+        return self.covariances()[1]
 
     @property
     def objective(self) -> float:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from analysis.mismatch.linearised import Evaluation
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import POLICY, SelectionPolicy
 from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Problem
+from analysis.mismatch.recordings.covariances import Spread, covariances
 from analysis.mismatch.recordings.model import DRAWS, Point, SimulationModel, residual
 from analysis.mismatch.recordings.motion import Own, continued
 from analysis.mismatch.recordings.noise import NoiseModel, mostly_missed
@@ -152,7 +154,9 @@ class SimulatedRecordings(Problem["SimulatedFit"]):
 
     def draws(self, fitted: SimulatedFit) -> int:
         """Return how many draws of noise come with the columns: where that of inputs counts."""
-        return 0 if self.plain or all(noise.driven is None for noise in fitted.noises) else DRAWS
+        if self.plain or fitted.spread is None or all(n.driven is None for n in fitted.spread()[1]):
+            return 0
+        return DRAWS
 
     def precision(self, fitted: SimulatedFit) -> Real:
         """Return none: what is declared is not weighed against a residual whose noise is not known."""
@@ -172,7 +176,9 @@ class SimulatedFit(Fit):
     parts
         What was fitted.
     kept, shown
-        Residuals that were asked for; noise likewise, where it is not in ``noises``.
+        Residuals that were asked for; noise likewise, where ``spread`` does not tell it.
+    spread
+        Makes the covariance of all parameters and the noise of each recording, of a fit that has converged.
     """
 
     problem: SimulatedRecordings
@@ -181,7 +187,7 @@ class SimulatedFit(Fit):
     own: tuple[Own, ...]
     scatter: float
     parts: tuple[int, ...] = (FIT,)
-    noises: tuple[NoiseModel, ...] = ()
+    spread: Spread | None = None
     kept: dict[tuple[int, bool], tuple[Real, slice]] = field(default_factory=dict, init=False, compare=False)
     shown: dict[int, NoiseModel] = field(default_factory=dict, init=False, compare=False)
     colour: list[float] = field(default_factory=list, init=False, compare=False)
@@ -190,10 +196,12 @@ class SimulatedFit(Fit):
 
     def noise(self, number: int) -> NoiseModel:
         """Return the noise of a recording, as what is left of it shows it."""
-        if not self.noises and number not in self.shown:
+        if self.spread is not None:
+            return self.spread()[1][number]
+        if number not in self.shown:
             recorded, (off, at) = self.problem.recordings[number], self.off(number)
             self.shown[number] = NoiseModel.of(recorded, (off, np.isin(recorded.part[at], (FIT, CHOOSE))))
-        return self.noises[number] if self.noises else self.shown[number]
+        return self.shown[number]
 
     @property
     def values(self) -> dict[str, float]:
@@ -329,18 +337,10 @@ def _finished(
 ) -> SimulatedFit:
     simulation, point, arrangement = model.simulation, found.point, model.simulation.arrangement
     values, terms = simulation.read(point.x)
-    spread, noises = model.spread(found) if fine else (np.zeros((point.x.size, point.x.size)), ())
-    covariances = []
-    for i, term in enumerate(terms):
-        at = [
-            k for q in term.mechanism.parameters for k, p in enumerate(simulation.parameters)
-            if p.scope == "mechanism" and (p.owner, p.name) == (i, q.name)
-        ]  # fmt: skip
-        scale = np.array([1.0 if simulation.parameters[k].log else simulation.parameters[k].scale for k in at])
-        covariances.append(spread[np.ix_(at, at)] * np.outer(scale, scale))
     constants = Constants(arrangement, np.array([values[p.name] for p in arrangement.parameters]), np.zeros((1, 0)))
+    spread = cache(partial(model.spread, found)) if fine else None
     return SimulatedFit(
         terms, arrangement, constants, found.residuals, found.objective - found.penalty, found.penalty,
-        spread, tuple(covariances), problem, simulation, point.x, point.own, found.mean_square, model.parts,
-        noises,
+        cache(partial(covariances, simulation, terms, spread)), problem, simulation, point.x, point.own,
+        found.mean_square, model.parts, spread,
     )  # fmt: skip

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.stats import t as student
@@ -40,7 +41,7 @@ from analysis.mismatch.recordings.linear_rig import linear_fit
 from analysis.mismatch.recordings.made_ready import made_ready
 from analysis.mismatch.recordings.other_rigs import begun_from_equal_rigs, likelier_rig
 from analysis.mismatch.recordings.otherwise import Described, explained_otherwise
-from analysis.mismatch.recordings.racing import Competition, told_in_any_case, within_reach
+from analysis.mismatch.recordings.racing import Competition, converged, told_in_any_case, within_reach
 from analysis.mismatch.recordings.ranking import Ranking, simplest, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.recordings.reweighing import exchanged, weighed_together, without_idle_ones
@@ -174,9 +175,7 @@ class BlockJudge(Judge[SimulatedFit]):
         policy = self.problem.policy
         begun, nearest = likelier_rig(self.problem, state.current, self.screen, self._joined_once)
         ranking = self._ranking(begun, state.screening if begun is state.current else self.screen(begun))
-        if (
-            not begun.terms or begun.missed >= NEAR_LINEAR
-        ):  # beside what leaves little a score test is right, and as quick
+        if not begun.terms or begun.missed >= NEAR_LINEAR:  # beside what leaves little a score test is right, and quick
             ranking = ranked_along(begun, self._further(begun) if begun.terms else self.known, ranking)
         # far from the truth a score test says little of size and sign: what is small in it may be large in full
         competition = Competition(self.problem, begun, self.rival)
@@ -188,7 +187,7 @@ class BlockJudge(Judge[SimulatedFit]):
         in_time = [i for i, c in enumerate(found) if told_in_any_case(self.problem, c.mechanism)]
         finer = {*within_reach(found, policy), *in_time[:1]}
         rough = [(c.score, c.fit) for c in found if c.fit is not None]
-        fits = [(score, self._polished(f) if i in finer else f) for i, (score, f) in enumerate(rough)]
+        fits = converged(rough, finer, in_time[:1], self._polished)
         unfitted: Candidates = tuple(Candidate(s[0], None, -math.inf) for s in ranking.scores[ranking.finalists :])
         return (*weighed_together(state.current, fits), *unfitted)
 
@@ -212,8 +211,9 @@ class BlockJudge(Judge[SimulatedFit]):
 
         return self.fitted.once(current, (started(score),), to_beat, joined)
 
-    def _polished(self, begun: SimulatedFit) -> SimulatedFit:
-        return self.fitted.once(begun, begun.terms, math.inf, lambda: fit(self.problem, begun.terms, begun, fine=True))
+    def _polished(self, begun: SimulatedFit, to_beat: float) -> SimulatedFit:
+        finer = partial(fit, self.problem, begun.terms, begun, fine=True, to_beat=to_beat)
+        return self.fitted.once(begun, begun.terms, to_beat, finer)
 
     def fitted_alone(self, baseline: SimulatedFit, scores: Sequence[Score]) -> SimulatedFit | None:
         """Return the full fit of a mechanism beside the linear rig."""

@@ -7,8 +7,8 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -65,20 +65,42 @@ def made_by_input_noise(
     Of what is fitted, or of so many samples from its beginning; None where the inputs are taken to have none.
     """
     recorded = simulation.recordings[number]
-    noise = rms_of_inputs(simulation.rig, recorded)
-    if not np.any(noise):
+    if not np.any(rms_of_inputs(simulation.rig, recorded)):
         return None
+    fitted = recorded.fitted.stop - recorded.fitted.start
+    there = np.concatenate([x, own.state, own.tones.ravel(), own.impact, own.memory]).tobytes()
+    return _made_by_draws(_Asked(simulation, number, samples or fitted, there, x, own))
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """Of what draws of inputs' noise are simulated: ``there`` holds all numbers of ``x`` and ``own``."""
+
+    simulation: Simulation
+    number: int
+    samples: int
+    there: bytes
+    x: Real = field(compare=False)
+    own: Own = field(compare=False)
+
+
+@lru_cache(maxsize=6)  # a fit's covariance, its screening and its held-out errors ask for the same
+def _made_by_draws(asked: _Asked) -> Real:
+    simulation, x, own, number, samples = asked.simulation, asked.x, asked.own, asked.number, asked.samples
+    recorded = simulation.recordings[number]
     share = 1.0 if simulation.jumps else SMALL_DRAW
     left, at = residual(simulation, x, own, number, samples=samples)
     normal = np.random.default_rng(DRAWS_SEED).standard_normal((DRAWS, *recorded.inputs.shape))
-    errors = drawn(recorded, noise, normal)
+    errors = drawn(recorded, rms_of_inputs(simulation.rig, recorded), normal)
 
     def made(error: Real) -> Real:
         noisy = simulation.with_inputs(number, recorded.inputs + share * error)
         shown = of_the_base(error, simulation.rig)[:, at] / recorded.unit[:, None]  # what was taken off the channels
         return np.asarray((residual(noisy, x, own, number, samples=samples)[0] - left) / share + shown, np.float64)
 
-    return np.array(side_by_side(made, [(error,) for error in errors]))
+    found = np.array(side_by_side(made, [(error,) for error in errors]))
+    found.setflags(write=False)
+    return found
 
 
 def slopes(

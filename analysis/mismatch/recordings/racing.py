@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import OnProgress
+from analysis.mismatch.recordings.blocks import independent_samples
 from analysis.mismatch.recordings.fit import FOLLOWED, SimulatedFit, SimulatedRecordings
 from analysis.mismatch.recordings.ranking import Ranking, with_time
+from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate, name_of
 from sim_backend.mechanisms.kinds import AddedBody, Mechanism
@@ -125,3 +127,34 @@ def within_reach(candidates: Sequence[Candidate[SimulatedFit]], policy: Selectio
     least = policy.hopeful * max(evidence, 0.0) if best.as_noise else -math.inf
     few = enumerate(fits[: policy.polished])
     return [i for i, (told, fitted) in few if fitted.scatter < most and (i == 0 or told >= least)]
+
+
+def converged(
+    fits: Sequence[tuple[Score, SimulatedFit]],
+    finer: Collection[int],
+    patient: Collection[int],
+    polished: Callable[[SimulatedFit, float], SimulatedFit],
+) -> list[tuple[Score, SimulatedFit]]:
+    """Fit some of ranked candidates, the best first, until they have converged, or are beaten by one that has.
+
+    Parameters
+    ----------
+    finer
+        Which.
+    patient
+        Which of them are not given up.
+    polished
+        From a fit and the objective to beat to the converged fit.
+    """
+    found, beats = list(fits), math.inf
+    for i in sorted(finer):
+        score, rough = fits[i]
+        found[i] = score, polished(rough, math.inf if i in patient else beats)
+        beats = min(beats, certainly_worse(found[i][1]))
+    return found
+
+
+def certainly_worse(than: SimulatedFit) -> float:
+    """Return the objective from which another fit is less likely than one by more than chance."""
+    independent = sum(independent_samples(than, part) for part in (FIT, CHOOSE))
+    return weight_of(than) * than.objective * math.exp(than.problem.policy.certain_by_blocks / independent)

@@ -175,7 +175,7 @@ def _finished(model: RingDownModel, found: Evaluation[Point], exact: bool, known
         covariances.append(spread[np.ix_(at, at)] * np.outer(scale, scale))
     return RingDownFit(
         tuple(terms), added.arrangement, model.constants(point), found.residuals, found.objective - found.penalty,
-        found.penalty, spread, tuple(covariances), model.problem, point.modes, point.to, point.coefficients,
+        found.penalty, lambda: (spread, tuple(covariances)), model.problem, point.modes, point.to, point.coefficients,
         tuple(point.amplitudes), point.segments, added.substeps,
     )  # fmt: skip
 

@@ -8,11 +8,12 @@ from typing import Any
 
 import pytest
 
-from analysis.mismatch.learning import LearnedEarly, _behind, _learner, is_learned, with_learned
+from analysis.mismatch.learning import LearnedEarly, _behind, _learner, families_beside, is_learned, with_learned
 from analysis.mismatch.policy import POLICY
 from analysis.mismatch.problem import silent
 from analysis.mismatch.ring_downs.selecting import select_for_impacts
 from analysis.mismatch.selection import Selection
+from sim_backend.learned.curves import Curve
 from sim_backend.mechanisms.kinds import AddedBody
 from tests.analysis.ring_downs import problem_of, session_of
 from tests.analysis.terms import listed
@@ -77,3 +78,17 @@ def test_a_body_that_is_listed_is_not_learned_of_recordings_as_it_was_fitted_alr
     _learner(selection)
     assert sum(isinstance(m, AddedBody) for m in asked) == learned
     assert len(asked) > 10
+
+
+@pytest.mark.parametrize(
+    ("named", "left", "contested"), [(0, 1.0, True), (1, 0.0085, False), (1, 0.05, True), (3, 0.0085, True)]
+)
+def test_a_curve_contests_several_names_and_one_that_leaves_much(named: int, left: float, contested: bool) -> None:
+    """A spring with another law each way was a squared force, a cubed one and a knock, which leave 0.85 percent."""
+    selection: Any = SimpleNamespace(
+        problem=SimpleNamespace(noise_known=False),
+        judge=SimpleNamespace(known=[]),
+        chosen=SimpleNamespace(terms=(0,) * named) if named else None,
+        left=SimpleNamespace(share=left),
+    )
+    assert any(isinstance(law, Curve) for law in families_beside(selection)) is contested

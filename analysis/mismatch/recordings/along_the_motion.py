@@ -15,7 +15,7 @@ import numpy as np
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings
 from analysis.mismatch.recordings.ranking import Ranking, with_time
-from analysis.mismatch.recordings.regression import Regressed, Regression, regression_of
+from analysis.mismatch.recordings.regression import Regressed, Regression, of_elements, regression_of
 from analysis.mismatch.score_test import Score
 from sim_backend.learned.curves import CROWDS, DAMPING, OF_DEFLECTION, OF_RATE, POINTS, SLOPED, Curve, begin_values
 from sim_backend.learned.families import CURVES
@@ -73,7 +73,7 @@ def one_law_tells(linear: SimulatedFit, known: Sequence[Mechanism], learned: Seq
     These are: a force law that is listed, two of them in the same element, and other values of the rig's stiffnesses
     and dampings, whether declared or not.
     """
-    regression, freed = regression_of(linear), Regression.of(linear, freed=True)
+    regression, freed = regression_of(linear), Regression.of(linear, of_elements(linear.problem.arrangement))
     if regression is None or freed is None:
         return False
     noise = linear.problem.policy.unlike_noise * linear.problem.noise

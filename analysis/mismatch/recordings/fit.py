@@ -21,6 +21,7 @@ from analysis.mismatch.linearised import Evaluation
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.policy import POLICY, SelectionPolicy
 from analysis.mismatch.problem import Columns, ComputeBudget, Constants, Fit, Problem
+from analysis.mismatch.recordings.beginning import FOLLOWED, STAGES, TELLING, leads_nowhere
 from analysis.mismatch.recordings.covariances import Spread, covariances
 from analysis.mismatch.recordings.model import DRAWS, Point, SimulationModel, residual
 from analysis.mismatch.recordings.motion import Own, continued
@@ -43,9 +44,6 @@ SHOWN = 0.4  # of the sampling rate, up to which a recording shows what there is
 RIGID = 1e-3  # of the highest mode, below which one is a rigid motion
 NEAR_LINEAR = 0.01  # mean square of what the linear rig misses, in levels of the channels, up to which it starts well
 OUTDATED = 0.5  # of the noise that priors were weighed by, below which they are weighed anew
-STAGES = (0.05, 0.15, 0.4)  # of recordings: their phase is followed before all of them is fitted
-TELLING = STAGES[1]  # at which a mechanism explains more than what stands without it, or is followed no further
-FOLLOWED = 0.98  # of what is left there without it: laws that leave more end where they began (decision 185)
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,20 +292,22 @@ def fit(
     fine
         Go on until it has converged, on all there is, and compute its covariance; not only until rivals can be ranked.
     to_beat
-        Objective that matters: a fit that comes nearer too slowly to reach it is given up.
+        Objective that matters: a fit that comes nearer too slowly to reach it is given up, and one is not made that
+        leaves much of the beginning where noise has to be left (`leads_nowhere`).
     """
     constants, like = (problem.constants, None) if begin is None else (begin.values, begin.simulation)
     simulation = Simulation(problem.rig, problem.recordings, constants, problem.highest_hz, terms, like)
     states = problem.states if begin is None else [begin.state(i) for i in range(len(begin.own))]
     fresh = [simulation.own(s) for s in states]
     own = fresh if begin is None else continued(simulation, states, begin.simulation, begin.own)
-    model = SimulationModel(simulation, own, parts, 1.0)
-    point = Point(np.clip(simulation.begin(), model.low, model.high), tuple(own))
     most, looked_at = (FINE_STEPS, 1.0) if fine else (ROUGH_STEPS, problem.looked_at)
+    model = SimulationModel(simulation, own, parts, looked_at)
+    point = Point(np.clip(simulation.begin(), model.low, model.high), tuple(own))
     stages = [s for s in STAGES if staged and s < looked_at]
     beside = begin if stages and begin is not None and len(terms) > len(begin.terms) else None
     most_early = math.inf if beside is None else _left_early(problem, beside)
-    lost = False
+    rough = Stopping(ROUGH_STEPS, 0.0, ROUGH, FIRST_DAMPING, MOST_TRIES), problem.policy.race()
+    lost = math.isfinite(to_beat) and not fine and leads_nowhere(model, point, to_beat, problem.noise, rough)
     for part in (*stages, looked_at):
         if lost and part < looked_at:
             continue

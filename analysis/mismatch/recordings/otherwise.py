@@ -17,8 +17,8 @@ from analysis.mismatch.recordings.fit import SimulatedFit, fit
 from analysis.mismatch.recordings.joining import joined_to
 from analysis.mismatch.recordings.linear_rig import problem_of
 from analysis.mismatch.recordings.recorded import CHOOSE
-from analysis.mismatch.recordings.regression import Regression
-from analysis.mismatch.recordings.start_check import better_unknown, with_unknown
+from analysis.mismatch.recordings.regression import Regression, of_elements
+from analysis.mismatch.recordings.start_check import better_unknown, declared, with_unknown
 from analysis.mismatch.rig_description import Hold
 from analysis.mismatch.score_test import Score, Screening, screen
 from sim_backend.force_law import MEMORY, along
@@ -61,18 +61,28 @@ def explained_otherwise(
 def constant_explains(linear: SimulatedFit, named: SimulatedFit, on_progress: OnProgress) -> bool:
     """Whether a declared constant is so wrong that the linear rig with another value does as well as what is named.
 
-    Only asked where the rig as described misses most of the motion.
+    Only asked where the rig as described misses most of the motion, and of constants whose other values may explain
+    along it.
     """
     if not linear.far_off():
         return False
-    on_progress("trying the rig with other constants")
     problem = linear.problem
-    for name in list(better_unknown(problem))[:CONSTANTS]:
+    among = [name for name in declared(problem.rig) if _may_explain(name, linear, named)]
+    if among:
+        on_progress("trying the rig with other constants")
+    for name in list(better_unknown(problem, among))[:CONSTANTS]:
         other = problem_of(with_unknown(problem.rig, name), problem.recordings)
         losses = fit(replace(other, policy=problem.policy)).by_block(CHOOSE)
         if mean_of(losses) < AS_WELL * mean_of(named.by_block(CHOOSE)):
             return True
     return False
+
+
+def _may_explain(name: str, linear: SimulatedFit, named: SimulatedFit) -> bool:
+    """Whether another value of a constant may leave as little as what is named: along the motion shown, if any is."""
+    regression = Regression.of(linear, [name])
+    most = max(named.scatter, linear.problem.policy.unlike_noise * linear.problem.noise)
+    return regression is None or regression.without <= AS_WELL * most
 
 
 def constant_that_explains(
@@ -86,7 +96,7 @@ def constant_that_explains(
     And explains no worse than what is ``named``, for which free parameters cost. Tried only where other values of all
     of them explain along the motion that the recordings show.
     """
-    problem, freed = linear.problem, Regression.of(linear, freed=True)
+    problem, freed = linear.problem, Regression.of(linear, of_elements(linear.problem.arrangement))
     if freed is None or freed.without > problem.policy.unlike_noise * problem.noise:
         return None
     exact = {p.name for p in problem.arrangement.parameters if p.uncertainty == 0}

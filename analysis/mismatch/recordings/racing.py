@@ -9,8 +9,9 @@ from functools import partial
 
 from analysis.mismatch.policy import SelectionPolicy
 from analysis.mismatch.problem import OnProgress
+from analysis.mismatch.recordings.beginning import FOLLOWED
 from analysis.mismatch.recordings.blocks import independent_samples
-from analysis.mismatch.recordings.fit import FOLLOWED, SimulatedFit, SimulatedRecordings
+from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings
 from analysis.mismatch.recordings.ranking import Ranking, with_time
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.score_test import Score

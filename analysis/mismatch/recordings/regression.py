@@ -19,6 +19,7 @@ from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import SimulatedFit
 from analysis.mismatch.recordings.recorded import CHOOSE, FIT
 from analysis.mismatch.recordings.shown_motion import ShownMotion, shown_motion
+from sim_backend.arrangement import Arrangement
 from sim_backend.arrays import Real
 from sim_backend.force_law import MEMORY, along
 from sim_backend.learned.curves import Curve
@@ -68,13 +69,13 @@ class Regression:
     known: dict[tuple[object, ...], Regressed | None] = field(default_factory=dict, compare=False)
 
     @classmethod
-    def of(cls, fitted: SimulatedFit, freed: bool = False) -> Regression | None:
+    def of(cls, fitted: SimulatedFit, freed: Collection[str] = ()) -> Regression | None:
         """Return it; None where the recordings are of a band, or have no motion.
 
         Parameters
         ----------
         freed
-            As if no stiffness and no damping were known.
+            Constants that count as unknown: then none is held to what was declared.
         """
         problem = fitted.problem
         if problem.banded:
@@ -87,9 +88,7 @@ class Regression:
             r.part[r.fitted][: m.missed.shape[1]] == FIT for r, m in zip(problem.recordings, motions, strict=True)
         )
         free = {p.name: p for p in fitted.simulation.parameters if p.scope == "rig"}
-        elements = fitted.simulation.arrangement.elements
-        named = {*free, *(name for e in elements if freed for name in (e.stiffness, e.damping) if name)}
-        each = [_of_constants(fitted, number, motion, named) for number, motion in enumerate(motions)]
+        each = [_of_constants(fitted, number, motion, {*free, *freed}) for number, motion in enumerate(motions)]
         names = tuple(each[0])
         own = [motion.answer.free(motion.missed.shape[1])[:, :, at] for motion, at in zip(motions, used, strict=True)]
         rows = []
@@ -333,3 +332,8 @@ def _within(fitted: SimulatedFit, name: str, value: float) -> float:
     if p is None or (p.log and value <= 0):
         return fitted.values[name]
     return max(value, p.low)
+
+
+def of_elements(rig: Arrangement) -> list[str]:
+    """Return the stiffnesses and dampings of a rig, each once."""
+    return list(dict.fromkeys(n for e in rig.elements for n in (e.stiffness, e.damping) if n))

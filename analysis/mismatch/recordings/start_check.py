@@ -71,13 +71,13 @@ def start_check(rig: DescribedRig, recordings: Sequence[Recorded]) -> StartCheck
     return StartCheck(missed, _weak(problem), freed)
 
 
-def better_unknown(problem: SimulatedRecordings) -> dict[str, float]:
-    """Return declared constants without whose values the linear rig begins much better, the best first.
+def better_unknown(problem: SimulatedRecordings, among: Sequence[str] | None = None) -> dict[str, float]:
+    """Return declared constants, of all or ``among`` some, without whose values the linear rig begins much better.
 
-    For each, the rms that it then misses of the channels, over their rms.
+    The best first; for each, the rms that it then misses of the channels, over their rms.
     """
     before, freed = float(np.linalg.norm(_missed(problem))), {}
-    for name in _declared(problem.rig):
+    for name in declared(problem.rig) if among is None else among:
         try:
             after = float(np.linalg.norm(_missed(problem_of(with_unknown(problem.rig, name), problem.recordings))))
         except (AnalysisError, ArithmeticError, np.linalg.LinAlgError):
@@ -150,7 +150,7 @@ def _weak(problem: SimulatedRecordings) -> dict[str, float]:
     return found
 
 
-def _declared(rig: DescribedRig) -> list[str]:
+def declared(rig: DescribedRig) -> list[str]:
     """Return constants that are declared exactly, gains first: these are what is most often wrong."""
     names = [p.name for p in rig.arrangement.parameters if p.unit and p.uncertainty == 0 and math.isfinite(p.value)]
     return sorted(names, key=lambda n: not n.startswith("gain"))
@@ -205,7 +205,7 @@ def left_free(problem: SimulatedRecordings) -> str:
     found: dict[tuple[str, ...], float] = {
         (n,): missed for n, missed in better_unknown(problem).items() if n not in kept
     }
-    gains = tuple(s.gain for s in problem.rig.seen if s.gain in _declared(problem.rig))
+    gains = tuple(s.gain for s in problem.rig.seen if s.gain in declared(problem.rig))
     if len(gains) > 1 and min(found.values(), default=1.0) > HELPS:
         with suppress(AnalysisError, ArithmeticError, np.linalg.LinAlgError):
             freed = functools.reduce(with_unknown, gains, problem.rig)

@@ -67,7 +67,7 @@ def constant_explains(linear: SimulatedFit, named: SimulatedFit, on_progress: On
     if not linear.far_off():
         return False
     problem = linear.problem
-    among = [name for name in declared(problem.rig) if _may_explain(name, linear, named)]
+    among = [name for name in declared(problem.rig) if may_explain(name, linear, named)]
     if among:
         on_progress("trying the rig with other constants")
     for name in list(better_unknown(problem, among))[:CONSTANTS]:
@@ -78,7 +78,7 @@ def constant_explains(linear: SimulatedFit, named: SimulatedFit, on_progress: On
     return False
 
 
-def _may_explain(name: str, linear: SimulatedFit, named: SimulatedFit) -> bool:
+def may_explain(name: str, linear: SimulatedFit, named: SimulatedFit) -> bool:
     """Whether another value of a constant may leave as little as what is named: along the motion shown, if any is."""
     regression = Regression.of(linear, [name])
     most = max(named.scatter, linear.problem.policy.unlike_noise * linear.problem.noise)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+import analysis.mismatch.recordings.beginning as beginning
 import analysis.mismatch.recordings.fit as fitting
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import SimulatedFit, SimulatedRecordings, fit
@@ -63,7 +64,8 @@ def fitted_shares(monkeypatch: pytest.MonkeyPatch) -> list[tuple[tuple[str, ...]
         seen.append((tuple(t.mechanism.id for t in model.simulation.terms), round(share, 2), stopping.most))
         return minimise(model, start, stopping, race)
 
-    monkeypatch.setattr(fitting, "minimise", told)
+    for module in (fitting, beginning):
+        monkeypatch.setattr(module, "minimise", told)
     return seen
 
 
@@ -87,7 +89,21 @@ def test_what_leaves_more_of_a_part_than_is_to_be_beaten_is_given_up(
     right = fit(linear.problem, (CUBED,), linear, staged=True)
     seen = fitted_shares(monkeypatch)
     fit(linear.problem, (SQUARED,), linear, staged=True, to_beat=EXPLAINED * right.objective)
-    assert [(share, most == 0) for ids, share, most in seen if ids] == [(0.05, False), (1.0, True)]
+    assert [(share, most == 0) for ids, share, most in seen if ids] == [(0.15, False), (1.0, True)]
+
+
+@pytest.mark.parametrize(("term", "made"), [(SQUARED, False), (CUBED, True)])
+def test_where_noise_has_to_be_left_the_beginning_tells_whether_a_fit_is_made(
+    term: Term, made: bool, linear: SimulatedFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    right = fit(linear.problem, (CUBED,), linear, staged=True)
+    seen = fitted_shares(monkeypatch)
+    found = fit(linear.problem, (term,), linear, to_beat=EXPLAINED * right.objective)
+    assert [(share, most > 0) for ids, share, most in seen if ids] == [(0.15, True), (1.0, made)]
+    assert found.residuals[0].size == linear.residuals[0].size
+    seen.clear()
+    fit(linear.problem, (term,), linear, to_beat=0.5 * linear.objective)  # what it competes with leaves much itself
+    assert [(share, most > 0) for ids, share, most in seen if ids] == [(1.0, True)]
 
 
 def test_no_start_is_fitted_twice(linear: SimulatedFit, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import analysis.mismatch.recordings.model as model
 from analysis.mismatch.parameters import Term
 from analysis.mismatch.recordings.fit import SimulatedFit, fit
 from analysis.mismatch.recordings.input_noise import rms_of_inputs
@@ -75,6 +76,27 @@ def test_draws_of_a_force_s_noise_have_the_variance_of_a_linear_rig() -> None:
     settled = made[:, 0, made.shape[2] // 2 :] * level
     expected = FORCE_NOISE**2 * 2 / RATE / (4 * DAMPING * STIFFNESS)  # of a mass on a spring under white noise
     assert np.mean(settled**2) == pytest.approx(expected, rel=0.25)  # 80 draws of about six correlation times
+
+
+def test_draws_and_covariances_are_made_once_and_only_for_those_who_ask(monkeypatch: pytest.MonkeyPatch) -> None:
+    u, asked = force(), []
+    moved = motion(lambda s, x, v: (s - STIFFNESS * x - DAMPING * v) / MASS, [0.0, 0.0], SAMPLES, RATE, u)
+    rig = parse_rig(RIG + sensor("displacement"))
+    problem = problem_of(rig, [prepare(recorded([u, moved[0]], RATE, 0.002), rig)])
+    simulated = model.drawn
+    monkeypatch.setattr(model, "drawn", lambda *given: asked.append(1) or simulated(*given))  # type: ignore[func-returns-value]
+    fitted = fit(problem, fine=True)
+    assert not asked
+    assert np.all(np.diag(fitted.covariance) > 0)
+    assert fitted.noise(0).driven is not None
+    there, own = fitted.x, fitted.own[0]
+    again = made_by_input_noise(fitted.simulation, there, own, 0)
+    assert len(asked) == 1
+    elsewhere = made_by_input_noise(fitted.simulation, there + 1e-3, own, 0)
+    assert len(asked) == 2
+    assert again is not None
+    assert elsewhere is not None
+    assert not np.array_equal(again, elsewhere)
 
 
 @pytest.mark.parametrize("kind", ["steps", "multisine"])

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 from analysis.mismatch.recordings.blocks import likelihood_ratio, of_least_noise
 from analysis.mismatch.recordings.costs import cost_of
 from analysis.mismatch.recordings.fit import SimulatedFit, fit
-from analysis.mismatch.recordings.racing import weight_of
+from analysis.mismatch.recordings.racing import certainly_worse, weight_of
 from analysis.mismatch.recordings.ranking import with_time
 from analysis.mismatch.recordings.recorded import CHOOSE
 from analysis.mismatch.score_test import Score
 from analysis.mismatch.selection import Candidate, SelectionStep
+from sim_backend.mechanisms.kinds import AddedBody
 
 OTHERS = 2  # that are fitted in the place of an accepted mechanism
 
@@ -88,7 +90,8 @@ def _weighed(
     for c in alike:
         if c.fit is not None:
             term = next(t for t in c.fit.terms if t.key == c.score.term.key)
-            fits[id(c)] = fit(problem, (*terms[:i], term, *terms[i + 1 :]), current, fine=True)
+            to_beat = math.inf if isinstance(term.mechanism, AddedBody) else certainly_worse(current)
+            fits[id(c)] = fit(problem, (*terms[:i], term, *terms[i + 1 :]), current, fine=True, to_beat=to_beat)
     best = of_least_noise(fits.values())
     without = fit(problem, (*terms[:i], *terms[i + 1 :]), current, fine=True)
 

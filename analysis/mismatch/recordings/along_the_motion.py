@@ -27,6 +27,7 @@ STANDS_OUT: Final = 0.5  # of what no law leaves, that one must leave at most fo
 NEAR: Final = 2.0  # times the least that any law leaves, up to which a learned law is fitted
 IN_REACH: Final = 4.0  # the same, of laws that are listed
 LITTLE: Final = 0.02  # of what no law leaves: what is named and leaves less no curve displaces (Silverbox: 0.005)
+LITTLE_OF_TWO: Final = 0.002  # the same, of two listed laws in an element
 MOST: Final = 5  # laws that are fitted
 PAIRS: Final = 3  # of listed laws in an element, that are bent
 OTHERS: Final = 3  # of what is no force, that are fitted beside learned laws
@@ -84,7 +85,8 @@ def one_law_tells(linear: SimulatedFit, known: Sequence[Mechanism], learned: Seq
     least = max(IN_REACH * best.left, LITTLE * regression.without)  # no listed law is quite that of a real rig
     if least >= min([freed.without, *(one.left for one in laws_along(regression, known))]):
         return False
-    return least < _two_of(regression, known, best.term.place)
+    of_two = max(IN_REACH * best.left, noise, LITTLE_OF_TWO * regression.without)  # which bend further than one does
+    return of_two < _two_of(regression, known, best.term.place)
 
 
 def with_largest_fitted(linear: SimulatedFit) -> SimulatedRecordings:

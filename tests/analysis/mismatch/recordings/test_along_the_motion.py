@@ -66,6 +66,12 @@ def saturating(d: Real, v: Real) -> Real:
     return np.array([0.0, 20.0 * np.tanh(d[1] / 3e-3)])
 
 
+def stiffer_one_way(d: Real, v: Real) -> Real:
+    """Return a stiffness of the neck from 30 % less to 30 % more, smoothly: nearly a squared force and a stop."""
+    z = abs(d[1]) / 8e-3
+    return np.array([0.0, 0.3 * K[1] * 8e-3 * (z + np.log1p(np.exp(-2 * z)) - np.log(2))])
+
+
 def cubic(d: Real, v: Real) -> Real:
     return np.array([0.0, 2e7 * d[1] ** 3])
 
@@ -175,8 +181,8 @@ def test_a_curve_says_what_no_formula_does() -> None:
 
 @pytest.mark.parametrize(
     ("law", "told"),
-    [(growing, True), (cubic, False), (cubic_and_drag, False), (nothing, False)],
-    ids=["growing damper", "cubic, which is listed", "two that are listed", "nothing"],
+    [(growing, True), (cubic, False), (cubic_and_drag, False), (nothing, False), (stiffer_one_way, True)],
+    ids=["growing damper", "cubic, which is listed", "two that are listed", "nothing", "nearly two that are listed"],
 )
 def test_one_law_tells_only_where_nothing_listed_and_no_two_of_it_do(law: Law, told: bool) -> None:
     assert one_law_tells(fitted(law), LISTED, learned_mechanisms(one_load=True)) is told

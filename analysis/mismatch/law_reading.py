@@ -89,7 +89,7 @@ def law_of(account: Account[Any], fitted: Any, number: int, parameters: Mapping[
     as_good = [r for r in others if r.form.formula and (r.gained - against) / 2 >= NOTHING_LOST and not r.pinned]
     offered = sorted(as_good, key=lambda r: -r.gained)
     best = offered[0] if offered else own
-    formulas = _different([_formula(r, (r.gained - against) / 2) for r in offered])
+    formulas = _different([_formula(account, r, (r.gained - against) / 2) for r in offered])
     valid = _valid(account, fitted, own)
     return Law(
         kind=_kind(best, selection.problem.arrangement.tapped, selection.problem.arrangement.elements),
@@ -108,9 +108,9 @@ def _different(formulas: Sequence[Formula]) -> tuple[Formula, ...]:
     return tuple(f for i, f in enumerate(formulas) if f.text not in [other.text for other in formulas[:i]])
 
 
-def _formula(read: _Read, evidence: float) -> Formula:
+def _formula(account: Account[Any], read: _Read, evidence: float) -> Formula:
     values = {k: float(v) for k, v in read.term.values.items() if k != FORM}
-    return Formula(read.form.text(values), read.parameters, evidence, read.form.key, values)
+    return Formula(account.unit(read.form.text(values)), read.parameters, evidence, read.form.key, values)
 
 
 def _gained(account: Account[Any], before: Any, fitted: Any, number: int) -> float:
